@@ -1,0 +1,5 @@
+"""`python -m rtsr_cli`."""
+
+from rtsr_cli.cli import main
+
+main()
