@@ -1,0 +1,270 @@
+"""Buffers that follow from others: view cosine, sky, material term, lighting.
+
+One table says what each derived buffer is made of; what to read and what is missing both
+follow from it, so that `systems`, the loader and the refusals never disagree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
+
+import torch
+
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer, sky_mask
+from rtsr_cli.core.frames.camera import (
+    CameraMetadata,
+    camera_from_positions,
+    view_cosine,
+    view_cosine_from_camera,
+)
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging import demodulation as dm
+from rtsr_cli.core.imaging.brdf_lut import LutConvention, lut_for
+from rtsr_cli.core.imaging.resampling import box_mean, decimate
+from rtsr_cli.core.shapes import Color, Mask, Plane
+
+CAMERA = "camera"
+"""Pseudo-requirement: matrices in the header, in a side-car, or recoverable from buffers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivationConfig:
+    """What divides radiance.
+
+    Attributes:
+        mode: divisor.
+        lut: convention of the split-sum table.
+        epsilon: smallest divisor of masked demodulation.
+    """
+
+    mode: dm.DemodulationMode = dm.DemodulationMode.BRDF
+    lut: LutConvention = LutConvention.KARIS
+    epsilon: float = dm.MATERIAL_EPSILON
+
+
+Alternatives = tuple[tuple[Buffer | str, ...], ...]
+
+_BRDF_PARTS: tuple[Buffer, ...] = (Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV)
+
+_MATERIAL_PARTS: dict[dm.DemodulationMode, Alternatives] = {
+    dm.DemodulationMode.BRDF: ((Buffer.MATERIAL,), _BRDF_PARTS),
+    dm.DemodulationMode.SOFTPLUS: ((Buffer.MATERIAL,), _BRDF_PARTS),
+    dm.DemodulationMode.ALBEDO: ((Buffer.ALBEDO,),),
+    dm.DemodulationMode.GLOSSY_ALBEDO: ((Buffer.ALBEDO, Buffer.METALLIC),),
+}
+
+_OPTIONAL_PARTS: dict[Buffer, tuple[Buffer, ...]] = {
+    Buffer.MATERIAL: (Buffer.SPECULAR,),
+    Buffer.LIGHTING: (Buffer.EMISSION,),
+    Buffer.SKY: (Buffer.DEPTH, Buffer.NORMAL),
+}
+"""Parts that change the result where they are there, and are not missed where they are not."""
+
+
+def alternatives(buffer: Buffer, config: DerivationConfig) -> Alternatives:
+    """Sets of parts that each suffice to make a buffer, best first; empty if it is only stored."""
+    parts: dict[Buffer, Alternatives] = {
+        Buffer.NOV: (
+            (Buffer.NOV,),
+            (Buffer.NORMAL, CAMERA),
+            (Buffer.NORMAL, Buffer.POSITION, Buffer.DEPTH),
+        ),
+        Buffer.SKY: ((),),
+        Buffer.MATERIAL: _MATERIAL_PARTS[config.mode],
+        Buffer.LIGHTING: (
+            (Buffer.LIGHTING, Buffer.MATERIAL),
+            (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
+        ),
+        Buffer.LIGHTING_MASK: ((Buffer.LIGHTING,),),
+    }
+    return parts.get(buffer, ())
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Buffers to read from files, and what is missing for the rest (empty = nothing)."""
+
+    read: frozenset[Buffer]
+    missing: tuple[str, ...]
+
+
+def needs(
+    wanted: Iterable[Buffer],
+    stored: Collection[Buffer],
+    *,
+    has_camera: bool,
+    config: DerivationConfig,
+) -> Needs:
+    """Resolve wanted buffers down to stored ones.
+
+    Args:
+        wanted: buffers a system asks for, stored or derived.
+        stored: buffers the files hold.
+        has_camera: whether every frame has camera matrices.
+        config: what divides radiance.
+    """
+    read: set[Buffer] = set()
+    missing: list[str] = []
+    for buffer in wanted:
+        result = _resolve(buffer, frozenset(stored), has_camera, config)
+        read |= result.read
+        missing += [m for m in result.missing if m not in missing]
+    return Needs(frozenset(read), tuple(missing))
+
+
+def _resolve(
+    part: Buffer | str, stored: frozenset[Buffer], has_camera: bool, config: DerivationConfig
+) -> Needs:
+    if part == CAMERA:
+        return Needs(frozenset(), () if has_camera else (CAMERA,))
+    buffer = Buffer(part)
+    options = alternatives(buffer, config)
+    if not options:
+        held = buffer in stored
+        return Needs(frozenset({buffer} if held else ()), () if held else (buffer.value,))
+    results = [_resolve_all(buffer, option, stored, has_camera, config) for option in options]
+    return min(results, key=lambda result: len(result.missing))
+
+
+def _resolve_all(
+    buffer: Buffer,
+    option: tuple[Buffer | str, ...],
+    stored: frozenset[Buffer],
+    has_camera: bool,
+    config: DerivationConfig,
+) -> Needs:
+    read = {part for part in _OPTIONAL_PARTS.get(buffer, ()) if part in stored}
+    missing: list[str] = []
+    for part in option:
+        if part == buffer:
+            held = buffer in stored
+            read |= {buffer} if held else set()
+            missing += [] if held else [buffer.value]
+            continue
+        result = _resolve(part, stored, has_camera, config)
+        read |= result.read
+        missing += result.missing
+    return Needs(frozenset(read), tuple(missing))
+
+
+def derive_sky(gbuffer: GBuffer) -> Mask:
+    """1 = sky: by depth; by zero normals where there is no depth; nowhere if neither is there."""
+    if Buffer.DEPTH in gbuffer:
+        return sky_mask(gbuffer[Buffer.DEPTH])
+    if Buffer.NORMAL in gbuffer:
+        normal = gbuffer[Buffer.NORMAL]
+        return (normal == 0).all(1, keepdim=True).to(normal.dtype)
+    return torch.zeros(1, 1, *gbuffer.size)
+
+
+def derive_nov(frame: Frame) -> Plane:
+    """View cosine: stored, from the camera, or from positions and depth (first that is there)."""
+    gbuffer = frame.gbuffer
+    if Buffer.NOV in gbuffer:
+        return gbuffer[Buffer.NOV].clamp(0.0, 1.0)
+    normal = gbuffer[Buffer.NORMAL]
+    nov = view_cosine_from_camera(
+        normal, frame.camera, frame.view, jitter_px=frame.camera.jitter_px
+    )
+    if nov is not None:
+        return nov
+    position = gbuffer[Buffer.POSITION]
+    camera = camera_from_positions(position, gbuffer[Buffer.DEPTH])
+    if camera is None:
+        return torch.ones_like(normal[:, :1])
+    return view_cosine(normal, camera.to(normal).view(1, 3, 1, 1) - position)
+
+
+def derive_material(frame: Frame, config: DerivationConfig) -> Color:
+    """Return the divisor of a mode; NaN buffers give NaN material, which is never divided by."""
+    gbuffer = frame.gbuffer
+    if config.mode is dm.DemodulationMode.ALBEDO:
+        return dm.floored(gbuffer[Buffer.ALBEDO])
+    if config.mode is dm.DemodulationMode.GLOSSY_ALBEDO:
+        f0 = _f0(gbuffer)
+        glossy = dm.glossy_albedo(gbuffer[Buffer.ALBEDO], f0, gbuffer[Buffer.METALLIC])
+        return dm.floored(glossy)
+    material = _brdf(frame, config)
+    return dm.soften(material) if config.mode is dm.DemodulationMode.SOFTPLUS else material
+
+
+def _f0(gbuffer: GBuffer) -> Color:
+    if Buffer.SPECULAR in gbuffer:
+        return gbuffer[Buffer.SPECULAR]
+    return dm.specular_f0(gbuffer[Buffer.ALBEDO], gbuffer[Buffer.METALLIC])
+
+
+def _brdf(frame: Frame, config: DerivationConfig) -> Color:
+    gbuffer = frame.gbuffer
+    if Buffer.MATERIAL in gbuffer:
+        return gbuffer[Buffer.MATERIAL]
+    return dm.material_term(
+        gbuffer[Buffer.ALBEDO],
+        _f0(gbuffer),
+        metallic=gbuffer[Buffer.METALLIC],
+        roughness=gbuffer[Buffer.ROUGHNESS],
+        nov=derive_nov(frame),
+        lut=lut_for(config.lut),
+    )
+
+
+def derive_lighting(frame: Frame, config: DerivationConfig) -> dm.Demodulated:
+    """Divide a frame's radiance; lighting that the file already holds is taken as it is."""
+    gbuffer = frame.gbuffer
+    material = derive_material(frame, config)
+    softplus = config.mode is dm.DemodulationMode.SOFTPLUS
+    sky = torch.zeros_like(material[:, :1]) if softplus else derive_sky(gbuffer)
+    emission = None if softplus else gbuffer.buffers.get(Buffer.EMISSION)
+    if Buffer.LIGHTING in gbuffer:
+        valid = (material > config.epsilon).all(1, keepdim=True) & (sky < 0.5)
+        return dm.Demodulated(
+            lighting=gbuffer[Buffer.LIGHTING],
+            material=torch.where(valid, material, torch.ones_like(material)),
+            mask=valid.to(material.dtype),
+            emission=emission,
+        )
+    return dm.demodulate(
+        gbuffer[Buffer.COLOR], material, sky=sky, emission=emission, epsilon=config.epsilon
+    )
+
+
+def derive(frame: Frame, wanted: Collection[Buffer], config: DerivationConfig) -> Frame:
+    """Add the derived buffers among `wanted`, keep only `wanted`, set the lighting scale."""
+    added: dict[Buffer, torch.Tensor] = {}
+    scale = frame.lighting_scale
+    if Buffer.SKY in wanted:
+        added[Buffer.SKY] = derive_sky(frame.gbuffer)
+    if Buffer.NOV in wanted:
+        added[Buffer.NOV] = derive_nov(frame)
+    if Buffer.LIGHTING in wanted or Buffer.LIGHTING_MASK in wanted:
+        parts = derive_lighting(frame, config)
+        added[Buffer.LIGHTING], added[Buffer.LIGHTING_MASK] = parts.lighting, parts.mask
+        if Buffer.MATERIAL in wanted:
+            added[Buffer.MATERIAL] = parts.material
+        scale = dm.lighting_scale(parts.lighting, parts.mask)
+    elif Buffer.MATERIAL in wanted:
+        added[Buffer.MATERIAL] = derive_material(frame, config)
+    gbuffer = frame.gbuffer.with_buffers(added).only(wanted)
+    return replace(frame, gbuffer=gbuffer, lighting_scale=scale)
+
+
+def has_matrices(camera: CameraMetadata) -> bool:
+    """Tell whether view cosines follow from this camera."""
+    return camera.world_to_camera is not None and camera.world_to_ndc is not None
+
+
+__all__ = [
+    "CAMERA",
+    "DerivationConfig",
+    "Needs",
+    "box_mean",
+    "decimate",
+    "derive",
+    "derive_lighting",
+    "derive_material",
+    "derive_nov",
+    "derive_sky",
+    "has_matrices",
+    "needs",
+]

@@ -1,0 +1,164 @@
+"""The camera of one frame: matrices, jitter and exposure, and what follows from them.
+
+Matrices act on row vectors, `p_cam = [x y z 1] . world_to_camera`; camera space is right-handed,
+x right, y up, looking along -z. NDC: x -1..1 left to right, y -1..1 bottom to top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
+from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.shapes import Plane, Size, Vector3
+
+MIN_POINTS_FOR_CAMERA = 64
+"""Fewer surface points than this do not fix the twelve unknowns of `camera_from_positions`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """The part of the image plane that an image shows, in pixels of its own resolution.
+
+    `display` is the (height, width) that NDC spans; the image's first pixel is (`top`, `left`).
+    """
+
+    display: Size
+    top: int = 0
+    left: int = 0
+
+    def scaled(self, scale: int) -> View:
+        """Return the same part at `scale` times the resolution."""
+        height, width = self.display
+        return View(
+            display=(height * scale, width * scale), top=self.top * scale, left=self.left * scale
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraMetadata:
+    """Per-frame facts about the camera; None where the files do not say.
+
+    Attributes:
+        world_to_camera: 4x4 float64, row-vector convention.
+        world_to_ndc: 4x4 float64, row-vector convention, w = view depth.
+        jitter_px: sample position minus pixel centre, pixels of the frame's own resolution.
+        pre_exposure: factor already applied to the radiance.
+        cut: True where temporal history must not reach back beyond this frame.
+    """
+
+    world_to_camera: Tensor | None = None
+    world_to_ndc: Tensor | None = None
+    jitter_px: Jitter = (0.0, 0.0)
+    pre_exposure: float = 1.0
+    cut: bool = False
+
+    @property
+    def position(self) -> Tensor | None:
+        """Camera position in world space (3 values), None if unknown."""
+        if self.world_to_camera is None:
+            return None
+        return torch.linalg.inv(self.world_to_camera)[3, :3]
+
+    @property
+    def projection(self) -> Tensor | None:
+        """Camera space to clip space, 4x4, None if unknown."""
+        if self.world_to_camera is None or self.world_to_ndc is None:
+            return None
+        return torch.linalg.inv(self.world_to_camera) @ self.world_to_ndc
+
+
+def pixel_rays(
+    camera: CameraMetadata, view: View, size: Size, *, jitter_px: Jitter = (0.0, 0.0)
+) -> Tensor | None:
+    """Camera-space vectors (x, y, -1) through the sample of each pixel; times depth_m = position.
+
+        x_cam = ndc_x / P[0][0] * depth,  y_cam = ndc_y / P[1][1] * depth,  z_cam = -depth
+
+    An off-centre projection adds P[2][0] and P[2][1] (their factor z_cam / depth is -1).
+    Returns None where the camera has no matrices; else 1 x 3 x h x w.
+    """
+    projection = camera.projection
+    if projection is None:
+        return None
+    p = projection.to(torch.float32)
+    height, width = view.display
+    columns = torch.arange(size[1], dtype=torch.float32) + (view.left + 0.5 + jitter_px[0])
+    rows = torch.arange(size[0], dtype=torch.float32) + (view.top + 0.5 + jitter_px[1])
+    x = (2.0 * columns / width - 1.0 + p[2, 0]) / p[0, 0]
+    y = (1.0 - 2.0 * rows / height + p[2, 1]) / p[1, 1]
+    grid = torch.stack(
+        [x.expand(size[0], -1), y[:, None].expand(-1, size[1]), -torch.ones(size)], dim=0
+    )
+    return grid[None]
+
+
+def view_cosine(normal: Vector3, to_camera: Vector3) -> Plane:
+    """NoV = clamp(dot(normal, normalize(camera - position)), 0, 1); both in one space."""
+    cosine = (F.normalize(normal, dim=1) * F.normalize(to_camera, dim=1)).sum(1, keepdim=True)
+    return cosine.clamp(0.0, 1.0)
+
+
+def view_cosine_from_camera(
+    normal: Vector3, camera: CameraMetadata, view: View, *, jitter_px: Jitter = (0.0, 0.0)
+) -> Plane | None:
+    """NoV of world-space normals seen through the pixels of a camera; None without matrices.
+
+    The direction to the camera does not depend on depth: it is minus the pixel's ray.
+    """
+    rays = pixel_rays(camera, view, (normal.shape[-2], normal.shape[-1]), jitter_px=jitter_px)
+    if rays is None or camera.world_to_camera is None:
+        return None
+    rotation = camera.world_to_camera[:3, :3].to(torch.float32)
+    # row vectors: world = cam . inverse(rotation), and a rotation's inverse is its transpose
+    to_camera = -torch.einsum("nchw,dc->ndhw", rays, rotation)
+    return view_cosine(normal, to_camera.to(normal.device))
+
+
+def camera_from_positions(position: Vector3, depth_m: Plane) -> Tensor | None:
+    """Recover the camera's position from world positions and planar depths of one frame.
+
+    A pinhole camera's world position of pixel (x, y) at depth d is affine in (x d, y d, d):
+        P = C + d F + x d R + y d U        (twelve unknowns, linear least squares)
+    Returns C (3 values), or None where too few surface points are visible.
+    """
+    height, width = depth_m.shape[-2:]
+    y, x = torch.meshgrid(
+        torch.linspace(-1, 1, height, dtype=torch.float64),
+        torch.linspace(-1, 1, width, dtype=torch.float64),
+        indexing="ij",
+    )
+    depth = depth_m[0, 0].double()
+    points = position[0].double()
+    valid = (depth < SKY_DEPTH_M) & (depth > 0) & torch.isfinite(points).all(0)
+    if int(valid.sum()) < MIN_POINTS_FOR_CAMERA:
+        return None
+    d = depth[valid]
+    design = torch.stack([torch.ones_like(d), d, x[valid] * d, y[valid] * d], dim=1)
+    scale = design.abs().amax(0)
+    solution = torch.linalg.lstsq(design / scale, points[:, valid].T).solution
+    return (solution / scale[:, None])[0]
+
+
+def device_to_planar_depth(
+    device_depth: Plane, projection: Tensor, *, reversed_depth: bool
+) -> Plane:
+    """Linearise a depth-buffer value exactly.
+
+        d = (P22 z + P32) / (P23 z + P33)   =>   z = (P32 - d P33) / (d P23 - P22),  depth = -z
+
+    A file may hold 1 - d of its own matrix: `reversed_depth` says that far is 0; a matrix whose
+    far limit P22 / P23 is 1 stores far as 1, and the value is turned round before use.
+    """
+    p = projection.double()
+    far = float(p[2, 2] / p[2, 3])
+    matrix_reversed = abs(far) < abs(1.0 - far)
+    d = device_depth.double()
+    d = d if matrix_reversed == reversed_depth else 1.0 - d
+    depth = -(p[3, 2] - d * p[3, 3]) / (d * p[2, 3] - p[2, 2])
+    beyond = ~torch.isfinite(depth) | (depth < 0) | (depth >= SKY_DEPTH_M)
+    return torch.where(beyond, torch.full_like(depth, SKY_DEPTH_M), depth).float()

@@ -1,0 +1,61 @@
+"""Luminance and transfer functions, forward and inverse side by side, constants cited."""
+
+from __future__ import annotations
+
+import torch
+
+from rtsr_cli.core.shapes import Color, Image, Plane
+
+LUMA_REC709 = (0.2126, 0.7152, 0.0722)
+"""Luminance weights of linear Rec.709 primaries [ITU-R BT.709]."""
+
+SRGB_LINEAR_END = 0.0031308
+"""End of the linear segment of the sRGB curve, linear side [IEC 61966-2-1]."""
+
+SRGB_ENCODED_END = 0.04045
+"""The same point, encoded side [IEC 61966-2-1]."""
+
+MAX_HALF = 65504.0
+"""The largest finite half: no radiance in a half file is above it."""
+
+
+def luminance(color: Color) -> Plane:
+    """Y of linear Rec.709."""
+    weights = torch.tensor(LUMA_REC709, dtype=color.dtype, device=color.device)
+    return (color * weights.view(1, 3, 1, 1)).sum(1, keepdim=True)
+
+
+def encode_reinhard(color: Image) -> Image:
+    """Compress c to c / (1 + c) [Reinhard et al. 2002, Eq. 3]; negative radiance counts as 0."""
+    positive = color.clamp(min=0.0)
+    return positive / (1.0 + positive)
+
+
+def decode_reinhard(tonemapped: Image) -> Image:
+    """Expand y to y / (1 - y); y is held below the curve's value at the largest half."""
+    bounded = tonemapped.clamp(0.0, MAX_HALF / (1.0 + MAX_HALF))
+    return bounded / (1.0 - bounded)
+
+
+def encode_log(lighting: Image, scale: float) -> Image:
+    """Compress to log(1 + lighting / k), k = `scale` of the whole frame."""
+    return torch.log1p(lighting.clamp(min=0.0) / scale)
+
+
+def decode_log(encoded: Image, scale: float) -> Image:
+    """Expand to k (exp(y) - 1), never negative."""
+    return torch.expm1(encoded.clamp(min=0.0)) * scale
+
+
+def encode_srgb(linear: Image) -> Image:
+    """sRGB transfer function of linear values, clipped to 0..1 [IEC 61966-2-1]."""
+    x = linear.clamp(0.0, 1.0)
+    curve = 1.055 * x.clamp(min=SRGB_LINEAR_END) ** (1.0 / 2.4) - 0.055
+    return torch.where(x <= SRGB_LINEAR_END, 12.92 * x, curve)
+
+
+def decode_srgb(encoded: Image) -> Image:
+    """Inverse of `encode_srgb` on 0..1."""
+    y = encoded.clamp(0.0, 1.0)
+    curve = ((y.clamp(min=SRGB_ENCODED_END) + 0.055) / 1.055) ** 2.4
+    return torch.where(y <= SRGB_ENCODED_END, y / 12.92, curve)

@@ -1,0 +1,158 @@
+"""Dividing radiance by its material term and back, to the rules of masked demodulation.
+
+    radiance = lighting * material + emission
+
+Where the division is not safe (sky, black metal) the mask is 0, lighting holds the undivided
+radiance and material is 1, so that the same product recomposes every pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from rtsr_cli.core.imaging.brdf_lut import sample_lut
+from rtsr_cli.core.imaging.color import MAX_HALF
+from rtsr_cli.core.shapes import Color, Mask, Plane
+
+MATERIAL_EPSILON = 4e-3
+"""Smallest channel of a material term that is divided by."""
+
+DIELECTRIC_F0 = 0.04
+"""Reflectance at normal incidence of a common dielectric [Karis 2013; NSRD suppl.]."""
+
+LIGHTING_FLOOR = 1e-3
+"""Keeps the log of black lighting finite in `lighting_scale`."""
+
+SOFTPLUS_BETA = 100.0
+"""Sharpness of FuseSR's material floor: softplus(F) = ln(1 + exp(beta F)) / beta."""
+
+GLOSSY_SPECULAR = 0.08
+"""Share of an engine's specular level that ExtraNet's glossy divisor adds."""
+
+ALBEDO_FLOOR = 0.05
+"""Smallest divisor of the albedo modes: measured 0.4 to 2.2 dB better than 1e-3."""
+
+
+class DemodulationMode(StrEnum):
+    """What radiance is divided by."""
+
+    BRDF = "brdf"
+    SOFTPLUS = "softplus"
+    ALBEDO = "albedo"
+    GLOSSY_ALBEDO = "glossy-albedo"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demodulated:
+    """`lighting * material + emission` is the radiance of every pixel; `mask` 1 = divided."""
+
+    lighting: Color
+    material: Color
+    mask: Mask
+    emission: Color | None
+
+
+def specular_f0(albedo: Color, metallic: Plane) -> Color:
+    """F0 = lerp(0.04, c, m)."""
+    return DIELECTRIC_F0 * (1.0 - metallic) + albedo * metallic
+
+
+def material_term(
+    albedo: Color, f0: Color, *, metallic: Plane, roughness: Plane, nov: Plane, lut: Tensor
+) -> Color:
+    """F = (1 - m) c + F0 A(NoV, r) + B(NoV, r), the pre-integrated BRDF [NSRD suppl.].
+
+    Args:
+        albedo: base colour, linear.
+        f0: specular reflectance at normal incidence.
+        metallic: 0..1.
+        roughness: perceptual, 0..1.
+        nov: cosine between view and normal, 0..1.
+        lut: table of A and B, see `brdf_lut`.
+    """
+    a, b = sample_lut(lut, nov, roughness).split(1, dim=1)
+    return (1.0 - metallic) * albedo + f0 * a + b
+
+
+def glossy_albedo(albedo: Color, f0: Color, metallic: Plane) -> Color:
+    """Return c + 0.08 s (1 - m) [ExtraNet]; s is the level whose F0 is 0.08 s for dielectrics."""
+    dielectric = f0.amin(dim=1, keepdim=True).clamp(max=GLOSSY_SPECULAR)
+    return albedo + dielectric * (1.0 - metallic)
+
+
+def floored(material: Color) -> Color:
+    """max(F, 0.05): the divisor of the albedo modes."""
+    return material.clamp(min=ALBEDO_FLOOR)
+
+
+def soften(material: Color) -> Color:
+    """ln(1 + exp(beta F)) / beta: a smooth floor of 0.0069 instead of a mask [FuseSR]."""
+    return F.softplus(material, beta=SOFTPLUS_BETA)
+
+
+def demodulate(
+    radiance: Color,
+    material: Color,
+    *,
+    sky: Mask,
+    emission: Color | None = None,
+    epsilon: float = MATERIAL_EPSILON,
+) -> Demodulated:
+    """Divide radiance, less its emission, by the material term where that is safe.
+
+        lighting = max(radiance - emission, 0) / F,  mask = 1,  where every channel of F > epsilon
+        lighting = radiance - emission, material = 1, mask = 0,  elsewhere and on sky
+
+    Emission is bounded by the radiance: noise leaves radiance < emission in places, and the sum
+    must still recompose. Non-finite pixels are not divided, nor are those whose quotient no
+    half file could hold.
+
+    Args:
+        radiance: linear HDR.
+        material: divisor F.
+        sky: 1 = sky.
+        emission: part of the radiance that no light and no material explains.
+        epsilon: smallest divisor.
+    """
+    bounded = None if emission is None else torch.minimum(emission.clamp(min=0.0), radiance)
+    reflected = radiance if bounded is None else (radiance - bounded).clamp(min=0.0)
+    safe = (material > epsilon).all(1, keepdim=True) & (sky < 0.5)
+    representable = (reflected <= MAX_HALF * material).all(1, keepdim=True)
+    divisible = safe & representable & torch.isfinite(radiance).all(1, keepdim=True)
+    divisor = torch.where(divisible, material, torch.ones_like(material))
+    return Demodulated(
+        lighting=reflected / divisor,
+        material=divisor,
+        mask=divisible.to(radiance.dtype),
+        emission=bounded,
+    )
+
+
+def remodulate(lighting: Color, material: Color, emission: Color | None = None) -> Color:
+    """radiance = lighting * material + emission."""
+    product = lighting * material
+    return product if emission is None else product + emission
+
+
+def lighting_scale(lighting: Color, mask: Mask) -> float:
+    """k = exp(mean(log(lighting + 1e-3))) over mask = 1 of the whole frame; 1 if nothing is.
+
+    Summed in double precision so that the value does not depend on how threads share the sum.
+    """
+    valid = (mask > 0.5).expand_as(lighting) & torch.isfinite(lighting)
+    if not bool(valid.any()):
+        return 1.0
+    logs = torch.log(lighting[valid].clamp(min=0.0) + LIGHTING_FLOOR)
+    return float(torch.exp(logs.double().mean()))
+
+
+def recomposition_error(radiance: Color, recomposed: Color) -> float:
+    """Largest |difference| relative to max(|radiance|, 1e-3) over finite pixels."""
+    finite = torch.isfinite(radiance) & torch.isfinite(recomposed)
+    difference = (recomposed - radiance).abs() / radiance.abs().clamp(min=1e-3)
+    return float(torch.where(finite, difference, torch.zeros_like(difference)).max())

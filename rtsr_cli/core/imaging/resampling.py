@@ -1,0 +1,192 @@
+"""Changing resolution: decimation as a renderer samples, pixel filters, bicubic enlargement.
+
+Pixel centres lie at +0.5. A frame with `jitter_px` has its samples at (index + 0.5 + jitter_px);
+every enlargement here takes that offset and returns an image without one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.shapes import Image, Mask
+
+KEYS_A = -0.75
+"""Slope of the cubic kernel at distance 1 [Keys 1981]; the value most libraries enlarge with."""
+
+CATMULL_ROM_A = -0.5
+"""The same kernel's third-order accurate member."""
+
+BICUBIC_SUPPORT_PX = 2
+"""Reach of a cubic kernel to each side, in source pixels."""
+
+MIN_FILTERED_MASK = 0.05
+"""Below this share of valid weight a mask-normalised value means nothing."""
+
+BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
+"""Coefficients of the 4-term window [Harris 1978]."""
+
+BLACKMAN_HARRIS_WIDTH_PX = 3.0
+"""Width of the pixel filter in pixels of the filtered resolution, twice Cycles' default 1.5."""
+
+HALTON_BASES = (2, 3)
+"""Bases of x and y of the usual jitter sequence."""
+
+
+def cubic_kernel(distance: Tensor, a: float = KEYS_A) -> Tensor:
+    """Piecewise cubic weight at a distance in pixels [Keys 1981, Eq. 15]."""
+    x = distance.abs()
+    inner = ((a + 2.0) * x - (a + 3.0)) * x * x + 1.0
+    outer = ((a * x - 5.0 * a) * x + 8.0 * a) * x - 4.0 * a
+    return torch.where(x <= 1.0, inner, torch.where(x < 2.0, outer, torch.zeros_like(x)))
+
+
+def _phase_weights(scale: int, jitter: float) -> tuple[Tensor, int]:
+    """Taps of each of the `scale` output phases, and how far left of the pixel they begin.
+
+    Output pixel X = S i + p has its centre at source coordinate (X + 0.5) / S - 0.5 - jitter.
+    """
+    phase = torch.arange(scale, dtype=torch.float64)
+    centre = (phase + 0.5) / scale - 0.5 - jitter
+    reach = BICUBIC_SUPPORT_PX + math.floor(abs(jitter) + 0.5)
+    taps = torch.arange(-reach, reach + 1, dtype=torch.float64)
+    weights = cubic_kernel(centre[:, None] - taps[None, :])
+    return weights / weights.sum(1, keepdim=True), reach
+
+
+def _enlarge_columns(image: Image, scale: int, jitter: float) -> Image:
+    weights, reach = _phase_weights(scale, jitter)
+    n, c, h, w = image.shape
+    rows = F.pad(image, (reach, reach, 0, 0), mode="replicate").reshape(n * c, 1, h, w + 2 * reach)
+    kernel = weights.to(image)[:, None, None, :]
+    phases = F.conv2d(rows, kernel)
+    return phases.permute(0, 2, 3, 1).reshape(n, c, h, w * scale)
+
+
+def upsample_bicubic(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0)) -> Image:
+    """Enlarge by a whole factor with the Keys kernel, borders replicated.
+
+        out(X) = sum_i image(i) w(u - i),   u = (X + 0.5) / S - 0.5 - jitter      per axis
+
+    Args:
+        image: any channels, in the space the weights should act in.
+        scale: S.
+        jitter_px: sample position minus pixel centre of `image`, |jitter| <= 1.
+    """
+    wide = _enlarge_columns(image, scale, jitter_px[0])
+    tall = _enlarge_columns(wide.transpose(2, 3), scale, jitter_px[1])
+    return tall.transpose(2, 3).contiguous()
+
+
+def upsample_nearest(image: Tensor, scale: int) -> Tensor:
+    """Repeat every pixel scale x scale times."""
+    return image.repeat_interleave(scale, dim=-2).repeat_interleave(scale, dim=-1)
+
+
+def upsample_masked_bicubic(
+    image: Image, mask: Mask, scale: int, jitter_px: Jitter = (0.0, 0.0)
+) -> tuple[Image, Mask]:
+    """Enlarge the valid pixels of an image only.
+
+        out = bicubic(image * mask) / bicubic(mask)
+
+    Returns the enlarged image and a mask, 1 where the filtered mask is at least
+    `MIN_FILTERED_MASK`; elsewhere the image is 0.
+    """
+    values = torch.where(mask > 0, image * mask, torch.zeros_like(image))
+    filtered = upsample_bicubic(torch.cat([values, mask], dim=1), scale, jitter_px)
+    numerator, weight = filtered[:, :-1], filtered[:, -1:]
+    supported = weight >= MIN_FILTERED_MASK
+    quotient = numerator / torch.where(supported, weight, torch.ones_like(weight))
+    return torch.where(supported, quotient, torch.zeros_like(quotient)), supported.to(image.dtype)
+
+
+def grow_valid(image: Image, mask: Mask, steps: int = 1) -> tuple[Image, Mask]:
+    """Fill invalid pixels that touch valid ones (3x3) with the mean of those, `steps` times."""
+    values = torch.where(mask > 0, image, torch.zeros_like(image))
+    for _ in range(steps):
+        padded = F.pad(torch.cat([values * mask, mask], dim=1), (1, 1, 1, 1))
+        mean = F.avg_pool2d(padded, 3, stride=1)
+        share = mean[:, -1:]
+        grown = mean[:, :-1] / share.clamp(min=1e-6)
+        values = torch.where(mask > 0, values, torch.where(share > 0, grown, values))
+        mask = (share > 0).to(mask.dtype)
+    return values, mask
+
+
+def radical_inverse(index: int, base: int) -> float:
+    """Element `index` (from 1) of the van der Corput sequence [Halton 1964]."""
+    result, fraction = 0.0, 1.0 / base
+    while index > 0:
+        index, digit = divmod(index, base)
+        result += digit * fraction
+        fraction /= base
+    return result
+
+
+def halton_offset(frame_number: int, block: int) -> tuple[int, int]:
+    """Sample index (x, y) in a block of `block` pixels: floor(Halton(2,3)[frame] * block).
+
+    Frames count from 1; numbers below that take the sequence's first elements again.
+    """
+    index = frame_number if frame_number >= 1 else 1 - frame_number
+    x, y = (int(radical_inverse(index, base) * block) for base in HALTON_BASES)
+    return x, y
+
+
+def sample_jitter(offset: int, block: int) -> float:
+    """Position of sample `offset` of a block, minus the block's centre, in blocks."""
+    return (offset + 0.5) / block - 0.5
+
+
+def decimate(image: Tensor, block: int, offset: tuple[int, int]) -> Tensor:
+    """Keep sample (x, y) = `offset` of each block: image[..., y::block, x::block]."""
+    return image[..., offset[1] :: block, offset[0] :: block]
+
+
+def box_mean(image: Image, block: int) -> Image:
+    """Mean of each block: the anti-aliased value of a pixel that holds block x block samples."""
+    return F.avg_pool2d(image, block)
+
+
+def _box_taps(block: int) -> Tensor:
+    """One block wide, centred on a sample: an even block has half a tap at each end."""
+    if block % 2:
+        return torch.ones(block, dtype=torch.float64)
+    taps = torch.ones(block + 1, dtype=torch.float64)
+    taps[0] = taps[-1] = 0.5
+    return taps
+
+
+def _blackman_harris_taps(block: int) -> Tensor:
+    """Blackman-Harris window, `BLACKMAN_HARRIS_WIDTH_PX` blocks wide, centred on a sample."""
+    half = BLACKMAN_HARRIS_WIDTH_PX * block / 2.0
+    reach = math.ceil(half) - 1
+    x = torch.arange(-reach, reach + 1, dtype=torch.float64) / (2.0 * half) + 0.5
+    a0, a1, a2, a3 = BLACKMAN_HARRIS
+    angle = 2.0 * math.pi * x
+    return a0 - a1 * torch.cos(angle) + a2 * torch.cos(2 * angle) - a3 * torch.cos(3 * angle)
+
+
+PIXEL_FILTERS = {"box": _box_taps, "blackman-harris": _blackman_harris_taps}
+"""Filters of the LR radiance by name; each gives the taps for a block size."""
+
+
+def filter_pixels(radiance: Image, name: str, block: int) -> Image:
+    """Filter linear radiance at full resolution with a pixel filter sized in blocks.
+
+    The filter is centred on the sample that decimation keeps, so that radiance and G-buffer of
+    the small frame share one offset; borders are replicated.
+    """
+    taps = PIXEL_FILTERS[name](block)
+    taps = (taps / taps.sum()).to(radiance)
+    reach = len(taps) // 2
+    channels = radiance.shape[1]
+    padded = F.pad(radiance, (reach, reach, reach, reach), mode="replicate")
+    kernel = taps.expand(channels, 1, 1, -1)
+    rows = F.conv2d(padded, kernel, groups=channels)
+    return F.conv2d(rows, kernel.transpose(2, 3), groups=channels)
