@@ -21,7 +21,6 @@ from rtsr_cli.core.frames.camera import (
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.brdf_lut import LutConvention, lut_for
-from rtsr_cli.core.imaging.resampling import box_mean, decimate
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 CAMERA = "camera"
@@ -253,18 +252,3 @@ def has_matrices(camera: CameraMetadata) -> bool:
     """Tell whether view cosines follow from this camera."""
     return camera.world_to_camera is not None and camera.world_to_ndc is not None
 
-
-__all__ = [
-    "CAMERA",
-    "DerivationConfig",
-    "Needs",
-    "box_mean",
-    "decimate",
-    "derive",
-    "derive_lighting",
-    "derive_material",
-    "derive_nov",
-    "derive_sky",
-    "has_matrices",
-    "needs",
-]

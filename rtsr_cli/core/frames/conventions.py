@@ -1,0 +1,141 @@
+"""How files store what memory holds in one way: depth, normals, roughness, specular."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import torch
+import torch.nn.functional as F
+
+from rtsr_cli.core.errors import MissingBufferError
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
+from rtsr_cli.core.frames.camera import CameraMetadata, View, device_to_planar_depth, pixel_rays
+from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.shapes import Color, Plane, Vector3
+
+
+class DepthKind(StrEnum):
+    """What a stored depth measures."""
+
+    PLANAR = "planar"
+    RAY = "ray"
+    DEVICE = "device"
+
+
+class NormalSpace(StrEnum):
+    """The axes of stored normals."""
+
+    WORLD = "world"
+    VIEW = "view"
+
+
+class RoughnessKind(StrEnum):
+    """What a stored roughness is."""
+
+    PERCEPTUAL = "perceptual"
+    ALPHA = "alpha"
+    SMOOTHNESS = "smoothness"
+
+
+class SpecularWorkflow(StrEnum):
+    """Whether F0 follows from base colour and metallic or is stored."""
+
+    METALLIC = "metallic"
+    F0 = "f0"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthConvention:
+    """How a file stores depth.
+
+    Attributes:
+        kind: along the camera axis, along the ray, or the depth buffer's own value.
+        reversed: device depth only: 1 is near and 0 is far.
+        unit_m: metres in one stored unit.
+        sky: stored values from here on are sky (device depth: ignored).
+    """
+
+    kind: DepthKind = DepthKind.PLANAR
+    reversed: bool = False
+    unit_m: float = 1.0
+    sky: float = SKY_DEPTH_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalConvention:
+    """How a file stores normals; `packed` means (n + 1) / 2."""
+
+    space: NormalSpace = NormalSpace.WORLD
+    packed: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conventions:
+    """Everything about a dump that its channel names do not say."""
+
+    motion: MotionConvention = field(default_factory=MotionConvention)
+    depth: DepthConvention = field(default_factory=DepthConvention)
+    normal: NormalConvention = field(default_factory=NormalConvention)
+    roughness: RoughnessKind = RoughnessKind.PERCEPTUAL
+    specular: SpecularWorkflow = SpecularWorkflow.METALLIC
+    colorspace: str = "lin_rec709"
+
+
+def depth_to_metres(
+    stored: Plane, convention: DepthConvention, camera: CameraMetadata, view: View, where: str
+) -> Plane:
+    """Convert stored depth to planar metres, sky = `SKY_DEPTH_M`.
+
+    Raises:
+        MissingBufferError: ray or device depth without camera matrices.
+    """
+    if convention.kind is DepthKind.DEVICE:
+        projection = camera.projection
+        if projection is None:
+            raise MissingBufferError(_needs_camera(where, "device depth"))
+        return device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
+    sky = (stored >= convention.sky) | torch.isinf(stored)
+    metres = stored * convention.unit_m
+    if convention.kind is DepthKind.RAY:
+        rays = pixel_rays(camera, view, (stored.shape[-2], stored.shape[-1]))
+        if rays is None:
+            raise MissingBufferError(_needs_camera(where, "ray distance"))
+        metres = metres / rays.norm(dim=1, keepdim=True)
+    return torch.where(sky, torch.full_like(metres, SKY_DEPTH_M), metres.clamp(max=SKY_DEPTH_M))
+
+
+def normal_to_world(
+    stored: Vector3, convention: NormalConvention, camera: CameraMetadata, where: str
+) -> Vector3:
+    """Unpack, rotate to world space and normalise; a zero normal stays zero.
+
+    Raises:
+        MissingBufferError: view-space normals without a camera matrix.
+    """
+    normal = stored * 2.0 - 1.0 if convention.packed else stored
+    if convention.space is NormalSpace.VIEW:
+        if camera.world_to_camera is None:
+            raise MissingBufferError(_needs_camera(where, "view-space normals"))
+        rotation = camera.world_to_camera[:3, :3].to(normal)
+        normal = torch.einsum("nchw,dc->ndhw", normal, rotation)
+    return F.normalize(normal, dim=1, eps=1e-6)
+
+
+def roughness_to_perceptual(stored: Plane, kind: RoughnessKind) -> Plane:
+    """Perceptual roughness r, of which GGX alpha is the square."""
+    if kind is RoughnessKind.ALPHA:
+        return stored.clamp(min=0.0).sqrt()
+    return 1.0 - stored if kind is RoughnessKind.SMOOTHNESS else stored
+
+
+def nonnegative(stored: Color) -> Color:
+    """Material colours below 0 are rounding of the renderer."""
+    return stored.clamp(min=0.0)
+
+
+def _needs_camera(where: str, what: str) -> str:
+    return (
+        f"{where}: {what} needs the camera matrices worldToCamera and worldToNDC; "
+        "the header has none: give them in a side-car (capture.toml: camera = \"camera.csv\")"
+    )
