@@ -1,0 +1,416 @@
+"""What an upscaler is fed: for each frame number an LR frame and the HR G-buffer beside it.
+
+Real pairs come from two folders. Simulated ones come from one HR capture, decimated as a renderer
+samples: LR sample (x, y) of each block of `samples_per_pixel * scale` capture pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Protocol
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from rtsr_cli.core.derive import DerivationConfig, Needs, derive, needs
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import (
+    BUFFER_SPECS,
+    RADIANCE_BUFFERS,
+    VECTOR_BUFFERS,
+    Buffer,
+    GBuffer,
+    Resampling,
+)
+from rtsr_cli.core.frames.camera import View
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.resampling import (
+    box_mean,
+    decimate,
+    filter_pixels,
+    grow_valid,
+    halton_offset,
+    sample_jitter,
+)
+from rtsr_cli.core.io.exr import Window
+from rtsr_cli.core.io.reading import FrameReader, ranges
+from rtsr_cli.core.shapes import Size
+
+INPAINT_STEPS = 16
+"""Non-finite regions are filled from their rim this many pixels deep, then with 0."""
+
+
+class NonfinitePolicy(StrEnum):
+    """What NaN and Inf in an input mean for the frame."""
+
+    ERROR = "error"
+    ZERO = "zero"
+    INPAINT = "inpaint"
+
+
+class JitterMode(StrEnum):
+    """Which sample of a block a simulated LR frame keeps."""
+
+    NONE = "none"
+    HALTON = "halton"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs:
+    """What a system asks of a pair, and how bad pixels are treated.
+
+    Attributes:
+        lr, hr: buffers it must have.
+        lr_optional, hr_optional: buffers it uses where they are there.
+        derivation: what divides radiance.
+        on_nonfinite: policy for NaN and Inf.
+    """
+
+    lr: tuple[Buffer, ...]
+    hr: tuple[Buffer, ...] = ()
+    lr_optional: tuple[Buffer, ...] = ()
+    hr_optional: tuple[Buffer, ...] = ()
+    derivation: DerivationConfig = DerivationConfig()
+    on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR
+
+
+@dataclass(frozen=True)
+class FramePair:
+    """One frame at both resolutions; `hr` never holds radiance. `fixed` counts bad pixels."""
+
+    lr: Frame
+    hr: Frame | None
+    fixed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """How LR frames are made from an HR capture.
+
+    Attributes:
+        scale: S, output pixels per LR pixel.
+        samples_per_pixel: K, capture pixels per output pixel.
+        jitter: which sample of a block is kept.
+        lr_filter: pixel filter of the radiance before decimation, or "none".
+    """
+
+    scale: int
+    samples_per_pixel: int = 1
+    jitter: JitterMode = JitterMode.NONE
+    lr_filter: str = "none"
+
+    @property
+    def block(self) -> int:
+        """Capture pixels per LR pixel, along an axis."""
+        return self.scale * self.samples_per_pixel
+
+    def offset(self, number: int) -> tuple[int, int]:
+        """Sample (x, y) of each block that frame `number` keeps."""
+        if self.jitter is JitterMode.HALTON:
+            return halton_offset(number, self.block)
+        return self.block // 2, self.block // 2
+
+
+class PairSource(Protocol):
+    """Frames that can be upscaled, in order."""
+
+    @property
+    def reader(self) -> FrameReader:
+        """The reader that names and numbers the outputs."""
+
+    @property
+    def scale(self) -> int:
+        """Output pixels per LR pixel."""
+
+    @property
+    def lr_size(self) -> Size:
+        """(height, width) of the LR frames."""
+
+    @property
+    def output_window(self) -> tuple[Window, Window]:
+        """Data and display window of the outputs."""
+
+    def missing(self, inputs: Inputs) -> tuple[str, ...]:
+        """Name what a system needs and these files do not have."""
+
+    def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
+        """Every file that `load` opens for a frame."""
+
+    def load(self, number: int, inputs: Inputs) -> FramePair:
+        """Read and derive a frame at both resolutions."""
+
+
+def _available(
+    wanted: Collection[Buffer], optional: Collection[Buffer], reader: FrameReader, inputs: Inputs
+) -> tuple[Needs, tuple[Buffer, ...]]:
+    """Resolve required buffers plus those optional ones that can be had."""
+
+    def resolve(buffers: Collection[Buffer]) -> Needs:
+        return needs(
+            buffers, reader.stored, has_camera=reader.has_camera, config=inputs.derivation
+        )
+
+    extra = tuple(b for b in optional if not resolve((b,)).missing)
+    used = (*wanted, *extra)
+    return resolve(used), used
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealPairs:
+    """LR frames, and HR frames beside them (or none) of `scale` times their size."""
+
+    lr: FrameReader
+    hr: FrameReader | None
+    scale: int
+
+    @property
+    def reader(self) -> FrameReader:
+        """The LR reader."""
+        return self.lr
+
+    @property
+    def lr_size(self) -> Size:
+        """(height, width) of the LR frames."""
+        return self.lr.size
+
+    @property
+    def output_window(self) -> tuple[Window, Window]:
+        """Windows of the HR frames, or those of the LR frames enlarged."""
+        if self.hr is not None:
+            return self.hr.region, self.hr.display
+        return self.lr.region.scaled(self.scale), self.lr.display.scaled(self.scale)
+
+    def missing(self, inputs: Inputs) -> tuple[str, ...]:
+        """Name what is missing, with the resolution it is missing at."""
+        lr, _ = _available(inputs.lr, (), self.lr, inputs)
+        lacking = [f"lr {m}" for m in lr.missing]
+        if inputs.hr:
+            hr = () if self.hr is None else _available(inputs.hr, (), self.hr, inputs)[0].missing
+            lacking += ["hr frames"] if self.hr is None else [f"hr {m}" for m in hr]
+        return tuple(lacking)
+
+    def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
+        """Files of both resolutions."""
+        found = self.lr.files(number, _available(inputs.lr, inputs.lr_optional, self.lr, inputs)[0].read)
+        if self.hr is None or not inputs.hr + inputs.hr_optional:
+            return found
+        wanted = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)[0].read
+        return found + self.hr.files(number, wanted)
+
+    def load(self, number: int, inputs: Inputs) -> FramePair:
+        """Read both frames; HR radiance is never among what is asked for."""
+        lr_needs, lr_used = _available(inputs.lr, inputs.lr_optional, self.lr, inputs)
+        lr, fixed = checked(self.lr.read(number, lr_needs.read), inputs.on_nonfinite)
+        lr = derive(lr, lr_used, inputs.derivation)
+        if self.hr is None or not inputs.hr + inputs.hr_optional:
+            return FramePair(lr, None, fixed)
+        hr_needs, hr_used = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)
+        hr, fixed_hr = checked(self.hr.read(number, hr_needs.read), inputs.on_nonfinite)
+        return FramePair(lr, derive(hr, hr_used, inputs.derivation), fixed + fixed_hr)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedPairs:
+    """Both resolutions from one HR capture."""
+
+    capture: FrameReader
+    simulation: Simulation
+
+    @property
+    def reader(self) -> FrameReader:
+        """The capture's reader."""
+        return self.capture
+
+    @property
+    def scale(self) -> int:
+        """Output pixels per LR pixel."""
+        return self.simulation.scale
+
+    @property
+    def lr_size(self) -> Size:
+        """(height, width) of the LR frames."""
+        height, width = self.capture.size
+        return height // self.simulation.block, width // self.simulation.block
+
+    @property
+    def output_window(self) -> tuple[Window, Window]:
+        """Windows of the capture, less the samples of a pixel."""
+        k = self.simulation.samples_per_pixel
+        return _shrunk(self.capture.region, k), _shrunk(self.capture.display, k)
+
+    def missing(self, inputs: Inputs) -> tuple[str, ...]:
+        """Name what the capture lacks."""
+        return _available(inputs.lr + inputs.hr, (), self.capture, inputs)[0].missing
+
+    def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
+        """Files of the capture."""
+        lr, _ = _available(inputs.lr, inputs.lr_optional, self.capture, inputs)
+        hr, _ = _available(inputs.hr, inputs.hr_optional, self.capture, inputs)
+        return self.capture.files(number, lr.read | hr.read)
+
+    def load(self, number: int, inputs: Inputs) -> FramePair:
+        """Read the capture once; radiance goes to the LR frame only, and only its samples do."""
+        lr_needs, lr_used = _available(inputs.lr, inputs.lr_optional, self.capture, inputs)
+        hr_needs, hr_used = _available(inputs.hr, inputs.hr_optional, self.capture, inputs)
+        full = self.capture.read(number, lr_needs.read | hr_needs.read)
+        lr, fixed = checked(
+            decimated(full, lr_needs.read, self.simulation), inputs.on_nonfinite
+        )
+        lr = derive(lr, lr_used, inputs.derivation)
+        if not hr_used:
+            return FramePair(lr, None, fixed)
+        at_hr = replace(full, gbuffer=full.gbuffer.only(hr_needs.read - RADIANCE_BUFFERS))
+        hr, fixed_hr = checked(at_hr, inputs.on_nonfinite)
+        hr = averaged(
+            derive(hr, hr_used, inputs.derivation), self.simulation.samples_per_pixel
+        )
+        return FramePair(lr, hr, fixed + fixed_hr)
+
+
+def _shrunk(window: Window, k: int) -> Window:
+    return Window(
+        left=window.left // k, top=window.top // k, width=window.width // k, height=window.height // k
+    )
+
+
+def decimated(full: Frame, buffers: Collection[Buffer], simulation: Simulation) -> Frame:
+    """Make the LR frame of a capture: one sample of each block, its offset recorded as jitter."""
+    block = simulation.block
+    offset = simulation.offset(full.number)
+
+    def shrink(buffer: Buffer, tensor: Tensor) -> Tensor:
+        if buffer is Buffer.COLOR and simulation.lr_filter != "none":
+            tensor = filter_pixels(tensor, simulation.lr_filter, block)
+        small = decimate(tensor, block, offset).contiguous()
+        return small / block if buffer in VECTOR_BUFFERS else small
+
+    height, width = full.view.display
+    return replace(
+        full,
+        gbuffer=full.gbuffer.only(buffers).map(shrink),
+        camera=replace(
+            full.camera,
+            jitter_px=(sample_jitter(offset[0], block), sample_jitter(offset[1], block)),
+        ),
+        view=View(
+            display=(height // block, width // block),
+            top=full.view.top // block,
+            left=full.view.left // block,
+        ),
+    )
+
+
+def averaged(full: Frame, k: int) -> Frame:
+    """Make a frame of K x K samples a pixel: means, or the middle sample where means mislead."""
+    if k == 1:
+        return full
+
+    def shrink(buffer: Buffer, tensor: Tensor) -> Tensor:
+        if BUFFER_SPECS[buffer].resampling is Resampling.SAMPLE:
+            small = decimate(tensor, k, (k // 2, k // 2)).contiguous()
+            return small / k if buffer in VECTOR_BUFFERS else small
+        mean = box_mean(tensor, k)
+        return F.normalize(mean, dim=1, eps=1e-6) if buffer is Buffer.NORMAL else mean
+
+    height, width = full.view.display
+    view = View(
+        display=(height // k, width // k), top=full.view.top // k, left=full.view.left // k
+    )
+    return replace(full, gbuffer=full.gbuffer.map(shrink), view=view)
+
+
+def checked(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
+    """Apply the policy for NaN and Inf; return the frame and the number of bad values.
+
+    Raises:
+        FrameFolderError: policy `error` and a bad value; names folder, frame and buffer.
+    """
+    counts = {
+        buffer: int((~torch.isfinite(tensor)).sum())
+        for buffer, tensor in frame.gbuffer.items()
+        if tensor.is_floating_point()
+    }
+    bad = {buffer: count for buffer, count in counts.items() if count}
+    if not bad:
+        return frame, 0
+    if policy is NonfinitePolicy.ERROR:
+        listed = ", ".join(f"{count} values of '{b}'" for b, count in bad.items())
+        raise FrameFolderError(
+            f"{frame.gbuffer.where}: {listed} are NaN or Inf; render the frame again, or choose "
+            "--on-nonfinite zero|inpaint"
+        )
+    fixed = {buffer: _repaired(frame.gbuffer[buffer], policy) for buffer in bad}
+    return replace(frame, gbuffer=frame.gbuffer.with_buffers(fixed)), sum(bad.values())
+
+
+def _repaired(image: Tensor, policy: NonfinitePolicy) -> Tensor:
+    finite = torch.isfinite(image).all(1, keepdim=True)
+    zeroed = torch.where(torch.isfinite(image), image, torch.zeros_like(image))
+    if policy is NonfinitePolicy.ZERO:
+        return zeroed
+    filled, _ = grow_valid(zeroed, finite.to(image.dtype), INPAINT_STEPS)
+    return filled
+
+
+def simulated_pairs(capture: FrameReader, simulation: Simulation) -> SimulatedPairs:
+    """Check that a capture can be decimated.
+
+    Raises:
+        FrameFolderError: its size is not a multiple of the block.
+    """
+    height, width = capture.size
+    offsets = (capture.region.left, capture.region.top)
+    if any(v % simulation.block for v in (height, width, *offsets)):
+        raise FrameFolderError(
+            f"{capture.frames.root}: {width} x {height} pixels at {offsets} cannot be decimated "
+            f"by {simulation.block}; choose a scale that divides them, or crop the frames"
+        )
+    return SimulatedPairs(capture=capture, simulation=simulation)
+
+
+def real_pairs(lr: FrameReader, hr: FrameReader | None, scale: int | None) -> RealPairs:
+    """Match LR and HR frames.
+
+    Args:
+        lr: the frames to enlarge.
+        hr: their G-buffers at the target size, or None.
+        scale: as asked for, or None to take it from the sizes.
+
+    Raises:
+        FrameFolderError: HR lacks a frame, is no multiple of LR, or contradicts `scale`.
+    """
+    if hr is None:
+        if scale is None:
+            raise FrameFolderError(
+                f"{lr.frames.root}: there are no HR frames to take the scale from; add "
+                "'hr/', name it with --hr, or give --scale (--simulate-lr makes LR frames)"
+            )
+        return RealPairs(lr=lr, hr=None, scale=scale)
+    (lr_h, lr_w), (hr_h, hr_w) = lr.size, hr.size
+    ratio = hr_w // lr_w
+    if ratio < 1 or (hr_h, hr_w) != (lr_h * ratio, lr_w * ratio):
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR is {hr_w} x {hr_h}, which is no whole multiple of LR "
+            f"{lr_w} x {lr_h} in {lr.frames.root}; render both with one ratio"
+        )
+    if scale is not None and scale != ratio:
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR is {ratio} times the size of LR, not {scale} times; "
+            f"leave --scale out, or give frames of that ratio"
+        )
+    lacking = sorted(set(lr.numbers) - set(hr.numbers))
+    if lacking:
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR lacks frames {ranges(lacking)} that LR has in "
+            f"{lr.frames.root}"
+        )
+    return RealPairs(lr=lr, hr=hr, scale=ratio)
+
+
+def without_radiance(gbuffer: GBuffer) -> GBuffer:
+    """Return a G-buffer less its radiance."""
+    return gbuffer.only(set(gbuffer) - RADIANCE_BUFFERS)
