@@ -251,4 +251,3 @@ def derive(frame: Frame, wanted: Collection[Buffer], config: DerivationConfig) -
 def has_matrices(camera: CameraMetadata) -> bool:
     """Tell whether view cosines follow from this camera."""
     return camera.world_to_camera is not None and camera.world_to_ndc is not None
-

@@ -137,5 +137,5 @@ def nonnegative(stored: Color) -> Color:
 def _needs_camera(where: str, what: str) -> str:
     return (
         f"{where}: {what} needs the camera matrices worldToCamera and worldToNDC; "
-        "the header has none: give them in a side-car (capture.toml: camera = \"camera.csv\")"
+        'the header has none: give them in a side-car (capture.toml: camera = "camera.csv")'
     )

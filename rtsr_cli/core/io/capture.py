@@ -89,9 +89,7 @@ class JitterSequence(_Strict):
     def at(self, number: int) -> Jitter:
         """Offset of a frame: Halton(2,3) - 0.5, times `scale`."""
         index = (number - self.first_frame) % self.period + 1
-        x, y = (
-            (radical_inverse(index, base) - 0.5) * self.scale for base in HALTON_BASES
-        )
+        x, y = ((radical_inverse(index, base) - 0.5) * self.scale for base in HALTON_BASES)
         return x, y
 
 
@@ -154,9 +152,7 @@ def _numbers(value: object) -> object:
     return value
 
 
-Matrix = Annotated[
-    list[float], Field(min_length=16, max_length=16), BeforeValidator(_numbers)
-]
+Matrix = Annotated[list[float], Field(min_length=16, max_length=16), BeforeValidator(_numbers)]
 
 
 class CameraRow(_Strict):

@@ -150,9 +150,7 @@ def _available(
     """Resolve required buffers plus those optional ones that can be had."""
 
     def resolve(buffers: Collection[Buffer]) -> Needs:
-        return needs(
-            buffers, reader.stored, has_camera=reader.has_camera, config=inputs.derivation
-        )
+        return needs(buffers, reader.stored, has_camera=reader.has_camera, config=inputs.derivation)
 
     extra = tuple(b for b in optional if not resolve((b,)).missing)
     used = (*wanted, *extra)
@@ -195,7 +193,9 @@ class RealPairs:
 
     def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
         """Files of both resolutions."""
-        found = self.lr.files(number, _available(inputs.lr, inputs.lr_optional, self.lr, inputs)[0].read)
+        found = self.lr.files(
+            number, _available(inputs.lr, inputs.lr_optional, self.lr, inputs)[0].read
+        )
         if self.hr is None or not inputs.hr + inputs.hr_optional:
             return found
         wanted = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)[0].read
@@ -257,23 +257,22 @@ class SimulatedPairs:
         lr_needs, lr_used = _available(inputs.lr, inputs.lr_optional, self.capture, inputs)
         hr_needs, hr_used = _available(inputs.hr, inputs.hr_optional, self.capture, inputs)
         full = self.capture.read(number, lr_needs.read | hr_needs.read)
-        lr, fixed = checked(
-            decimated(full, lr_needs.read, self.simulation), inputs.on_nonfinite
-        )
+        lr, fixed = checked(decimated(full, lr_needs.read, self.simulation), inputs.on_nonfinite)
         lr = derive(lr, lr_used, inputs.derivation)
         if not hr_used:
             return FramePair(lr, None, fixed)
         at_hr = replace(full, gbuffer=full.gbuffer.only(hr_needs.read - RADIANCE_BUFFERS))
         hr, fixed_hr = checked(at_hr, inputs.on_nonfinite)
-        hr = averaged(
-            derive(hr, hr_used, inputs.derivation), self.simulation.samples_per_pixel
-        )
+        hr = averaged(derive(hr, hr_used, inputs.derivation), self.simulation.samples_per_pixel)
         return FramePair(lr, hr, fixed + fixed_hr)
 
 
 def _shrunk(window: Window, k: int) -> Window:
     return Window(
-        left=window.left // k, top=window.top // k, width=window.width // k, height=window.height // k
+        left=window.left // k,
+        top=window.top // k,
+        width=window.width // k,
+        height=window.height // k,
     )
 
 
@@ -317,9 +316,7 @@ def averaged(full: Frame, k: int) -> Frame:
         return F.normalize(mean, dim=1, eps=1e-6) if buffer is Buffer.NORMAL else mean
 
     height, width = full.view.display
-    view = View(
-        display=(height // k, width // k), top=full.view.top // k, left=full.view.left // k
-    )
+    view = View(display=(height // k, width // k), top=full.view.top // k, left=full.view.left // k)
     return replace(full, gbuffer=full.gbuffer.map(shrink), view=view)
 
 
@@ -405,8 +402,7 @@ def real_pairs(lr: FrameReader, hr: FrameReader | None, scale: int | None) -> Re
     lacking = sorted(set(lr.numbers) - set(hr.numbers))
     if lacking:
         raise FrameFolderError(
-            f"{hr.frames.root}: HR lacks frames {ranges(lacking)} that LR has in "
-            f"{lr.frames.root}"
+            f"{hr.frames.root}: HR lacks frames {ranges(lacking)} that LR has in {lr.frames.root}"
         )
     return RealPairs(lr=lr, hr=hr, scale=ratio)
 

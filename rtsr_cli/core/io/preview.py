@@ -26,7 +26,11 @@ def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
         # the temporary name ends in no image suffix, so the format is named here
         output = oiio.ImageOutput.create("png")
         spec = oiio.ImageSpec(rgb.shape[1], rgb.shape[0], rgb.shape[2], "uint8")
-        if not (output.open(str(part), spec) and output.write_image(rgb) and output.close()):
+        if not (
+            output.open(str(part), spec)
+            and output.write_image(np.ascontiguousarray(rgb))
+            and output.close()
+        ):
             raise OutputError(f"{path}: {output.geterror()}")
 
     write_atomically(path, write)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -84,6 +84,24 @@ class FrameReader:
             camera.world_to_camera is not None and camera.world_to_ndc is not None
             for camera in self.cameras.values()
         )
+
+    @property
+    def resets(self) -> frozenset[int]:
+        """Frames before which history ends: declared cuts, and stand-ins on both sides."""
+        cuts = {n for n, camera in self.cameras.items() if camera.cut}
+        return frozenset(cuts | set(self.held) | {n + self.step for n in self.held})
+
+    @property
+    def declaration(self) -> object:
+        """What, beside the files' bytes, decides how they are understood; plain values."""
+        return [self.layout.name, asdict(self.conventions), self.step, asdict(self.region)]
+
+    def camera_values(self, number: int) -> object:
+        """Return a frame's camera as plain values."""
+        camera = self.cameras[number]
+        matrices = (camera.world_to_camera, camera.world_to_ndc)
+        listed = [None if m is None else m.flatten().tolist() for m in matrices]
+        return [listed, camera.jitter_px, camera.pre_exposure, number in self.resets]
 
     @property
     def view(self) -> View:
@@ -327,9 +345,7 @@ def open_frames(
 def _survey(frames: FrameSet) -> dict[str, dict[int, ExrHeader]]:
     with ThreadPoolExecutor(SURVEY_THREADS) as pool:
         return {
-            key: dict(
-                zip(stream.files, pool.map(read_header, stream.files.values()), strict=True)
-            )
+            key: dict(zip(stream.files, pool.map(read_header, stream.files.values()), strict=True))
             for key, stream in frames.streams.items()
         }
 

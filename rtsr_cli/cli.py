@@ -1,0 +1,90 @@
+"""The `rtsr` command: names and help in one table, a command imported only when it runs."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+from importlib import import_module
+from typing import NoReturn
+
+import click
+
+from rtsr_cli import __version__
+from rtsr_cli.core.errors import RtsrError
+
+COMMANDS = {
+    "precompute-lut": "Write the split-sum BRDF table (A and B over NoV and roughness).",
+    "demodulate": "Divide radiance into lighting and material, or multiply back.",
+    "upscale": "Reconstruct high-resolution frames from low-resolution ones.",
+    "systems": "List the systems, their inputs, scales and weights.",
+}
+"""Command -> one-line help; `predict-vrs` lives in `commands/predict_vrs.py`."""
+
+EXIT_REFUSED = 3
+"""Exit code of an input that is refused; usage errors are click's 2, failed frames 1."""
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands' names and help without importing them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the commands in the table's order."""
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import one command."""
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"rtsr_cli.commands.{cmd_name.replace('-', '_')}")
+        command: click.Command = module.command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Resolve a name, or suggest the nearest one."""
+        name = args[0]
+        if name not in COMMANDS and not name.startswith("-"):
+            close = difflib.get_close_matches(name, COMMANDS, n=1)
+            hint = (
+                f", did you mean '{close[0]}'?" if close else f"; there are {', '.join(COMMANDS)}"
+            )
+            ctx.fail(f"no command is called '{name}'{hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table without importing a command."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run a command; what a user can cause ends in one message and an exit code."""
+        try:
+            return super().invoke(ctx)
+        except RtsrError as error:
+            click.echo(f"Error: {error}", err=True)
+            ctx.exit(EXIT_REFUSED)
+        except BrokenPipeError:
+            # the reader of a pipe went away; nothing is left to tell it
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            ctx.exit(1)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="rtsr")
+def group() -> None:
+    """Neural reconstruction for real-time rendering, over folders of EXR frames.
+
+    Point it at any engine's EXR folder: every command says what it understood and refuses what
+    is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused.
+    """
+
+
+def main() -> NoReturn:
+    """Entry point of `rtsr`."""
+    group(prog_name="rtsr")
+    raise AssertionError("click ends the process")

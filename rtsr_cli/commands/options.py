@@ -1,0 +1,123 @@
+"""Options and parameter types that two or more commands take.
+
+Validation is in the parameter types, so that the library sees good values only.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import logging
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from fileseq import FrameSet as FrameRange
+from fileseq.exceptions import ParseException
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Frames(click.ParamType[frozenset[int]]):
+    """Frame ranges: 1-100, 1-100x2, 1-3,5,7-20; negative numbers allowed."""
+
+    name = "RANGE"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> frozenset[int]:
+        """Parse with fileseq."""
+        if isinstance(value, frozenset):
+            return value
+        try:
+            return frozenset(int(n) for n in FrameRange(value))
+        except (ParseException, ValueError):
+            self.fail(f"'{value}' is no frame range; write 1-100, 1-100x2 or 1-3,7", param, ctx)
+
+
+class ShardOf(click.ParamType[tuple[int, int]]):
+    """Part i of n."""
+
+    name = "I/N"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Parse i/n with 1 <= i <= n."""
+        if isinstance(value, tuple):
+            return value
+        index, _, count = str(value).partition("/")
+        if not (index.isdigit() and count.isdigit() and 1 <= int(index) <= int(count)):
+            self.fail(f"'{value}' is no shard; write 1/4 to 4/4", param, ctx)
+        return int(index), int(count)
+
+
+FOLDER = click.Path(path_type=Path)
+
+input_folder = click.argument("in_folder", metavar="IN", type=FOLDER)
+output_folder = click.argument("out_folder", metavar="OUT", type=FOLDER)
+
+frames = click.option(
+    "--frames", type=Frames(), help="Write these frames only; history still reads the others."
+)
+shard = click.option("--shard", type=ShardOf(), help="Write part I of N of each shot.")
+layout = click.option("--layout", metavar="NAME", help="Channel layout; detected by default.")
+capture = click.option(
+    "--capture", "capture_file", type=FOLDER, metavar="FILE",
+    help="Declarations in place of the shot's capture.toml.",
+)  # fmt: skip
+jobs = click.option(
+    "--jobs", type=click.IntRange(1, 64), default=2, show_default=True,
+    help="Threads that read, and threads that write.",
+)  # fmt: skip
+overwrite = click.option(
+    "--overwrite", is_flag=True, help="Replace files that are stale or not rtsr's."
+)
+on_missing = click.option(
+    "--on-missing", type=click.Choice(["error", "skip", "hold"]), default="error",
+    show_default=True, help="Holes in the numbering.",
+)  # fmt: skip
+on_nonfinite = click.option(
+    "--on-nonfinite", type=click.Choice(["error", "zero", "inpaint"]), default="error",
+    show_default=True, help="NaN and Inf in an input.",
+)  # fmt: skip
+dry_run = click.option("--dry-run", is_flag=True, help="Check everything, write nothing.")
+as_json = click.option("--json", "as_json", is_flag=True, help="One event a line, as JSON.")
+
+
+def _verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:
+    del ctx
+    step = 10 if param.name == "quiet" else -10
+    root = logging.getLogger("rtsr")
+    root.setLevel((root.level or logging.WARNING) + step * value)
+    return value
+
+
+verbose = click.option("-v", "--verbose", count=True, callback=_verbosity, expose_value=False,
+                       help="Say more.")  # fmt: skip
+quiet = click.option("-q", "--quiet", count=True, callback=_verbosity, expose_value=False,
+                     help="Say less.")  # fmt: skip
+
+
+def reads_frames(function: F) -> F:
+    """Options of every command that reads frames."""
+    for option in (
+        quiet, verbose, as_json, dry_run, on_nonfinite, on_missing, jobs, shard, frames,
+        capture, layout,
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """Say that a name does not exist, and which one may have been meant."""
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    hint = f", did you mean '{close[0]}'?" if close else ""
+    return f"no {kind} is called '{name}'{hint} (there are: {', '.join(names)})"
+
+
+def emit(event: dict[str, Any]) -> None:
+    """Print one JSON event."""
+    click.echo(json.dumps(event, sort_keys=True, default=str))

@@ -1,0 +1,176 @@
+"""Output frames: their names, their state on disk, and writing them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.imaging.color import MAX_HALF
+from rtsr_cli.core.io.exr import Window, write_exr
+from rtsr_cli.core.io.preview import preview, write_png
+from rtsr_cli.core.io.provenance import stamp_of
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.shapes import Color, Image
+
+PREVIEW_SUFFIX = ".png"
+
+
+class OutputState(StrEnum):
+    """What is there before a frame is computed."""
+
+    ABSENT = "absent"
+    DONE = "done"
+    FOREIGN = "foreign"
+
+
+def output_name(reader: FrameReader, number: int) -> str:
+    """`<name>.<frame>.exr` with the input's base name and digits (`0005.exr` without a name)."""
+    source = reader.path(number)
+    stem = source.name[: -len(source.suffix)]
+    digits = stem[len(reader.base) :].lstrip("._ ") if reader.base else stem
+    if number in reader.held:
+        digits = f"{number:0{len(digits)}d}"
+    return f"{reader.base}.{digits}.exr" if reader.base else f"{digits}.exr"
+
+
+def output_state(path: Path, stamp: str) -> OutputState:
+    """Tell whether a file is there, and whether it is the one that would be written."""
+    if not path.exists():
+        return OutputState.ABSENT
+    return OutputState.DONE if stamp_of(path) == stamp else OutputState.FOREIGN
+
+
+def refuse_foreign(paths: list[Path], command: str) -> None:
+    """Raise if files stand in the way that this run would not have written.
+
+    Raises:
+        OutputError: names the first and counts them.
+    """
+    if not paths:
+        return
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    raise OutputError(
+        f"{paths[0]}{more}: {command} did not write this from these inputs and settings; "
+        "choose another folder, or replace with --overwrite"
+    )
+
+
+def check_writable(folder: Path) -> None:
+    """Raise if a folder cannot be made or written to, before anything is computed.
+
+    Raises:
+        OutputError: names the folder.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".rtsr-probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot write here ({error.strerror}); check permissions, or choose "
+            "another output folder"
+        ) from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputFrame:
+    """One frame to write.
+
+    Attributes:
+        path: the EXR; a preview goes beside it.
+        color: linear radiance.
+        alpha: coverage, written as `A`, or None.
+        attributes: of the header.
+        windows: data and display window.
+        previews: also write a PNG.
+        debug: named pictures for a second EXR in `debug/`.
+    """
+
+    path: Path
+    color: Color
+    alpha: Image | None
+    attributes: Mapping[str, Any]
+    windows: tuple[Window, Window]
+    previews: bool = False
+    debug: Mapping[str, Image] | None = None
+
+    def write(self) -> None:
+        """Write EXR, picture and debug file; the EXR last, since it marks the frame as done.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
+        if self.previews:
+            write_png(self.path.with_suffix(PREVIEW_SUFFIX), preview(self.color))
+        if self.debug:
+            named = {f"{k}": v for k, v in self.debug.items()}
+            self._write(self.path.parent / "debug" / self.path.name, debug_channels(named))
+        channels = image_channels("", self.color, "RGB")
+        if self.alpha is not None:
+            channels |= image_channels("", self.alpha, "A")
+        self._write(self.path, channels)
+
+    def _write(self, path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
+        height, width = next(iter(channels.values())).shape
+        data, display = self.windows
+        if (height, width) != (data.height, data.width):
+            data = display = Window(left=0, top=0, width=width, height=height)
+        write_exr(
+            path, channels, attributes=self.attributes, data_window=data, display_window=display
+        )
+
+
+def to_half(plane: torch.Tensor) -> NDArray[np.float16]:
+    """Round to half; values beyond its range become its largest finite value."""
+    array: NDArray[np.float16] = plane.clamp(-MAX_HALF, MAX_HALF).to(torch.float16).cpu().numpy()
+    return array
+
+
+def image_channels(
+    prefix: str, image: Image, components: str, *, full: bool = False
+) -> dict[str, NDArray[Any]]:
+    """Name the planes of an image `prefix.component` (`component` without a prefix).
+
+    Args:
+        prefix: layer name.
+        image: 1 x c x h x w.
+        components: one letter a channel.
+        full: store float instead of half.
+    """
+    planes = image[0].float()
+    return {
+        f"{prefix}.{c}" if prefix else c: planes[i].cpu().numpy() if full else to_half(planes[i])
+        for i, c in enumerate(components)
+    }
+
+
+def debug_channels(pictures: Mapping[str, Image]) -> dict[str, NDArray[Any]]:
+    """Lay pictures of the largest size out as layers; smaller ones are repeated up to it."""
+    height = max(image.shape[-2] for image in pictures.values())
+    channels: dict[str, NDArray[Any]] = {}
+    for name, image in pictures.items():
+        factor = height // image.shape[-2]
+        large = image.repeat_interleave(factor, -2).repeat_interleave(factor, -1)
+        letters = {1: "Y", 2: "XY", 3: "RGB", 4: "RGBA"}.get(large.shape[1])
+        names = letters or "".join(chr(ord("a") + i) for i in range(large.shape[1]))
+        channels |= image_channels(name, large, names)
+    return channels
+
+
+def buffer_channels(buffer: Buffer, image: Image, *, full: bool = False) -> dict[str, Any]:
+    """Name a buffer's planes as the canonical layout does."""
+    components = BUFFER_SPECS[buffer].components
+    if not components:
+        plane = image[0, 0].float()
+        return {buffer.value: plane.cpu().numpy() if full else to_half(plane)}
+    return image_channels(buffer.value, image, components, full=full)

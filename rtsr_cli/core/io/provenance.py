@@ -1,0 +1,83 @@
+"""Where an output came from: stamps that tell a finished file from a stale or foreign one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from rtsr_cli import __version__
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.io.exr import read_header
+
+STAMP = "rtsr:stamp"
+"""Header attribute: hash of config, weights and inputs; no dates, no absolute paths."""
+
+DIGEST_BYTES = 16
+
+
+def digest(*parts: object) -> str:
+    """Hash a list of plain values (JSON; keys sorted)."""
+    text = json.dumps(parts, sort_keys=True, default=str, ensure_ascii=True)
+    return hashlib.blake2b(text.encode(), digest_size=DIGEST_BYTES).hexdigest()
+
+
+class FileDigests:
+    """Content hashes of input files, each file read once a run."""
+
+    def __init__(self) -> None:
+        """Start with nothing known."""
+        self._known: dict[Path, str] = {}
+        self._lock = Lock()
+
+    def of(self, path: Path) -> str:
+        """Hash a file's bytes.
+
+        Raises:
+            FrameFolderError: the file cannot be read.
+        """
+        with self._lock:
+            known = self._known.get(path)
+        if known is not None:
+            return known
+        try:
+            with path.open("rb") as file:
+                value = hashlib.file_digest(
+                    file, lambda: hashlib.blake2b(digest_size=DIGEST_BYTES)
+                ).hexdigest()
+        except OSError as error:
+            raise FrameFolderError(f"{path}: cannot be read ({error.strerror})") from error
+        with self._lock:
+            self._known[path] = value
+        return value
+
+    def of_all(self, paths: Sequence[Path]) -> str:
+        """Hash several files as one."""
+        return digest(*(self.of(path) for path in paths))
+
+
+def provenance(
+    *, command: str, config_hash: str, source: Path, stamp: str, extra: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Header attributes that every output carries."""
+    return {
+        "software": f"rtsr {__version__}",
+        "rtsr:version": __version__,
+        "rtsr:command": command,
+        "rtsr:configHash": config_hash,
+        "rtsr:sourceFrame": source.name,
+        STAMP: stamp,
+        **extra,
+    }
+
+
+def stamp_of(path: Path) -> str | None:
+    """Return the stamp of a file, None if it is no readable EXR of ours."""
+    try:
+        value = read_header(path).attributes.get(STAMP)
+    except RtsrError:
+        return None
+    return None if value is None else str(value)

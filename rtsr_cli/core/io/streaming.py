@@ -1,0 +1,79 @@
+"""Overlapping reading, computing and writing with bounded memory."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+Loaded = tuple[K, Future[V]]
+"""An item and its finished future; asking the future raises what loading raised."""
+
+
+def prefetch(load: Callable[[K], V], items: Iterable[K], jobs: int) -> Iterator[Loaded[K, V]]:
+    """Load items ahead in `jobs` threads and yield them in order.
+
+    At most `jobs` items are loaded or being loaded beside the one in use. An error of one item
+    is raised only when its future is asked, so that the others go on.
+    """
+    pending: deque[Loaded[K, V]] = deque()
+    iterator = iter(items)
+    with ThreadPoolExecutor(jobs, thread_name_prefix="rtsr-read") as pool:
+        try:
+            for item in iterator:
+                pending.append((item, pool.submit(load, item)))
+                if len(pending) > jobs:
+                    yield _finished(pending.popleft())
+            while pending:
+                yield _finished(pending.popleft())
+        finally:
+            for _, future in pending:
+                future.cancel()
+
+
+def _finished(loaded: Loaded[K, V]) -> Loaded[K, V]:
+    loaded[1].exception()
+    return loaded
+
+
+class BackgroundWriter(Generic[K]):
+    """Runs write calls in `jobs` threads, never more than `jobs + 1` waiting.
+
+    `done` yields each key with the error of its write, or None, in the order of submission.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        """Start the threads."""
+        self._pool = ThreadPoolExecutor(jobs, thread_name_prefix="rtsr-write")
+        self._pending: deque[tuple[K, Future[None]]] = deque()
+        self._limit = jobs + 1
+
+    def submit(self, key: K, write: Callable[[], None]) -> None:
+        """Queue a write."""
+        self._pending.append((key, self._pool.submit(write)))
+
+    def done(self, *, wait: bool = False) -> Iterator[tuple[K, BaseException | None]]:
+        """Yield finished writes; block while too many are queued, or for all if `wait`."""
+        while self._pending and (
+            wait or len(self._pending) >= self._limit or self._pending[0][1].done()
+        ):
+            key, future = self._pending.popleft()
+            yield key, future.exception()
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Finish what is being written; drop what is only queued if an error is under way."""
+        self._pool.shutdown(wait=True, cancel_futures=error is not None)

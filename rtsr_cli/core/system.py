@@ -1,0 +1,141 @@
+"""What a reconstruction system declares, so that loader, checks and loops follow from it.
+
+A system is one file in `models/`. Core runs any `System` and knows none by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from torch import nn
+
+from rtsr_cli.core.derive import DerivationConfig
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.shapes import Color, Image, TileMap
+
+State = Any
+"""What a recurrent system carries from frame to frame; opaque to core, None at a reset."""
+
+
+class Task(StrEnum):
+    """What a system predicts."""
+
+    UPSCALE = "upscale"
+    EXTRAPOLATE = "extrapolate"
+    PREDICT_VRS = "predict-vrs"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """What a system sees of one moment.
+
+    Attributes:
+        lr: the frame and its predecessors, newest first; shorter than `history_frames + 1`
+            where history is missing (start, cut, gap), so that a system decides what stands in.
+        hr: the current frame's G-buffer at the target size, without radiance; None if not asked.
+        scale: output pixels per LR pixel.
+    """
+
+    lr: tuple[Frame, ...]
+    hr: Frame | None = None
+    scale: int = 1
+
+    @property
+    def current(self) -> Frame:
+        """The frame to reconstruct."""
+        return self.lr[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """What a system gives back.
+
+    Attributes:
+        image: linear HDR radiance at the target size (upscaling, extrapolation).
+        tiles: one value a tile and rate (variable-rate shading).
+        state: carried to the next frame.
+        debug: named pictures of what the system saw and decided.
+    """
+
+    image: Color | None = None
+    tiles: TileMap | None = None
+    state: State = None
+    debug: Mapping[str, Image] = field(default_factory=dict)
+
+
+Predict = Callable[[nn.Module, Window, State], Prediction]
+"""`predict(network, window, state)`; `state` is None at a reset and for systems without one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """The declaration of a system.
+
+    Attributes:
+        name: what users type.
+        summary: one line.
+        citation: the publication, or what the method is known by.
+        task: what it predicts.
+        lr_inputs: buffers of the frame at the rendered size that it cannot do without.
+        lr_optional: buffers it uses where they are there.
+        hr_inputs: buffers of the current frame at the target size.
+        hr_optional: the same, optional.
+        scales: factors it was made for; empty = any whole factor.
+        history_frames: predecessors in the window.
+        recurrent: True if it carries state.
+        preroll_frames: frames that a shard replays before its first output.
+        halo_px: LR pixels that one output pixel depends on to each side; None = all of them,
+            so that the frame cannot be tiled.
+        derivation: what divides radiance.
+        config: frozen dataclass of its settings; the defaults are used.
+        build: makes the network from a config and a scale.
+        predict: runs it.
+        loss: training loss of a prediction against a target, None if not trained.
+        label: training labels of a window, None if it needs none.
+        weights: file name below `rtsr_cli/weights/`, with `{scale}`; None if it has none.
+    """
+
+    name: str
+    summary: str
+    citation: str
+    task: Task = Task.UPSCALE
+    lr_inputs: tuple[Buffer, ...]
+    lr_optional: tuple[Buffer, ...] = ()
+    hr_inputs: tuple[Buffer, ...] = ()
+    hr_optional: tuple[Buffer, ...] = ()
+    scales: tuple[int, ...] = ()
+    history_frames: int = 0
+    recurrent: bool = False
+    preroll_frames: int = 0
+    halo_px: int | None = 0
+    derivation: DerivationConfig = field(default_factory=DerivationConfig)
+    config: type[Any]
+    build: Callable[[Any, int], nn.Module]
+    predict: Predict
+    loss: Callable[[Prediction, Window, Color], Image] | None = None
+    label: Callable[[Window], Mapping[str, Image]] | None = None
+    weights: str | None = None
+
+    @property
+    def carries_history(self) -> bool:
+        """Tell whether an output depends on other frames than its own."""
+        return self.recurrent or self.history_frames > 0
+
+
+class NoNetwork(nn.Module):
+    """The network of a baseline: holds its config and no parameters."""
+
+    def __init__(self, config: Any) -> None:
+        """Keep the config."""
+        super().__init__()
+        self.config = config
+
+
+def build_baseline(config: Any, scale: int) -> nn.Module:
+    """`System.build` of a method without weights; any scale."""
+    del scale
+    return NoNetwork(config)

@@ -1,0 +1,47 @@
+"""The systems, by name; none is imported before it is asked for.
+
+A new system is its file and one line in `SYSTEM_MODULES`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from rtsr_cli.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rtsr_cli.core.system import System
+
+SYSTEM_MODULES = {
+    "bicubic": "bicubic",
+    "demod-bicubic": "bicubic",
+    "taau": "taau",
+}
+"""System name -> module of this package; the order is that of listings."""
+
+PREFERENCE = ("demod-bicubic", "bicubic")
+"""What `upscale` uses by default: the first of these that the inputs allow."""
+
+
+def system_names() -> tuple[str, ...]:
+    """Every system's name, without importing one."""
+    return tuple(SYSTEM_MODULES)
+
+
+def load_system(name: str) -> System:
+    """Import a system's module and return its declaration.
+
+    Raises:
+        ConfigError: there is no such system; suggests one.
+    """
+    if name not in SYSTEM_MODULES:
+        close = difflib.get_close_matches(name, SYSTEM_MODULES, n=1)
+        hint = f", did you mean '{close[0]}'?" if close else ""
+        raise ConfigError(
+            f"no system is called '{name}'{hint} (there are: {', '.join(SYSTEM_MODULES)})"
+        )
+    module = import_module(f"rtsr_cli.models.{SYSTEM_MODULES[name]}")
+    systems: tuple[System, ...] = module.SYSTEMS
+    return next(system for system in systems if system.name == name)
