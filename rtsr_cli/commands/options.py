@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from fileseq import FrameSet as FrameRange
 from fileseq.exceptions import ParseException
+from fileseq.frameset import FrameSet as FrameRange
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -64,24 +64,36 @@ frames = click.option(
 shard = click.option("--shard", type=ShardOf(), help="Write part I of N of each shot.")
 layout = click.option("--layout", metavar="NAME", help="Channel layout; detected by default.")
 capture = click.option(
-    "--capture", "capture_file", type=FOLDER, metavar="FILE",
+    "--capture",
+    "capture_file",
+    type=FOLDER,
+    metavar="FILE",
     help="Declarations in place of the shot's capture.toml.",
-)  # fmt: skip
+)
 jobs = click.option(
-    "--jobs", type=click.IntRange(1, 64), default=2, show_default=True,
+    "--jobs",
+    type=click.IntRange(1, 64),
+    default=2,
+    show_default=True,
     help="Threads that read, and threads that write.",
-)  # fmt: skip
+)
 overwrite = click.option(
     "--overwrite", is_flag=True, help="Replace files that are stale or not rtsr's."
 )
 on_missing = click.option(
-    "--on-missing", type=click.Choice(["error", "skip", "hold"]), default="error",
-    show_default=True, help="Holes in the numbering.",
-)  # fmt: skip
+    "--on-missing",
+    type=click.Choice(["error", "skip", "hold"]),
+    default="error",
+    show_default=True,
+    help="Holes in the numbering.",
+)
 on_nonfinite = click.option(
-    "--on-nonfinite", type=click.Choice(["error", "zero", "inpaint"]), default="error",
-    show_default=True, help="NaN and Inf in an input.",
-)  # fmt: skip
+    "--on-nonfinite",
+    type=click.Choice(["error", "zero", "inpaint"]),
+    default="error",
+    show_default=True,
+    help="NaN and Inf in an input.",
+)
 dry_run = click.option("--dry-run", is_flag=True, help="Check everything, write nothing.")
 as_json = click.option("--json", "as_json", is_flag=True, help="One event a line, as JSON.")
 
@@ -94,18 +106,29 @@ def _verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:
     return value
 
 
-verbose = click.option("-v", "--verbose", count=True, callback=_verbosity, expose_value=False,
-                       help="Say more.")  # fmt: skip
-quiet = click.option("-q", "--quiet", count=True, callback=_verbosity, expose_value=False,
-                     help="Say less.")  # fmt: skip
+verbose = click.option(
+    "-v", "--verbose", count=True, callback=_verbosity, expose_value=False, help="Say more."
+)
+quiet = click.option(
+    "-q", "--quiet", count=True, callback=_verbosity, expose_value=False, help="Say less."
+)
 
 
 def reads_frames(function: F) -> F:
     """Options of every command that reads frames."""
     for option in (
-        quiet, verbose, as_json, dry_run, on_nonfinite, on_missing, jobs, shard, frames,
-        capture, layout,
-    ):  # fmt: skip
+        quiet,
+        verbose,
+        as_json,
+        dry_run,
+        on_nonfinite,
+        on_missing,
+        jobs,
+        shard,
+        frames,
+        capture,
+        layout,
+    ):
         function = option(function)
     return function
 

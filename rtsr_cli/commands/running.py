@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import click
@@ -17,18 +16,21 @@ from torch import nn
 from tqdm import tqdm
 
 from rtsr_cli.commands.options import emit
-from rtsr_cli.core import demodulating, upscaling
+from rtsr_cli.core import demodulating, planning, upscaling
 from rtsr_cli.core.demodulating import DemodulateOptions, FrameReport
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import ReadOptions, open_pairs, open_radiance
-from rtsr_cli.core.io.pairs import Inputs, JitterMode, NonfinitePolicy, PairSource, Simulation
-from rtsr_cli.core.io.reading import MissingPolicy, ranges
+from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.io.selection import Selection, Shard
+from rtsr_cli.core.io.simulation import JitterMode, Simulation
+from rtsr_cli.core.io.survey import MissingPolicy, ranges
+from rtsr_cli.core.planning import Precision, ShotPlan, UpscaleOptions
 from rtsr_cli.core.system import System
-from rtsr_cli.core.upscaling import FrameEvent, Precision, ShotPlan, Status, UpscaleOptions
+from rtsr_cli.core.upscaling import FrameEvent, Status
 from rtsr_cli.models import PREFERENCE, load_system
 
 FAILED = 1
@@ -86,20 +88,20 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
     for name, source in _pairs(chosen):
         system = _system(chosen["system"], source, base)
         network = system.build(system.config(), source.scale).eval().to(options.device)
-        plan = upscaling.plan_shot(
+        plan = planning.plan_shot(
             name,
             source,
             system,
-            inputs=upscaling.system_inputs(system, base),
+            inputs=planning.system_inputs(system, base),
             folder=chosen["out_folder"] / name,
             options=options,
             config=_stamped(chosen, system),
         )
-        jobs.append((plan, system, network))
-        _announce(chosen, plan, system)
+        jobs.append((plan, network))
+        _announce(chosen, plan)
     if chosen["dry_run"]:
         return 0
-    return _finish(chosen, _events(jobs, options), sum(len(p.pending) for p, _, _ in jobs))
+    return _finish(chosen, _events(jobs, options), sum(len(p.pending) for p, _ in jobs))
 
 
 def _pairs(chosen: Mapping[str, Any]) -> Iterator[tuple[str, PairSource]]:
@@ -126,7 +128,7 @@ def _system(name: str | None, source: PairSource, base: Inputs) -> System:
         return load_system(name)
     systems = [load_system(preferred) for preferred in PREFERENCE]
     for system in systems:
-        if not source.missing(upscaling.system_inputs(system, base)):
+        if not source.missing(planning.system_inputs(system, base)):
             return system
     return systems[-1]
 
@@ -134,14 +136,20 @@ def _system(name: str | None, source: PairSource, base: Inputs) -> System:
 def _stamped(chosen: Mapping[str, Any], system: System) -> object:
     """Choices that change the outputs' bytes."""
     names = (
-        "simulate_lr", "samples_per_pixel", "jitter", "lr_filter", "precision", "on_nonfinite",
-        "tile", "debug_buffers",
-    )  # fmt: skip
+        "simulate_lr",
+        "samples_per_pixel",
+        "jitter",
+        "lr_filter",
+        "precision",
+        "on_nonfinite",
+        "tile",
+        "debug_buffers",
+    )
     return [asdict(system.config()), asdict(system.derivation), [chosen[n] for n in names]]
 
 
-def _announce(chosen: Mapping[str, Any], plan: ShotPlan, system: System) -> None:
-    source = plan.source
+def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
+    source, system = plan.source, plan.system
     height, width = source.lr_size
     scale = source.scale
     facts = {
@@ -167,10 +175,10 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan, system: System) -> None
 
 
 def _events(
-    jobs: list[tuple[ShotPlan, System, nn.Module]], options: UpscaleOptions
+    jobs: list[tuple[ShotPlan, nn.Module]], options: UpscaleOptions
 ) -> Iterator[FrameEvent]:
-    for plan, system, network in jobs:
-        yield from upscaling.run_shot(plan, system, network, options)
+    for plan, network in jobs:
+        yield from upscaling.run_shot(plan, network, options)
 
 
 def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: int) -> int:

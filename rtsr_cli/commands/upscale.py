@@ -27,27 +27,58 @@ class SystemName(click.ParamType[str]):
 @opt.output_folder
 @click.option("--system", type=SystemName(), help="Default: the best that the inputs allow.")
 @click.option("--scale", type=click.IntRange(1, 16), help="Needed where there are no HR frames.")
-@click.option("--hr", "hr_folder", type=opt.FOLDER, metavar="DIR",
-              help="HR G-buffers of IN; IN/hr by default.")  # fmt: skip
-@click.option("--simulate-lr", type=click.IntRange(2, 16), metavar="S",
-              help="IN is an HR capture; make the LR frames by decimation.")  # fmt: skip
-@click.option("--samples-per-pixel", type=click.IntRange(1, 16), default=1, metavar="K",
-              help="The capture holds K x K samples of each output pixel.")  # fmt: skip
-@click.option("--jitter", type=click.Choice(["none", "halton"]), default="none",
-              help="Which sample of a block --simulate-lr keeps.")  # fmt: skip
-@click.option("--lr-filter", type=click.Choice(["none", "box", "blackman-harris"]),
-              default="none", help="Pixel filter of the simulated LR radiance.")  # fmt: skip
+@click.option(
+    "--hr",
+    "hr_folder",
+    type=opt.FOLDER,
+    metavar="DIR",
+    help="HR G-buffers of IN; IN/hr by default.",
+)
+@click.option(
+    "--simulate-lr",
+    type=click.IntRange(2, 16),
+    metavar="S",
+    help="IN is an HR capture; make the LR frames by decimation.",
+)
+@click.option(
+    "--samples-per-pixel",
+    type=click.IntRange(1, 16),
+    default=1,
+    metavar="K",
+    help="The capture holds K x K samples of each output pixel.",
+)
+@click.option(
+    "--jitter",
+    type=click.Choice(["none", "halton"]),
+    default="none",
+    help="Which sample of a block --simulate-lr keeps.",
+)
+@click.option(
+    "--lr-filter",
+    type=click.Choice(["none", "box", "blackman-harris"]),
+    default="none",
+    help="Pixel filter of the simulated LR radiance.",
+)
 @click.option("--preview", "previews", is_flag=True, help="A PNG beside each EXR.")
-@click.option("--tile", type=click.IntRange(min=0), metavar="PX",
-              help="Side of tiles in LR pixels; 0 = never; by the frame's size by default.")  # fmt: skip
+@click.option(
+    "--tile",
+    type=click.IntRange(min=0),
+    metavar="PX",
+    help="Side of tiles in LR pixels; 0 = never; by the frame's size by default.",
+)
 @click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
-@click.option("--precision", type=click.Choice(["fp32", "bf16", "fp16"]), default="fp32",
-              show_default=True, help="Number format of network layers.")  # fmt: skip
+@click.option(
+    "--precision",
+    type=click.Choice(["fp32", "bf16", "fp16"]),
+    default="fp32",
+    show_default=True,
+    help="Number format of network layers.",
+)
 @click.option("--debug-buffers", is_flag=True, help="Also write what the system saw and decided.")
 @opt.overwrite
 @opt.reads_frames
 @click.pass_context
-def command(ctx: click.Context, **chosen: Any) -> None:
+def command(ctx: click.Context, /, **chosen: Any) -> None:
     """Reconstruct the frames of IN at a higher resolution into OUT.
 
     IN holds shots: `shot/lr/*.exr` with `shot/hr/*.exr` beside it, or HR captures with

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.io.exr import read_header, write_exr
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.outputs import (
     OutputState,
     buffer_channels,
@@ -24,7 +25,6 @@ from rtsr_cli.core.io.outputs import (
     output_state,
     refuse_foreign,
 )
-from rtsr_cli.core.io.pairs import NonfinitePolicy, checked
 from rtsr_cli.core.io.provenance import FileDigests, digest, provenance
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
@@ -49,13 +49,13 @@ class DemodulateOptions:
         selection: which frames are written.
     """
 
-    derivation: DerivationConfig = DerivationConfig()
+    derivation: DerivationConfig = field(default_factory=DerivationConfig)
     inverse: bool = False
     full: bool = False
     jobs: int = 2
     overwrite: bool = False
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR
-    selection: Selection = Selection()
+    selection: Selection = field(default_factory=Selection)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,18 +138,20 @@ def plan_frames(
             options.full,
             options.on_nonfinite,
             reader.declaration,
-        ),  # fmt: skip
+        ),
         digests=FileDigests(),
     )
-    states = {
-        n: output_state(plan.path(n), plan.stamp(n)) if plan.path(n).exists()
-        else OutputState.ABSENT
-        for n in plan.selected
-    }  # fmt: skip
+    states = {n: _state(plan, n) for n in plan.selected}
     if not options.overwrite:
         foreign = [plan.path(n) for n, s in states.items() if s is OutputState.FOREIGN]
         refuse_foreign(foreign, f"rtsr {COMMAND}")
     return replace(plan, pending=tuple(n for n, s in states.items() if s is not OutputState.DONE))
+
+
+def _state(plan: DemodulatePlan, number: int) -> OutputState:
+    """State of one output; inputs are hashed only where it is there."""
+    path = plan.path(number)
+    return output_state(path, plan.stamp(number)) if path.exists() else OutputState.ABSENT
 
 
 def run_frames(plan: DemodulatePlan, options: DemodulateOptions) -> Iterator[FrameReport]:
@@ -193,13 +195,16 @@ def _written(writer: BackgroundWriter[FrameReport], *, wait: bool) -> Iterator[F
 
 def _write(plan: DemodulatePlan, number: int, channels: Mapping[str, Any]) -> Any:
     source = plan.reader.path(number)
-    attributes = read_header(source).attributes | provenance(
-        command=COMMAND,
-        config_hash=plan.config_hash,
-        source=source,
-        stamp=plan.stamp(number),
-        extra={},
-    )
+    attributes = {
+        **read_header(source).attributes,
+        **provenance(
+            command=COMMAND,
+            config_hash=plan.config_hash,
+            source=source,
+            stamp=plan.stamp(number),
+            extra={},
+        ),
+    }
 
     def write() -> None:
         write_exr(

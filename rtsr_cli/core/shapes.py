@@ -1,4 +1,4 @@
-"""Names for tensor shapes. All images are NCHW, float32, linear HDR unless a name says otherwise."""
+"""Names for tensor shapes. Images are NCHW float32, linear HDR unless a name says so."""
 
 from __future__ import annotations
 

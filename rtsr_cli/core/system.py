@@ -129,6 +129,8 @@ class System:
 class NoNetwork(nn.Module):
     """The network of a baseline: holds its config and no parameters."""
 
+    config: Any
+
     def __init__(self, config: Any) -> None:
         """Keep the config."""
         super().__init__()

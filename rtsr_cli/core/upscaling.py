@@ -1,14 +1,10 @@
-"""Running an upscaling system over shots: plan and check first, then stream.
-
-An output counts as done if its stamp is that of the present config and inputs, so that a run
-that was cut off, run again, writes what is missing and nothing else.
-"""
+"""Running an upscaling system over a planned shot: read ahead, predict, write behind."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -17,64 +13,18 @@ import torch
 from torch import nn
 
 from rtsr_cli.core import tiling
-from rtsr_cli.core.errors import FrameFolderError, OutputError, RtsrError
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
 from rtsr_cli.core.io.exr import read_header
-from rtsr_cli.core.io.outputs import (
-    PREVIEW_SUFFIX,
-    OutputFrame,
-    OutputState,
-    check_writable,
-    output_name,
-    output_state,
-    refuse_foreign,
-)
-from rtsr_cli.core.io.pairs import FramePair, Inputs, PairSource
-from rtsr_cli.core.io.provenance import FileDigests, digest, provenance
-from rtsr_cli.core.io.selection import Selection
+from rtsr_cli.core.io.outputs import OutputFrame, check_writable
+from rtsr_cli.core.io.pairs import FramePair
+from rtsr_cli.core.io.provenance import provenance
 from rtsr_cli.core.io.shots import remove_leftovers
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch
+from rtsr_cli.core.planning import AUTOCAST, COMMAND, ShotPlan, Stamps, UpscaleOptions
 from rtsr_cli.core.system import Prediction, State, System, Window
-
-COMMAND = "upscale"
-
-
-class Precision(StrEnum):
-    """Number format of network layers."""
-
-    FP32 = "fp32"
-    BF16 = "bf16"
-    FP16 = "fp16"
-
-
-AUTOCAST = {Precision.BF16: torch.bfloat16, Precision.FP16: torch.float16}
-
-
-@dataclass(frozen=True, kw_only=True)
-class UpscaleOptions:
-    """How to run.
-
-    Attributes:
-        device: torch device.
-        precision: of network layers.
-        jobs: threads that read, and threads that write.
-        tile: side of tiles in LR pixels; 0 = never, None = by the frame's size.
-        overwrite: replace files that are stale or foreign.
-        previews: PNG beside each EXR.
-        debug: EXR of what the system saw and decided.
-        selection: which frames are written.
-    """
-
-    device: str = "cpu"
-    precision: Precision = Precision.FP32
-    jobs: int = 2
-    tile: int | None = None
-    overwrite: bool = False
-    previews: bool = False
-    debug: bool = False
-    selection: Selection = Selection()
 
 
 class Status(StrEnum):
@@ -97,234 +47,10 @@ class FrameEvent:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShotPlan:
-    """One shot, checked and ready.
-
-    Attributes:
-        name: path relative to IN.
-        source: where frames come from.
-        sequence: their order and resets.
-        inputs: what the system reads.
-        folder: where outputs go.
-        selected: numbers whose outputs are asked for.
-        pending: those that are not done yet.
-        order: numbers to process, pending ones and the history they need.
-        config_hash: of system, config, weights and everything that was declared or chosen.
-    """
-
-    name: str
-    source: PairSource
-    sequence: FrameSequence
-    inputs: Inputs
-    folder: Path
-    selected: tuple[int, ...]
-    pending: frozenset[int]
-    order: tuple[int, ...]
-    config_hash: str
-    digests: FileDigests
-
-    def path(self, number: int) -> Path:
-        """Return the output of a frame."""
-        return self.folder / output_name(self.source.reader, number)
+Predictor = Callable[[Window, State], Prediction]
 
 
-def system_inputs(system: System, base: Inputs) -> Inputs:
-    """Return what to read for a system; alpha goes along where there is one."""
-    return replace(
-        base,
-        lr=system.lr_inputs,
-        hr=system.hr_inputs,
-        lr_optional=(*system.lr_optional, Buffer.ALPHA),
-        hr_optional=system.hr_optional,
-        derivation=system.derivation,
-    )
-
-
-def check_system(system: System, source: PairSource, inputs: Inputs) -> None:
-    """Raise if a shot cannot feed a system.
-
-    Raises:
-        FrameFolderError: names the folder, what is missing and what would help.
-    """
-    root = source.reader.frames.root
-    missing = source.missing(inputs)
-    if missing:
-        raise FrameFolderError(
-            f"{root}: system '{system.name}' cannot run, missing: {', '.join(missing)}. "
-            f"Layout '{source.reader.layout.name}' found: "
-            f"{', '.join(sorted(source.reader.stored))}. Render what is missing, declare it in "
-            "capture.toml, or choose another --system"
-        )
-    if system.scales and source.scale not in system.scales:
-        made_for = ", ".join(f"{s}x" for s in system.scales)
-        raise FrameFolderError(
-            f"{root}: system '{system.name}' is made for {made_for}, not {source.scale}x"
-        )
-
-
-def plan_shot(
-    name: str,
-    source: PairSource,
-    system: System,
-    *,
-    inputs: Inputs,
-    folder: Path,
-    options: UpscaleOptions,
-    config: object,
-) -> ShotPlan:
-    """Check one shot and find out what is left to do.
-
-    Args:
-        name: path relative to IN.
-        source: frames.
-        system: what to run.
-        inputs: from `system_inputs`.
-        folder: where outputs go.
-        options: how to run.
-        config: plain values that, beside the inputs' bytes, decide the outputs' bytes.
-
-    Raises:
-        RtsrError: an input is missing, an output is in the way; nothing has been computed.
-    """
-    check_system(system, source, inputs)
-    reader = source.reader
-    sequence = FrameSequence(
-        numbers=reader.numbers,
-        load_frame=lambda number: source.load(number, inputs).lr,
-        step=reader.step,
-        cuts=reader.resets,
-    )
-    selected = options.selection.of(reader.numbers)
-    plan = ShotPlan(
-        name=name,
-        source=source,
-        sequence=sequence,
-        inputs=inputs,
-        folder=folder,
-        selected=selected,
-        pending=frozenset(selected),
-        order=(),
-        config_hash=digest(system.name, config, reader.declaration, source.scale),
-        digests=FileDigests(),
-    )
-    _refuse_own_inputs(plan)
-    states = _states(plan, system, options)
-    if not options.overwrite:
-        refuse_foreign(
-            [plan.path(n) for n, state in states.items() if state is OutputState.FOREIGN],
-            f"rtsr {COMMAND}",
-        )
-    pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
-    order = _order(sequence, system, selected, pending, sharded=options.selection.shard is not None)
-    return replace(plan, pending=pending, order=order)
-
-
-def _refuse_own_inputs(plan: ShotPlan) -> None:
-    inputs = {
-        path.resolve()
-        for number in plan.selected[:1]
-        for path in plan.source.files(number, plan.inputs)
-    }
-    for number in plan.selected[:1]:
-        if plan.path(number).resolve() in inputs:
-            raise OutputError(
-                f"{plan.path(number)}: the output would replace its own input; "
-                "choose another output folder"
-            )
-
-
-def _states(plan: ShotPlan, system: System, options: UpscaleOptions) -> dict[int, OutputState]:
-    """State of every selected output; inputs are hashed only where an output is there."""
-    states: dict[int, OutputState] = {}
-    stamps = Stamps(plan, system, sharded=options.selection.shard is not None)
-    for number in plan.selected:
-        path = plan.path(number)
-        if not path.exists():
-            states[number] = OutputState.ABSENT
-            continue
-        state = output_state(path, stamps.of(number))
-        lacks_preview = options.previews and not path.with_suffix(PREVIEW_SUFFIX).exists()
-        absent = state is OutputState.DONE and lacks_preview
-        states[number] = OutputState.ABSENT if absent else state
-    return states
-
-
-def _starts(
-    sequence: FrameSequence, system: System, selected: Sequence[int], *, sharded: bool
-) -> dict[int, int]:
-    """For each selected number the first one whose input its output depends on."""
-    starts: dict[int, int] = {}
-    chosen = set(selected)
-    first = min(chosen, default=0)
-    for run in sequence.runs():
-        position = {number: i for i, number in enumerate(run)}
-        for number in (n for n in run if n in chosen):
-            reach = position[number] if system.recurrent else system.history_frames
-            if system.recurrent and sharded:
-                begin = position.get(first, 0)
-                reach = min(reach, position[number] - begin + system.preroll_frames)
-            starts[number] = run[max(0, position[number] - reach)]
-    return starts
-
-
-def _order(
-    sequence: FrameSequence,
-    system: System,
-    selected: Sequence[int],
-    pending: frozenset[int],
-    *,
-    sharded: bool,
-) -> tuple[int, ...]:
-    starts = _starts(sequence, system, selected, sharded=sharded)
-    needed: set[int] = set()
-    for run in sequence.runs():
-        for number in (n for n in run if n in pending):
-            needed |= {n for n in run if starts[number] <= n <= number}
-    return tuple(n for n in sequence.numbers if n in needed)
-
-
-class Stamps:
-    """Stamps of a shot's outputs: config, and the content of every input since the last reset."""
-
-    def __init__(self, plan: ShotPlan, system: System, *, sharded: bool) -> None:
-        """Prepare; nothing is read yet."""
-        self._plan = plan
-        self._starts = _starts(plan.sequence, system, plan.selected, sharded=sharded)
-        self._position = {n: i for i, n in enumerate(plan.sequence.numbers)}
-        self._inputs: dict[int, str] = {}
-        self._chains: dict[tuple[int, int], str] = {}
-
-    def of(self, number: int) -> str:
-        """Return the stamp of one output."""
-        return digest(self._plan.config_hash, self._chain(self._starts[number], number))
-
-    def _chain(self, start: int, number: int) -> str:
-        first, last = self._position[start], self._position[number]
-        begin, chain = first, ""
-        known = self._chains.get((start, self._plan.sequence.numbers[last - 1])) if last else None
-        if known is not None and last > first:
-            begin, chain = last, known
-        for n in self._plan.sequence.numbers[begin : last + 1]:
-            chain = digest(chain, self.input_digest(n))
-        self._chains[start, number] = chain
-        return chain
-
-    def input_digest(self, number: int) -> str:
-        """Hash a frame's files and camera; a file that cannot be read hashes as such."""
-        if number not in self._inputs:
-            source = self._plan.source
-            try:
-                content = self._plan.digests.of_all(source.files(number, self._plan.inputs))
-            except RtsrError:
-                content = "unreadable"
-            self._inputs[number] = digest(content, source.reader.camera_values(number))
-        return self._inputs[number]
-
-
-def run_shot(
-    plan: ShotPlan, system: System, network: nn.Module, options: UpscaleOptions
-) -> Iterator[FrameEvent]:
+def run_shot(plan: ShotPlan, network: nn.Module, options: UpscaleOptions) -> Iterator[FrameEvent]:
     """Compute and write what is pending; yield an event for every selected frame.
 
     A frame whose pixels turn out to be bad fails alone: history restarts after it.
@@ -336,31 +62,43 @@ def run_shot(
         return
     check_writable(plan.folder)
     remove_leftovers(plan.folder)
-    stamps = Stamps(plan, system, sharded=options.selection.shard is not None)
+    with BackgroundWriter[tuple[int, float]](options.jobs) as writer:
+        yield from _stream(plan, network, options, writer)
+        yield from _written(plan, writer, wait=True)
+
+
+def _stream(
+    plan: ShotPlan,
+    network: nn.Module,
+    options: UpscaleOptions,
+    writer: BackgroundWriter[tuple[int, float]],
+) -> Iterator[FrameEvent]:
+    """Predict the frames in order and queue the pending ones for writing."""
+    stamps = Stamps(plan)
+    history = History(plan.sequence, plan.system, plan.source.scale)
+    predict = _predictor(plan.system, network, options)
 
     def load(number: int) -> FramePair:
         stamps.input_digest(number)
-        return plan.source.load(number, plan.inputs)
+        return plan.source.load(number, plan.inputs).to(options.device)
 
-    history = History(plan.sequence, system, plan.source.scale)
-    failed: list[tuple[int, str]] = []
-    with BackgroundWriter[tuple[int, float]](options.jobs) as writer:
-        for number, future in prefetch(load, plan.order, options.jobs):
-            started = time.perf_counter()
-            try:
-                pair = future.result()
-                prediction = history.advance(pair, _predictor(system, network, options))
-            except RtsrError as error:
-                history.reset()
-                failed.append((number, str(error)))
-                continue
-            if number in plan.pending:
-                frame = _output(plan, number, pair, prediction, stamps.of(number), options)
-                writer.submit((number, time.perf_counter() - started), frame.write)
-            yield from _written(plan, writer, wait=False)
-        yield from _written(plan, writer, wait=True)
-    for number, message in failed:
-        yield _event(plan, number, Status.FAILED, message)
+    for number, future in prefetch(load, plan.order, options.jobs):
+        started = time.perf_counter()
+        try:
+            pair = future.result()
+            prediction = history.advance(pair, predict)
+        except RtsrError as error:
+            history.reset()
+            yield _event(plan, number, Status.FAILED, str(error))
+            continue
+        if number in plan.pending:
+            frame = _output(plan, pair, prediction, stamps.of(number))
+            frame = replace(frame, previews=options.previews)
+            debug = prediction.debug if options.debug else None
+            writer.submit(
+                (number, time.perf_counter() - started), replace(frame, debug=debug).write
+            )
+        yield from _written(plan, writer, wait=False)
 
 
 class History:
@@ -380,9 +118,7 @@ class History:
         self._state = None
         self._previous = None
 
-    def advance(
-        self, pair: FramePair, predict: Callable[[Window, State], Prediction]
-    ) -> Prediction:
+    def advance(self, pair: FramePair, predict: Predictor) -> Prediction:
         """Predict the next frame from what is remembered, and remember it."""
         number = pair.lr.number
         if not self._sequence.follows(number, self._previous):
@@ -395,61 +131,42 @@ class History:
         return prediction
 
 
-def _predictor(
-    system: System, network: nn.Module, options: UpscaleOptions
-) -> Callable[[Window, State], Prediction]:
+def _predictor(system: System, network: nn.Module, options: UpscaleOptions) -> Predictor:
     has_weights = any(True for _ in network.parameters())
     cast = AUTOCAST.get(options.precision) if has_weights else None
     device = torch.device(options.device)
 
     def predict(window: Window, state: State) -> Prediction:
-        moved = replace(
-            window,
-            lr=tuple(frame.to(device) for frame in window.lr),
-            hr=None if window.hr is None else window.hr.to(device),
-        )
+        # a tile has no debug picture of the whole
         requested = 0 if options.debug else options.tile
         side = tiling.tile_side(system, window.current.size, window.scale, requested)
         with torch.inference_mode(), torch.autocast(device.type, cast, enabled=cast is not None):
-            return tiling.predict(system, network, moved, state, side)
+            return tiling.predict(system, network, window, state, side)
 
     return predict
 
 
-def _output(
-    plan: ShotPlan,
-    number: int,
-    pair: FramePair,
-    prediction: Prediction,
-    stamp: str,
-    options: UpscaleOptions,
-) -> OutputFrame:
-    reader = plan.source.reader
-    source = reader.path(number)
-    alpha = pair.lr.gbuffer.buffers.get(Buffer.ALPHA)
+def _output(plan: ShotPlan, pair: FramePair, prediction: Prediction, stamp: str) -> OutputFrame:
+    number, scale = pair.lr.number, plan.source.scale
+    source = plan.source.reader.path(number)
     if prediction.image is None:
-        raise FrameFolderError(f"{source}: the system gave no image")
-    jitter_px = pair.lr.camera.jitter_px
-    extra = {"rtsr:nonfinite": pair.fixed} if pair.fixed else {}
+        raise FrameFolderError(f"{source}: system '{plan.system.name}' gave no image")
+    alpha = pair.lr.gbuffer.buffers.get(Buffer.ALPHA)
+    if alpha is not None:
+        alpha = upsample_bicubic(alpha, scale, pair.lr.camera.jitter_px).clamp(0.0, 1.0)
+    known = provenance(
+        command=COMMAND,
+        config_hash=plan.config_hash,
+        source=source,
+        stamp=stamp,
+        extra={"rtsr:system": plan.system.name, "rtsr:nonfinite": pair.fixed},
+    )
     return OutputFrame(
         path=plan.path(number),
         color=prediction.image,
-        alpha=None
-        if alpha is None
-        else upsample_bicubic(alpha, plan.source.scale, jitter_px).clamp(0.0, 1.0),
-        attributes={
-            **read_header(source).attributes,
-            **provenance(
-                command=COMMAND,
-                config_hash=plan.config_hash,
-                source=source,
-                stamp=stamp,
-                extra=extra,
-            ),
-        },
+        alpha=alpha,
+        attributes={**read_header(source).attributes, **known},
         windows=plan.source.output_window,
-        previews=options.previews,
-        debug=prediction.debug if options.debug else None,
     )
 
 

@@ -11,6 +11,7 @@ are free of the offset that decimation leaves; no history.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import nn
@@ -90,10 +91,11 @@ def _upsample_where(color: Color, mask: Mask, frame: Frame, scale: int) -> Color
 def predict_demod_bicubic(network: nn.Module, window: Window, state: State) -> Prediction:
     """Enlarge lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     del state
+    config = cast(DemodBicubicConfig, network.config)
     frame, hr, scale = window.current, window.hr, window.scale
     if hr is None:
         raise MissingBufferError(f"{frame.gbuffer.where}: demod-bicubic needs HR material")
-    lighting = upsample_lighting(frame, scale, network.config.grow_px)
+    lighting = upsample_lighting(frame, scale, config.grow_px)
     emission = hr.gbuffer.buffers.get(Buffer.EMISSION)
     surface = remodulate(lighting, hr.gbuffer[Buffer.MATERIAL], emission)
     sky = _upsample_where(frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY], frame, scale)

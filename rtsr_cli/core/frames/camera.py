@@ -62,14 +62,16 @@ class CameraMetadata:
         """Camera position in world space (3 values), None if unknown."""
         if self.world_to_camera is None:
             return None
-        return torch.linalg.inv(self.world_to_camera)[3, :3]
+        to_world: Tensor = torch.linalg.inv(self.world_to_camera)
+        return to_world[3, :3]
 
     @property
     def projection(self) -> Tensor | None:
         """Camera space to clip space, 4x4, None if unknown."""
         if self.world_to_camera is None or self.world_to_ndc is None:
             return None
-        return torch.linalg.inv(self.world_to_camera) @ self.world_to_ndc
+        to_world: Tensor = torch.linalg.inv(self.world_to_camera)
+        return to_world @ self.world_to_ndc
 
 
 def pixel_rays(
@@ -140,7 +142,7 @@ def camera_from_positions(position: Vector3, depth_m: Plane) -> Tensor | None:
     d = depth[valid]
     design = torch.stack([torch.ones_like(d), d, x[valid] * d, y[valid] * d], dim=1)
     scale = design.abs().amax(0)
-    solution = torch.linalg.lstsq(design / scale, points[:, valid].T).solution
+    solution: Tensor = torch.linalg.lstsq(design / scale, points[:, valid].T).solution
     return (solution / scale[:, None])[0]
 
 

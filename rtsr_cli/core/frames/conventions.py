@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from rtsr_cli.core.errors import MissingBufferError
-from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View, device_to_planar_depth, pixel_rays
-from rtsr_cli.core.frames.motion import MotionConvention
-from rtsr_cli.core.shapes import Color, Plane, Vector3
+from rtsr_cli.core.frames.motion import (
+    Jitter,
+    MotionConvention,
+    MotionDirection,
+    motion_to_pixels,
+)
+from rtsr_cli.core.shapes import Plane, Vector3
 
 
 class DepthKind(StrEnum):
@@ -83,7 +90,7 @@ class Conventions:
 
 
 def depth_to_metres(
-    stored: Plane, convention: DepthConvention, camera: CameraMetadata, view: View, where: str
+    stored: Plane, convention: DepthConvention, camera: CameraMetadata, view: View, *, where: str
 ) -> Plane:
     """Convert stored depth to planar metres, sky = `SKY_DEPTH_M`.
 
@@ -106,7 +113,7 @@ def depth_to_metres(
 
 
 def normal_to_world(
-    stored: Vector3, convention: NormalConvention, camera: CameraMetadata, where: str
+    stored: Vector3, convention: NormalConvention, camera: CameraMetadata, *, where: str
 ) -> Vector3:
     """Unpack, rotate to world space and normalise; a zero normal stays zero.
 
@@ -129,13 +136,103 @@ def roughness_to_perceptual(stored: Plane, kind: RoughnessKind) -> Plane:
     return 1.0 - stored if kind is RoughnessKind.SMOOTHNESS else stored
 
 
-def nonnegative(stored: Color) -> Color:
-    """Material colours below 0 are rounding of the renderer."""
-    return stored.clamp(min=0.0)
-
-
 def _needs_camera(where: str, what: str) -> str:
     return (
         f"{where}: {what} needs the camera matrices worldToCamera and worldToNDC; "
         'the header has none: give them in a side-car (capture.toml: camera = "camera.csv")'
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stored:
+    """What is known about a frame whose buffers are about to be converted.
+
+    Attributes:
+        conventions: how the files store them.
+        camera: of this frame.
+        view: where the frame lies in the image plane.
+        jitter_px_prev: jitter of the previous frame.
+        where: folder and frame, for messages.
+    """
+
+    conventions: Conventions
+    camera: CameraMetadata
+    view: View
+    jitter_px_prev: Jitter
+    where: str
+
+
+def to_memory(buffer: Buffer, stored: Tensor, frame: Stored) -> Tensor:
+    """Convert one buffer from its file's convention to memory's.
+
+    Raises:
+        MissingBufferError: the conversion needs camera matrices that are not there.
+    """
+    convert = _CONVERSIONS.get(buffer)
+    return convert(stored, frame) if convert else stored
+
+
+def _depth(stored: Tensor, frame: Stored) -> Tensor:
+    return depth_to_metres(
+        stored, frame.conventions.depth, frame.camera, frame.view, where=frame.where
+    )
+
+
+def _motion(stored: Tensor, frame: Stored) -> Tensor:
+    return motion_to_pixels(
+        stored,
+        frame.conventions.motion,
+        jitter_px=frame.camera.jitter_px,
+        jitter_px_prev=frame.jitter_px_prev,
+    )
+
+
+def _forward(stored: Tensor, frame: Stored) -> Tensor:
+    """Forward vectors lead to the next frame in every layout; only unit and axis can differ."""
+    convention = replace(
+        frame.conventions.motion,
+        direction=MotionDirection.PREVIOUS_MINUS_CURRENT,
+        jittered=False,
+    )
+    return motion_to_pixels(stored, convention)
+
+
+def _object_id(stored: Tensor, _: Stored) -> Tensor:
+    return stored if stored.dtype == torch.int32 else stored.round().to(torch.int32)
+
+
+def _nonnegative(stored: Tensor, _: Stored) -> Tensor:
+    """Colours below 0 are rounding of the renderer."""
+    return stored.clamp(min=0.0)
+
+
+def _unit_interval(stored: Tensor, _: Stored) -> Tensor:
+    return stored.clamp(0.0, 1.0)
+
+
+def _roughness(stored: Tensor, frame: Stored) -> Tensor:
+    return roughness_to_perceptual(stored.clamp(0.0, 1.0), frame.conventions.roughness)
+
+
+def _normal(stored: Tensor, frame: Stored) -> Tensor:
+    return normal_to_world(stored, frame.conventions.normal, frame.camera, where=frame.where)
+
+
+def _position(stored: Tensor, frame: Stored) -> Tensor:
+    return stored * frame.conventions.depth.unit_m
+
+
+_CONVERSIONS: Mapping[Buffer, Callable[[Tensor, Stored], Tensor]] = {
+    Buffer.DEPTH: _depth,
+    Buffer.MOTION: _motion,
+    Buffer.FORWARD: _forward,
+    Buffer.OBJECT_ID: _object_id,
+    Buffer.ALBEDO: _nonnegative,
+    Buffer.SPECULAR: _nonnegative,
+    Buffer.MATERIAL: _nonnegative,
+    Buffer.EMISSION: _nonnegative,
+    Buffer.METALLIC: _unit_interval,
+    Buffer.ROUGHNESS: _roughness,
+    Buffer.NORMAL: _normal,
+    Buffer.POSITION: _position,
+}

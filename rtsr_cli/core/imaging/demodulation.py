@@ -75,8 +75,8 @@ def material_term(
         nov: cosine between view and normal, 0..1.
         lut: table of A and B, see `brdf_lut`.
     """
-    a, b = sample_lut(lut, nov, roughness).split(1, dim=1)
-    return (1.0 - metallic) * albedo + f0 * a + b
+    terms = sample_lut(lut, nov, roughness)
+    return (1.0 - metallic) * albedo + f0 * terms[:, :1] + terms[:, 1:]
 
 
 def glossy_albedo(albedo: Color, f0: Color, metallic: Plane) -> Color:

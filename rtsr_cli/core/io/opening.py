@@ -16,9 +16,11 @@ from rtsr_cli.core.io.capture import (
     read_capture,
 )
 from rtsr_cli.core.io.layouts import LAYOUTS
-from rtsr_cli.core.io.pairs import PairSource, Simulation, real_pairs, simulated_pairs
-from rtsr_cli.core.io.reading import FrameReader, MissingPolicy, layout_named, open_frames
+from rtsr_cli.core.io.pairs import PairSource, real_pairs, simulated_pairs
+from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.shots import HR_FOLDER, LR_FOLDER, FrameSet, Shot, find_shots, frame_set
+from rtsr_cli.core.io.simulation import Simulation
+from rtsr_cli.core.io.survey import MissingPolicy, layout_named, open_frames
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -113,8 +113,7 @@ class OutputFrame:
         if self.previews:
             write_png(self.path.with_suffix(PREVIEW_SUFFIX), preview(self.color))
         if self.debug:
-            named = {f"{k}": v for k, v in self.debug.items()}
-            self._write(self.path.parent / "debug" / self.path.name, debug_channels(named))
+            self._write(self.path.parent / "debug" / self.path.name, debug_channels(self.debug))
         channels = image_channels("", self.color, "RGB")
         if self.alpha is not None:
             channels |= image_channels("", self.alpha, "A")

@@ -1,62 +1,27 @@
 """What an upscaler is fed: for each frame number an LR frame and the HR G-buffer beside it.
 
-Real pairs come from two folders. Simulated ones come from one HR capture, decimated as a renderer
-samples: LR sample (x, y) of each block of `samples_per_pixel * scale` capture pixels.
+Real pairs come from two folders, simulated ones from one HR capture.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor
 
 from rtsr_cli.core.derive import DerivationConfig, Needs, derive, needs
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.frames.buffers import (
-    BUFFER_SPECS,
-    RADIANCE_BUFFERS,
-    VECTOR_BUFFERS,
-    Buffer,
-    GBuffer,
-    Resampling,
-)
-from rtsr_cli.core.frames.camera import View
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.resampling import (
-    box_mean,
-    decimate,
-    filter_pixels,
-    grow_valid,
-    halton_offset,
-    sample_jitter,
-)
 from rtsr_cli.core.io.exr import Window
-from rtsr_cli.core.io.reading import FrameReader, ranges
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.simulation import Simulation, averaged, decimated
+from rtsr_cli.core.io.survey import ranges
 from rtsr_cli.core.shapes import Size
-
-INPAINT_STEPS = 16
-"""Non-finite regions are filled from their rim this many pixels deep, then with 0."""
-
-
-class NonfinitePolicy(StrEnum):
-    """What NaN and Inf in an input mean for the frame."""
-
-    ERROR = "error"
-    ZERO = "zero"
-    INPAINT = "inpaint"
-
-
-class JitterMode(StrEnum):
-    """Which sample of a block a simulated LR frame keeps."""
-
-    NONE = "none"
-    HALTON = "halton"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +39,7 @@ class Inputs:
     hr: tuple[Buffer, ...] = ()
     lr_optional: tuple[Buffer, ...] = ()
     hr_optional: tuple[Buffer, ...] = ()
-    derivation: DerivationConfig = DerivationConfig()
+    derivation: DerivationConfig = field(default_factory=DerivationConfig)
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR
 
 
@@ -86,33 +51,9 @@ class FramePair:
     hr: Frame | None
     fixed: int = 0
 
-
-@dataclass(frozen=True, kw_only=True)
-class Simulation:
-    """How LR frames are made from an HR capture.
-
-    Attributes:
-        scale: S, output pixels per LR pixel.
-        samples_per_pixel: K, capture pixels per output pixel.
-        jitter: which sample of a block is kept.
-        lr_filter: pixel filter of the radiance before decimation, or "none".
-    """
-
-    scale: int
-    samples_per_pixel: int = 1
-    jitter: JitterMode = JitterMode.NONE
-    lr_filter: str = "none"
-
-    @property
-    def block(self) -> int:
-        """Capture pixels per LR pixel, along an axis."""
-        return self.scale * self.samples_per_pixel
-
-    def offset(self, number: int) -> tuple[int, int]:
-        """Sample (x, y) of each block that frame `number` keeps."""
-        if self.jitter is JitterMode.HALTON:
-            return halton_offset(number, self.block)
-        return self.block // 2, self.block // 2
+    def to(self, device: torch.device | str) -> FramePair:
+        """Return the same pair on another device."""
+        return replace(self, lr=self.lr.to(device), hr=self.hr and self.hr.to(device))
 
 
 class PairSource(Protocol):
@@ -276,83 +217,6 @@ def _shrunk(window: Window, k: int) -> Window:
     )
 
 
-def decimated(full: Frame, buffers: Collection[Buffer], simulation: Simulation) -> Frame:
-    """Make the LR frame of a capture: one sample of each block, its offset recorded as jitter."""
-    block = simulation.block
-    offset = simulation.offset(full.number)
-
-    def shrink(buffer: Buffer, tensor: Tensor) -> Tensor:
-        if buffer is Buffer.COLOR and simulation.lr_filter != "none":
-            tensor = filter_pixels(tensor, simulation.lr_filter, block)
-        small = decimate(tensor, block, offset).contiguous()
-        return small / block if buffer in VECTOR_BUFFERS else small
-
-    height, width = full.view.display
-    return replace(
-        full,
-        gbuffer=full.gbuffer.only(buffers).map(shrink),
-        camera=replace(
-            full.camera,
-            jitter_px=(sample_jitter(offset[0], block), sample_jitter(offset[1], block)),
-        ),
-        view=View(
-            display=(height // block, width // block),
-            top=full.view.top // block,
-            left=full.view.left // block,
-        ),
-    )
-
-
-def averaged(full: Frame, k: int) -> Frame:
-    """Make a frame of K x K samples a pixel: means, or the middle sample where means mislead."""
-    if k == 1:
-        return full
-
-    def shrink(buffer: Buffer, tensor: Tensor) -> Tensor:
-        if BUFFER_SPECS[buffer].resampling is Resampling.SAMPLE:
-            small = decimate(tensor, k, (k // 2, k // 2)).contiguous()
-            return small / k if buffer in VECTOR_BUFFERS else small
-        mean = box_mean(tensor, k)
-        return F.normalize(mean, dim=1, eps=1e-6) if buffer is Buffer.NORMAL else mean
-
-    height, width = full.view.display
-    view = View(display=(height // k, width // k), top=full.view.top // k, left=full.view.left // k)
-    return replace(full, gbuffer=full.gbuffer.map(shrink), view=view)
-
-
-def checked(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
-    """Apply the policy for NaN and Inf; return the frame and the number of bad values.
-
-    Raises:
-        FrameFolderError: policy `error` and a bad value; names folder, frame and buffer.
-    """
-    counts = {
-        buffer: int((~torch.isfinite(tensor)).sum())
-        for buffer, tensor in frame.gbuffer.items()
-        if tensor.is_floating_point()
-    }
-    bad = {buffer: count for buffer, count in counts.items() if count}
-    if not bad:
-        return frame, 0
-    if policy is NonfinitePolicy.ERROR:
-        listed = ", ".join(f"{count} values of '{b}'" for b, count in bad.items())
-        raise FrameFolderError(
-            f"{frame.gbuffer.where}: {listed} are NaN or Inf; render the frame again, or choose "
-            "--on-nonfinite zero|inpaint"
-        )
-    fixed = {buffer: _repaired(frame.gbuffer[buffer], policy) for buffer in bad}
-    return replace(frame, gbuffer=frame.gbuffer.with_buffers(fixed)), sum(bad.values())
-
-
-def _repaired(image: Tensor, policy: NonfinitePolicy) -> Tensor:
-    finite = torch.isfinite(image).all(1, keepdim=True)
-    zeroed = torch.where(torch.isfinite(image), image, torch.zeros_like(image))
-    if policy is NonfinitePolicy.ZERO:
-        return zeroed
-    filled, _ = grow_valid(zeroed, finite.to(image.dtype), INPAINT_STEPS)
-    return filled
-
-
 def simulated_pairs(capture: FrameReader, simulation: Simulation) -> SimulatedPairs:
     """Check that a capture can be decimated.
 
@@ -405,8 +269,3 @@ def real_pairs(lr: FrameReader, hr: FrameReader | None, scale: int | None) -> Re
             f"{hr.frames.root}: HR lacks frames {ranges(lacking)} that LR has in {lr.frames.root}"
         )
     return RealPairs(lr=lr, hr=hr, scale=ratio)
-
-
-def without_radiance(gbuffer: GBuffer) -> GBuffer:
-    """Return a G-buffer less its radiance."""
-    return gbuffer.only(set(gbuffer) - RADIANCE_BUFFERS)

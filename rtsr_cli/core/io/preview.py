@@ -25,6 +25,8 @@ def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
     def write(part: Path) -> None:
         # the temporary name ends in no image suffix, so the format is named here
         output = oiio.ImageOutput.create("png")
+        if output is None:
+            raise OutputError(f"{path}: this OpenImageIO cannot write PNG")
         spec = oiio.ImageSpec(rgb.shape[1], rgb.shape[0], rgb.shape[2], "uint8")
         if not (
             output.open(str(part), spec)

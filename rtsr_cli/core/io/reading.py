@@ -1,42 +1,23 @@
-"""Frames of one resolution: surveyed by their headers first, then read into memory's convention."""
+"""Reading frames of one resolution into memory's convention."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
-from rtsr_cli.core.frames.motion import MotionDirection, motion_to_pixels
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.io.capture import CameraRow, Capture, suggestion
-from rtsr_cli.core.io.exr import ExrHeader, Plane, Window, read_channels, read_header
-from rtsr_cli.core.io.layouts import LAYOUTS, Binding, BoundComponent, Layout, bind, detect
+from rtsr_cli.core.io.exr import Plane, Window, read_channels, read_header
+from rtsr_cli.core.io.layouts import Binding, BoundComponent, Layout
 from rtsr_cli.core.io.shots import FrameSet
-
-WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
-"""Standard OpenEXR attributes, row-vector matrices."""
-
-SURVEY_THREADS = 4
-
-
-class MissingPolicy(StrEnum):
-    """What a hole in the numbering means for the run."""
-
-    ERROR = "error"
-    SKIP = "skip"
-    HOLD = "hold"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,14 +126,15 @@ class FrameReader:
         """
         planes = self._read_planes(number, buffers)
         camera = self.cameras[number]
-        context = _Context(
-            reader=self,
+        stored = conv.Stored(
+            conventions=self.conventions,
             camera=camera,
-            jitter_prev=self.cameras.get(number - self.step, camera).jitter_px,
+            view=self.view,
+            jitter_px_prev=self.cameras.get(number - self.step, camera).jitter_px,
             where=self.where(number),
         )
         tensors = {
-            buffer: _canonical(buffer, _stack(self.binding[buffer], planes), context)
+            buffer: conv.to_memory(buffer, _stack(self.binding[buffer], planes), stored)
             for buffer in buffers
         }
         return Frame(
@@ -208,263 +190,3 @@ def _stack(
             for plane, c in zip(stored, components, strict=True)
         ]
     )[None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Context:
-    reader: FrameReader
-    camera: CameraMetadata
-    jitter_prev: tuple[float, float]
-    where: str
-
-
-def _canonical(buffer: Buffer, stored: Tensor, context: _Context) -> Tensor:
-    """Convert one buffer from its file's convention to memory's."""
-    convert = _CONVERSIONS.get(buffer)
-    return convert(stored, context) if convert else stored
-
-
-def _depth(stored: Tensor, context: _Context) -> Tensor:
-    reader = context.reader
-    return conv.depth_to_metres(
-        stored, reader.conventions.depth, context.camera, reader.view, context.where
-    )
-
-
-def _motion(stored: Tensor, context: _Context) -> Tensor:
-    return motion_to_pixels(
-        stored,
-        context.reader.conventions.motion,
-        jitter_px=context.camera.jitter_px,
-        jitter_px_prev=context.jitter_prev,
-    )
-
-
-def _forward(stored: Tensor, context: _Context) -> Tensor:
-    """Forward vectors lead to the next frame in every layout; only unit and axis can differ."""
-    convention = replace(
-        context.reader.conventions.motion,
-        direction=MotionDirection.PREVIOUS_MINUS_CURRENT,
-        jittered=False,
-    )
-    return motion_to_pixels(stored, convention)
-
-
-def _object_id(stored: Tensor, _: _Context) -> Tensor:
-    return stored if stored.dtype == torch.int32 else stored.round().to(torch.int32)
-
-
-def _nonnegative(stored: Tensor, _: _Context) -> Tensor:
-    return conv.nonnegative(stored)
-
-
-def _unit_interval(stored: Tensor, _: _Context) -> Tensor:
-    return stored.clamp(0.0, 1.0)
-
-
-_CONVERSIONS: Mapping[Buffer, Any] = {
-    Buffer.DEPTH: _depth,
-    Buffer.MOTION: _motion,
-    Buffer.FORWARD: _forward,
-    Buffer.OBJECT_ID: _object_id,
-    Buffer.ALBEDO: _nonnegative,
-    Buffer.SPECULAR: _nonnegative,
-    Buffer.MATERIAL: _nonnegative,
-    Buffer.EMISSION: _nonnegative,
-    Buffer.METALLIC: _unit_interval,
-    Buffer.ROUGHNESS: lambda s, c: conv.roughness_to_perceptual(
-        s.clamp(0.0, 1.0), c.reader.conventions.roughness
-    ),
-    Buffer.NORMAL: lambda s, c: conv.normal_to_world(
-        s, c.reader.conventions.normal, c.camera, c.where
-    ),
-    Buffer.POSITION: lambda s, c: s * c.reader.conventions.depth.unit_m,
-}
-
-
-def layout_named(name: str) -> Layout:
-    """Return a preset.
-
-    Raises:
-        FrameFolderError: there is no such preset; suggests one.
-    """
-    if name not in LAYOUTS:
-        raise FrameFolderError(f"no layout is called '{name}'{suggestion(name, LAYOUTS)}")
-    return LAYOUTS[name]
-
-
-def open_frames(
-    frames: FrameSet,
-    *,
-    layout: str | None,
-    capture: Capture,
-    side_car: Mapping[int, CameraRow],
-    on_missing: MissingPolicy = MissingPolicy.ERROR,
-    jittered: bool = True,
-) -> FrameReader:
-    """Survey a sequence by its headers and bind its buffers.
-
-    Args:
-        frames: the files.
-        layout: name of a preset; capture.toml's, or the best match, if None.
-        capture: what the user declares.
-        side_car: camera rows by frame number, in place of the headers' matrices.
-        on_missing: what to do about holes in the numbering.
-        jittered: whether declared jitter applies to these frames (LR) or not (HR).
-
-    Raises:
-        FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ.
-    """
-    headers = _survey(frames)
-    first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
-    streams = {key: header.channels - header.subsampled for key, header in first.items()}
-    chosen, binding = _choose(layout or capture.layout, streams, str(frames.root))
-    used = sorted({c.stream for components in binding.values() for c in components})
-    _check_channels(frames, headers, binding)
-    numbers, held = _numbers(frames, used, capture.frame_step, on_missing)
-    region, display = _regions(frames, {key: headers[key] for key in used})
-    reader = FrameReader(
-        frames=frames,
-        layout=chosen,
-        binding=binding,
-        conventions=capture.conventions(chosen.conventions),
-        region=region,
-        display=display,
-        numbers=numbers,
-        held=held,
-        cameras={},
-        step=capture.frame_step,
-    )
-    main = headers[reader.main_stream]
-    cameras = {
-        n: _camera(n, main[held.get(n, n)], capture, side_car, jittered=jittered) for n in numbers
-    }
-    return replace(reader, cameras=cameras)
-
-
-def _survey(frames: FrameSet) -> dict[str, dict[int, ExrHeader]]:
-    with ThreadPoolExecutor(SURVEY_THREADS) as pool:
-        return {
-            key: dict(zip(stream.files, pool.map(read_header, stream.files.values()), strict=True))
-            for key, stream in frames.streams.items()
-        }
-
-
-def _choose(
-    name: str | None, streams: Mapping[str, Collection[str]], where: str
-) -> tuple[Layout, Binding]:
-    try:
-        if name is None:
-            return detect(streams, LAYOUTS.values(), where)
-        chosen = layout_named(name)
-        binding = bind(chosen, streams)
-    except RtsrError as error:
-        prefix = "" if str(error).startswith(where) else f"{where}: "
-        raise FrameFolderError(f"{prefix}{error}") from error
-    if not binding:
-        raise FrameFolderError(f"{where}: layout '{name}' matches no channel of these files")
-    return chosen, binding
-
-
-def _check_channels(
-    frames: FrameSet, headers: Mapping[str, Mapping[int, ExrHeader]], binding: Binding
-) -> None:
-    for buffer, components in binding.items():
-        for c in components:
-            lacking = [n for n, h in headers[c.stream].items() if c.channel not in h.channels]
-            if lacking:
-                raise FrameFolderError(
-                    f"{frames.root}, frames {ranges(lacking)}: buffer '{buffer}' is missing "
-                    f"(channel '{c.channel}' is in other frames of '{c.stream}'); "
-                    "render these frames again, or leave them out with --frames"
-                )
-
-
-def _numbers(
-    frames: FrameSet, used: list[str], step: int, policy: MissingPolicy
-) -> tuple[tuple[int, ...], dict[int, int]]:
-    """Frames that every used stream has, and stand-ins for the others where they are held."""
-    present = [frozenset(frames.streams[key].files) for key in used]
-    union, complete = frozenset.union(*present), frozenset.intersection(*present)
-    expected = range(min(union), max(union) + 1, step) if step else union
-    missing = {
-        key: sorted(set(expected) - files)
-        for key, files in zip(used, present, strict=True)
-        if set(expected) - files
-    }
-    if missing and policy is MissingPolicy.ERROR:
-        listed = "; ".join(f"'{key}' lacks {ranges(m)}" for key, m in missing.items())
-        raise FrameFolderError(
-            f"{frames.root}: frames are missing: {listed}. Render them, or use --on-missing "
-            "skip|hold (history restarts there); dumps numbered in steps declare frame_step"
-        )
-    held: dict[int, int] = {}
-    if policy is MissingPolicy.HOLD:
-        last = None
-        for number in expected:
-            last = number if number in complete else last
-            if last is not None and last != number:
-                held[number] = last
-    return tuple(sorted(complete | set(held))), held
-
-
-def ranges(numbers: Iterable[int]) -> str:
-    """Write numbers compactly: 1-4, 7."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else str(r[0]) for r in runs)
-
-
-def _regions(
-    frames: FrameSet, headers: Mapping[str, Mapping[int, ExrHeader]]
-) -> tuple[Window, Window]:
-    """Return the pixels to read and the image plane, the same for every frame and stream."""
-    displays: dict[Window, str] = {}
-    data: set[Window] = set()
-    for key, by_number in headers.items():
-        for number, header in by_number.items():
-            displays.setdefault(header.display_window, f"'{key}' frame {number}")
-            data.add(header.data_window)
-    if len({(w.width, w.height) for w in displays}) > 1:
-        listed = ", ".join(f"{who} is {w.width} x {w.height}" for w, who in displays.items())
-        raise FrameFolderError(
-            f"{frames.root}: sizes differ: {listed}; all buffers and frames of one resolution "
-            "need one size"
-        )
-    display = next(iter(displays))
-    region = next(iter(data)) if len(data) == 1 else display
-    return region, display
-
-
-def _camera(
-    number: int,
-    header: ExrHeader,
-    capture: Capture,
-    side_car: Mapping[int, CameraRow],
-    *,
-    jittered: bool,
-) -> CameraMetadata:
-    if number in side_car:
-        camera = side_car[number].metadata()
-    else:
-        camera = CameraMetadata(
-            world_to_camera=_matrix(header, WORLD_TO_CAMERA),
-            world_to_ndc=_matrix(header, WORLD_TO_NDC),
-        )
-    jitter = capture.jitter(number) if capture.jitter(number) is not None else camera.jitter_px
-    return replace(
-        camera,
-        jitter_px=jitter if jittered and jitter is not None else (0.0, 0.0),
-        cut=camera.cut or number in capture.camera_cuts,
-    )
-
-
-def _matrix(header: ExrHeader, name: str) -> Tensor | None:
-    value = header.attributes.get(name)
-    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
-        return None
-    return torch.from_numpy(value.astype(np.float64))

@@ -84,11 +84,10 @@ def frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | No
     """
     claimed = [folder / name for name in buffer_folders if (folder / name).is_dir()]
     if len(claimed) > 1:
-        streams = {}
-        for sub in claimed:
-            streams |= _streams(sub, prefix=f"{sub.name}/")
-        return FrameSet(root=folder, streams=streams) if streams else None
-    streams = _streams(folder)
+        parts = [_streams(sub, prefix=f"{sub.name}/") for sub in claimed]
+        streams = {key: stream for part in parts for key, stream in part.items()}
+    else:
+        streams = _streams(folder)
     return FrameSet(root=folder, streams=streams) if streams else None
 
 
@@ -130,13 +129,6 @@ def _walk(root: Path, folder: Path, buffer_folders: tuple[str, ...]) -> Iterable
     for child in sorted(folder.iterdir()):
         if child.is_dir() and not child.name.startswith("."):
             yield from _walk(root, child, buffer_folders)
-
-
-def output_path(folder: Path, base: str, source: Path, suffix: str = FRAME_SUFFIX) -> Path:
-    """`folder/<name>.<frame>.exr`, keeping the input's base name and the digits of its number."""
-    stem = source.name[: -len(source.suffix)]
-    digits = stem[len(base) :].lstrip("._ ") if base else stem
-    return folder / (f"{base}.{digits}{suffix}" if base else f"{digits}{suffix}")
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -1,0 +1,290 @@
+"""Planning an upscaling run: what each shot needs, what is done, what is in the way.
+
+An output counts as done if its stamp is that of the present config and inputs, so that a run
+that was cut off, run again, writes what is missing and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path
+
+import torch
+
+from rtsr_cli.core.errors import FrameFolderError, OutputError, RtsrError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import FrameSequence
+from rtsr_cli.core.io.outputs import (
+    PREVIEW_SUFFIX,
+    OutputState,
+    output_name,
+    output_state,
+    refuse_foreign,
+)
+from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.io.provenance import FileDigests, digest
+from rtsr_cli.core.io.selection import Selection
+from rtsr_cli.core.system import System
+
+COMMAND = "upscale"
+
+
+class Precision(StrEnum):
+    """Number format of network layers."""
+
+    FP32 = "fp32"
+    BF16 = "bf16"
+    FP16 = "fp16"
+
+
+AUTOCAST = {Precision.BF16: torch.bfloat16, Precision.FP16: torch.float16}
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpscaleOptions:
+    """How to run.
+
+    Attributes:
+        device: torch device.
+        precision: of network layers.
+        jobs: threads that read, and threads that write.
+        tile: side of tiles in LR pixels; 0 = never, None = by the frame's size.
+        overwrite: replace files that are stale or foreign.
+        previews: PNG beside each EXR.
+        debug: EXR of what the system saw and decided.
+        selection: which frames are written.
+    """
+
+    device: str = "cpu"
+    precision: Precision = Precision.FP32
+    jobs: int = 2
+    tile: int | None = None
+    overwrite: bool = False
+    previews: bool = False
+    debug: bool = False
+    selection: Selection = field(default_factory=Selection)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShotPlan:
+    """One shot, checked and ready.
+
+    Attributes:
+        name: path relative to IN.
+        system: what runs on it.
+        source: where frames come from.
+        sequence: their order and resets.
+        inputs: what the system reads.
+        folder: where outputs go.
+        selected: numbers whose outputs are asked for.
+        pending: those that are not done yet.
+        order: numbers to process, pending ones and the history they need.
+        config_hash: of system, config, weights and everything that was declared or chosen.
+        starts: for each selected number the first one whose input its output depends on.
+        digests: of the input files.
+    """
+
+    name: str
+    system: System
+    source: PairSource
+    sequence: FrameSequence
+    inputs: Inputs
+    folder: Path
+    selected: tuple[int, ...]
+    pending: frozenset[int]
+    order: tuple[int, ...]
+    config_hash: str
+    starts: Mapping[int, int]
+    digests: FileDigests
+
+    def path(self, number: int) -> Path:
+        """Return the output of a frame."""
+        return self.folder / output_name(self.source.reader, number)
+
+
+def system_inputs(system: System, base: Inputs) -> Inputs:
+    """Return what to read for a system; alpha goes along where there is one."""
+    return replace(
+        base,
+        lr=system.lr_inputs,
+        hr=system.hr_inputs,
+        lr_optional=(*system.lr_optional, Buffer.ALPHA),
+        hr_optional=system.hr_optional,
+        derivation=system.derivation,
+    )
+
+
+def check_system(system: System, source: PairSource, inputs: Inputs) -> None:
+    """Raise if a shot cannot feed a system.
+
+    Raises:
+        FrameFolderError: names the folder, what is missing and what would help.
+    """
+    root = source.reader.frames.root
+    missing = source.missing(inputs)
+    if missing:
+        raise FrameFolderError(
+            f"{root}: system '{system.name}' cannot run, missing: {', '.join(missing)}. "
+            f"Layout '{source.reader.layout.name}' found: "
+            f"{', '.join(sorted(source.reader.stored))}. Render what is missing, declare it in "
+            "capture.toml, or choose another --system"
+        )
+    if system.scales and source.scale not in system.scales:
+        made_for = ", ".join(f"{s}x" for s in system.scales)
+        raise FrameFolderError(
+            f"{root}: system '{system.name}' is made for {made_for}, not {source.scale}x"
+        )
+
+
+def plan_shot(
+    name: str,
+    source: PairSource,
+    system: System,
+    *,
+    inputs: Inputs,
+    folder: Path,
+    options: UpscaleOptions,
+    config: object,
+) -> ShotPlan:
+    """Check one shot and find out what is left to do.
+
+    Args:
+        name: path relative to IN.
+        source: frames.
+        system: what to run.
+        inputs: from `system_inputs`.
+        folder: where outputs go.
+        options: how to run.
+        config: plain values that, beside the inputs' bytes, decide the outputs' bytes.
+
+    Raises:
+        RtsrError: an input is missing, an output is in the way; nothing has been computed.
+    """
+    check_system(system, source, inputs)
+    reader = source.reader
+    sequence = FrameSequence(
+        numbers=reader.numbers,
+        load_frame=lambda number: source.load(number, inputs).lr,
+        step=reader.step,
+        cuts=reader.resets,
+    )
+    selected = options.selection.of(reader.numbers)
+    plan = ShotPlan(
+        name=name,
+        system=system,
+        source=source,
+        sequence=sequence,
+        inputs=inputs,
+        folder=folder,
+        selected=selected,
+        pending=frozenset(selected),
+        order=(),
+        config_hash=digest(system.name, config, reader.declaration, source.scale),
+        starts=_starts(sequence, system, selected, sharded=options.selection.shard is not None),
+        digests=FileDigests(),
+    )
+    _refuse_own_inputs(plan)
+    states = _states(plan, options)
+    if not options.overwrite:
+        refuse_foreign(
+            [plan.path(n) for n, state in states.items() if state is OutputState.FOREIGN],
+            f"rtsr {COMMAND}",
+        )
+    pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
+    return replace(plan, pending=pending, order=_order(plan, pending))
+
+
+def _refuse_own_inputs(plan: ShotPlan) -> None:
+    inputs = {
+        path.resolve()
+        for number in plan.selected[:1]
+        for path in plan.source.files(number, plan.inputs)
+    }
+    for number in plan.selected[:1]:
+        if plan.path(number).resolve() in inputs:
+            raise OutputError(
+                f"{plan.path(number)}: the output would replace its own input; "
+                "choose another output folder"
+            )
+
+
+def _states(plan: ShotPlan, options: UpscaleOptions) -> dict[int, OutputState]:
+    """State of every selected output; inputs are hashed only where an output is there."""
+    states: dict[int, OutputState] = {}
+    stamps = Stamps(plan)
+    for number in plan.selected:
+        path = plan.path(number)
+        if not path.exists():
+            states[number] = OutputState.ABSENT
+            continue
+        state = output_state(path, stamps.of(number))
+        lacks_preview = options.previews and not path.with_suffix(PREVIEW_SUFFIX).exists()
+        absent = state is OutputState.DONE and lacks_preview
+        states[number] = OutputState.ABSENT if absent else state
+    return states
+
+
+def _starts(
+    sequence: FrameSequence, system: System, selected: Sequence[int], *, sharded: bool
+) -> dict[int, int]:
+    """For each selected number the first one whose input its output depends on."""
+    starts: dict[int, int] = {}
+    chosen = set(selected)
+    first = min(chosen, default=0)
+    for run in sequence.runs():
+        position = {number: i for i, number in enumerate(run)}
+        for number in (n for n in run if n in chosen):
+            reach = position[number] if system.recurrent else system.history_frames
+            if system.recurrent and sharded:
+                begin = position.get(first, 0)
+                reach = min(reach, position[number] - begin + system.preroll_frames)
+            starts[number] = run[max(0, position[number] - reach)]
+    return starts
+
+
+def _order(plan: ShotPlan, pending: frozenset[int]) -> tuple[int, ...]:
+    """Numbers to process: the pending ones, and those that their outputs depend on."""
+    needed: set[int] = set()
+    for run in plan.sequence.runs():
+        for number in (n for n in run if n in pending):
+            needed |= {n for n in run if plan.starts[number] <= n <= number}
+    return tuple(n for n in plan.sequence.numbers if n in needed)
+
+
+class Stamps:
+    """Stamps of a shot's outputs: config, and the content of every input since the last reset."""
+
+    def __init__(self, plan: ShotPlan) -> None:
+        """Prepare; nothing is read yet."""
+        self._plan = plan
+        self._position = {n: i for i, n in enumerate(plan.sequence.numbers)}
+        self._inputs: dict[int, str] = {}
+        self._chains: dict[tuple[int, int], str] = {}
+
+    def of(self, number: int) -> str:
+        """Return the stamp of one output."""
+        return digest(self._plan.config_hash, self._chain(self._plan.starts[number], number))
+
+    def _chain(self, start: int, number: int) -> str:
+        first, last = self._position[start], self._position[number]
+        begin, chain = first, ""
+        known = self._chains.get((start, self._plan.sequence.numbers[last - 1])) if last else None
+        if known is not None and last > first:
+            begin, chain = last, known
+        for n in self._plan.sequence.numbers[begin : last + 1]:
+            chain = digest(chain, self.input_digest(n))
+        self._chains[start, number] = chain
+        return chain
+
+    def input_digest(self, number: int) -> str:
+        """Hash a frame's files and camera; a file that cannot be read hashes as such."""
+        if number not in self._inputs:
+            source = self._plan.source
+            try:
+                content = self._plan.digests.of_all(source.files(number, self._plan.inputs))
+            except RtsrError:
+                content = "unreadable"
+            self._inputs[number] = digest(content, source.reader.camera_values(number))
+        return self._inputs[number]
