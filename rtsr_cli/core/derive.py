@@ -23,6 +23,9 @@ from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.brdf_lut import LutConvention, lut_for
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
+STRIP_PIXELS = 1 << 18
+"""Pixels that are derived at a time: a plane of 1 MiB."""
+
 CAMERA = "camera"
 """Pseudo-requirement: matrices in the header, in a side-car, or recoverable from buffers."""
 
@@ -176,7 +179,20 @@ def derive_nov(frame: Frame) -> Plane:
 
 
 def derive_material(frame: Frame, config: DerivationConfig) -> Color:
-    """Return the divisor of a mode; NaN buffers give NaN material, which is never divided by."""
+    """Return the divisor of a mode; NaN buffers give NaN material, which is never divided by.
+
+    Works in strips of rows: every intermediate stays in the cache, and memory at the result's.
+    """
+    height, width = frame.size
+    rows = max(1, STRIP_PIXELS // width)
+    strips = [
+        _material(frame.crop(top, 0, (min(rows, height - top), width)), config)
+        for top in range(0, height, rows)
+    ]
+    return strips[0] if len(strips) == 1 else torch.cat(strips, dim=2)
+
+
+def _material(frame: Frame, config: DerivationConfig) -> Color:
     gbuffer = frame.gbuffer
     if config.mode is dm.DemodulationMode.ALBEDO:
         return dm.floored(gbuffer[Buffer.ALBEDO])

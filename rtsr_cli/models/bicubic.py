@@ -73,6 +73,8 @@ def upsample_lighting(frame: Frame, scale: int, grow_px: int) -> Color:
     encoded = encode_log(frame.gbuffer[Buffer.LIGHTING], frame.lighting_scale)
     jitter_px = frame.camera.jitter_px
     smooth, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
+    if bool(supported.all()):
+        return decode_log(smooth, frame.lighting_scale)
     grown, reached = grow_valid(encoded, mask, grow_px)
     average = encode_log(torch.full_like(encoded, frame.lighting_scale), frame.lighting_scale)
     nearest = upsample_nearest(torch.where(reached > 0, grown, average), scale)
@@ -84,6 +86,8 @@ def _upsample_where(color: Color, mask: Mask, frame: Frame, scale: int) -> Color
     encoded = encode_reinhard(color)
     jitter_px = frame.camera.jitter_px
     own, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
+    if bool(supported.all()):
+        return decode_reinhard(own)
     plain = upsample_bicubic(encoded, scale, jitter_px)
     return decode_reinhard(torch.where(supported > 0, own, plain))
 
@@ -98,8 +102,11 @@ def predict_demod_bicubic(network: nn.Module, window: Window, state: State) -> P
     lighting = upsample_lighting(frame, scale, config.grow_px)
     emission = hr.gbuffer.buffers.get(Buffer.EMISSION)
     surface = remodulate(lighting, hr.gbuffer[Buffer.MATERIAL], emission)
-    sky = _upsample_where(frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY], frame, scale)
-    image = torch.where(hr.gbuffer[Buffer.SKY] > 0.5, sky, surface)
+    hr_sky = hr.gbuffer[Buffer.SKY] > 0.5
+    image = surface
+    if bool(hr_sky.any()):
+        color, sky = frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY]
+        image = torch.where(hr_sky, _upsample_where(color, sky, frame, scale), surface)
     return Prediction(
         image=image, debug={"lighting": lighting, "hr_material": hr.gbuffer[Buffer.MATERIAL]}
     )

@@ -74,15 +74,15 @@ class CameraMetadata:
         return to_world @ self.world_to_ndc
 
 
-def pixel_rays(
+def ray_axes(
     camera: CameraMetadata, view: View, size: Size, *, jitter_px: Jitter = (0.0, 0.0)
-) -> Tensor | None:
-    """Camera-space vectors (x, y, -1) through the sample of each pixel; times depth_m = position.
+) -> tuple[Tensor, Tensor] | None:
+    """x of every column and y of every row of the camera-space rays (x, y, -1).
 
         x_cam = ndc_x / P[0][0] * depth,  y_cam = ndc_y / P[1][1] * depth,  z_cam = -depth
 
     An off-centre projection adds P[2][0] and P[2][1] (their factor z_cam / depth is -1).
-    Returns None where the camera has no matrices; else 1 x 3 x h x w.
+    Returns 1 x 1 x 1 x w and 1 x 1 x h x 1, or None where the camera has no matrices.
     """
     projection = camera.projection
     if projection is None:
@@ -93,10 +93,7 @@ def pixel_rays(
     rows = torch.arange(size[0], dtype=torch.float32) + (view.top + 0.5 + jitter_px[1])
     x = (2.0 * columns / width - 1.0 + p[2, 0]) / p[0, 0]
     y = (1.0 - 2.0 * rows / height + p[2, 1]) / p[1, 1]
-    grid = torch.stack(
-        [x.expand(size[0], -1), y[:, None].expand(-1, size[1]), -torch.ones(size)], dim=0
-    )
-    return grid[None]
+    return x.view(1, 1, 1, -1), y.view(1, 1, -1, 1)
 
 
 def view_cosine(normal: Vector3, to_camera: Vector3) -> Plane:
@@ -112,13 +109,18 @@ def view_cosine_from_camera(
 
     The direction to the camera does not depend on depth: it is minus the pixel's ray.
     """
-    rays = pixel_rays(camera, view, (normal.shape[-2], normal.shape[-1]), jitter_px=jitter_px)
-    if rays is None or camera.world_to_camera is None:
+    axes = ray_axes(camera, view, (normal.shape[-2], normal.shape[-1]), jitter_px=jitter_px)
+    if axes is None or camera.world_to_camera is None:
         return None
-    rotation = camera.world_to_camera[:3, :3].to(torch.float32)
-    # row vectors: world = cam . inverse(rotation), and a rotation's inverse is its transpose
-    to_camera = -torch.einsum("nchw,dc->ndhw", rays, rotation)
-    return view_cosine(normal, to_camera.to(normal.device))
+    x, y = (axis.to(normal) for axis in axes)
+    # row vectors: world = cam . inverse(rotation), and a rotation's inverse is its transpose,
+    # so that component i of minus the ray (x, y, -1) is M[i][2] - x M[i][0] - y M[i][1]
+    rotation = camera.world_to_camera[:3, :3].tolist()
+    cosine = torch.zeros_like(normal[:, :1])
+    for i, (right, up, back) in enumerate(rotation):
+        cosine.addcmul_(normal[:, i : i + 1], back - y * up - x * right)
+    lengths = (1.0 + y * y + x * x).sqrt() * normal.norm(dim=1, keepdim=True)
+    return cosine.div_(lengths.clamp_(min=1e-12)).clamp_(0.0, 1.0)
 
 
 def camera_from_positions(position: Vector3, depth_m: Plane) -> Tensor | None:

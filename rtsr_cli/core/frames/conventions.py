@@ -12,7 +12,7 @@ from torch import Tensor
 
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
-from rtsr_cli.core.frames.camera import CameraMetadata, View, device_to_planar_depth, pixel_rays
+from rtsr_cli.core.frames.camera import CameraMetadata, View, device_to_planar_depth, ray_axes
 from rtsr_cli.core.frames.motion import (
     Jitter,
     MotionConvention,
@@ -105,10 +105,10 @@ def depth_to_metres(
     sky = (stored >= convention.sky) | torch.isinf(stored)
     metres = stored * convention.unit_m
     if convention.kind is DepthKind.RAY:
-        rays = pixel_rays(camera, view, (stored.shape[-2], stored.shape[-1]))
-        if rays is None:
+        axes = ray_axes(camera, view, (stored.shape[-2], stored.shape[-1]))
+        if axes is None:
             raise MissingBufferError(_needs_camera(where, "ray distance"))
-        metres = metres / rays.norm(dim=1, keepdim=True)
+        metres = metres / (1.0 + axes[0] ** 2 + axes[1] ** 2).sqrt()
     return torch.where(sky, torch.full_like(metres, SKY_DEPTH_M), metres.clamp(max=SKY_DEPTH_M))
 
 

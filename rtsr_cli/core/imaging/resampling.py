@@ -24,6 +24,9 @@ CATMULL_ROM_A = -0.5
 BICUBIC_SUPPORT_PX = 2
 """Reach of a cubic kernel to each side, in source pixels."""
 
+ROWS, COLUMNS = 2, 3
+"""Axes of an NCHW image."""
+
 MIN_FILTERED_MASK = 0.05
 """Below this share of valid weight a mask-normalised value means nothing."""
 
@@ -45,26 +48,38 @@ def cubic_kernel(distance: Tensor, a: float = KEYS_A) -> Tensor:
     return torch.where(x <= 1.0, inner, torch.where(x < 2.0, outer, torch.zeros_like(x)))
 
 
-def _phase_weights(scale: int, jitter: float) -> tuple[Tensor, int]:
-    """Taps of each of the `scale` output phases, and how far left of the pixel they begin.
+def _phase_taps(scale: int, jitter: float) -> list[dict[int, float]]:
+    """For each of the `scale` output phases, source offset -> weight (zeros left out).
 
-    Output pixel X = S i + p has its centre at source coordinate (X + 0.5) / S - 0.5 - jitter.
+    Output pixel X = S i + p has its centre at source coordinate i + (p + 0.5) / S - 0.5 - jitter.
     """
-    phase = torch.arange(scale, dtype=torch.float64)
-    centre = (phase + 0.5) / scale - 0.5 - jitter
-    reach = BICUBIC_SUPPORT_PX + math.floor(abs(jitter) + 0.5)
-    taps = torch.arange(-reach, reach + 1, dtype=torch.float64)
-    weights = cubic_kernel(centre[:, None] - taps[None, :])
-    return weights / weights.sum(1, keepdim=True), reach
+    phases = []
+    for phase in range(scale):
+        centre = (phase + 0.5) / scale - 0.5 - jitter
+        first = math.floor(centre) - BICUBIC_SUPPORT_PX + 1
+        offsets = range(first, first + 2 * BICUBIC_SUPPORT_PX)
+        weights = cubic_kernel(torch.tensor([centre - o for o in offsets], dtype=torch.float64))
+        weights = weights / weights.sum()
+        phases.append({o: w for o, w in zip(offsets, weights.tolist(), strict=True) if w})
+    return phases
 
 
-def _enlarge_columns(image: Image, scale: int, jitter: float) -> Image:
-    weights, reach = _phase_weights(scale, jitter)
-    n, c, h, w = image.shape
-    rows = F.pad(image, (reach, reach, 0, 0), mode="replicate").reshape(n * c, 1, h, w + 2 * reach)
-    kernel = weights.to(image)[:, None, None, :]
-    phases = F.conv2d(rows, kernel)
-    return phases.permute(0, 2, 3, 1).reshape(n, c, h, w * scale)
+def _enlarge(image: Image, scale: int, jitter: float, dim: int) -> Image:
+    """Enlarge along one axis: each output phase is a weighted sum of shifted sources."""
+    phases = _phase_taps(scale, jitter)
+    reach = max(abs(offset) for taps in phases for offset in taps)
+    length = image.shape[dim]
+    ends = (reach, reach, 0, 0) if dim == COLUMNS else (0, 0, reach, reach)
+    padded = F.pad(image, ends, mode="replicate")
+    enlarged = []
+    for taps in phases:
+        terms = iter(taps.items())
+        offset, weight = next(terms)
+        total = padded.narrow(dim, reach + offset, length) * weight
+        for offset, weight in terms:
+            total = total.add_(padded.narrow(dim, reach + offset, length), alpha=weight)
+        enlarged.append(total)
+    return torch.stack(enlarged, dim=dim + 1).flatten(dim, dim + 1)
 
 
 def upsample_bicubic(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0)) -> Image:
@@ -75,11 +90,10 @@ def upsample_bicubic(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0)) -
     Args:
         image: any channels, in the space the weights should act in.
         scale: S.
-        jitter_px: sample position minus pixel centre of `image`, |jitter| <= 1.
+        jitter_px: sample position minus pixel centre of `image`.
     """
-    wide = _enlarge_columns(image, scale, jitter_px[0])
-    tall = _enlarge_columns(wide.transpose(2, 3), scale, jitter_px[1])
-    return tall.transpose(2, 3).contiguous()
+    wide = _enlarge(image, scale, jitter_px[0], dim=COLUMNS)
+    return _enlarge(wide, scale, jitter_px[1], dim=ROWS)
 
 
 def upsample_nearest(image: Tensor, scale: int) -> Tensor:

@@ -30,12 +30,13 @@ def checked(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
     Raises:
         FrameFolderError: policy `error` and a bad value; names folder, frame and buffer.
     """
-    counts = {
-        buffer: int((~torch.isfinite(tensor)).sum())
+    # a sum is finite only if every term is, and costs one pass
+    suspects = [
+        buffer
         for buffer, tensor in frame.gbuffer.items()
-        if tensor.is_floating_point()
-    }
-    bad = {buffer: count for buffer, count in counts.items() if count}
+        if tensor.is_floating_point() and not bool(torch.isfinite(tensor.sum(dtype=torch.float64)))
+    ]
+    bad = {b: int((~torch.isfinite(frame.gbuffer[b])).sum()) for b in suspects}
     if not bad:
         return frame, 0
     if policy is NonfinitePolicy.ERROR:

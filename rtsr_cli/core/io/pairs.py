@@ -202,8 +202,8 @@ class SimulatedPairs:
         lr = derive(lr, lr_used, inputs.derivation)
         if not hr_used:
             return FramePair(lr, None, fixed)
-        at_hr = replace(full, gbuffer=full.gbuffer.only(hr_needs.read - RADIANCE_BUFFERS))
-        hr, fixed_hr = checked(at_hr, inputs.on_nonfinite)
+        full = replace(full, gbuffer=full.gbuffer.only(hr_needs.read - RADIANCE_BUFFERS))
+        hr, fixed_hr = checked(full, inputs.on_nonfinite)
         hr = averaged(derive(hr, hr_used, inputs.derivation), self.simulation.samples_per_pixel)
         return FramePair(lr, hr, fixed + fixed_hr)
 

@@ -182,11 +182,11 @@ def _stack(
     stored = [planes[c.stream, c.channel] for c in components]
     if len(stored) == 1 and stored[0].dtype == np.uint32:
         return torch.from_numpy(stored[0].view(np.int32))[None, None]
-    return torch.stack(
-        [
-            (torch.from_numpy(plane.astype(np.float32)) - c.offset) * c.factor
-            if c.offset or c.factor != 1.0
-            else torch.from_numpy(plane.astype(np.float32))
-            for plane, c in zip(stored, components, strict=True)
-        ]
-    )[None]
+    height, width = stored[0].shape
+    image = torch.empty(1, len(stored), height, width)
+    for i, (plane, c) in enumerate(zip(stored, components, strict=True)):
+        wide = plane.astype(np.int64) if plane.dtype == np.uint32 else plane
+        values = image[0, i].copy_(torch.from_numpy(wide))
+        if c.offset or c.factor != 1.0:
+            values.sub_(c.offset).mul_(c.factor)
+    return image
