@@ -23,7 +23,7 @@ CAPTURE = """\
 # What the frames beside this file hold; every field is optional, see the README.
 layout = "rtsr"
 scale = {scale}
-# LR samples lie right of and below the LR pixel's centre: one of each {scale} x {scale} block was kept
+# one sample of each {scale} x {scale} block was kept: right of and below the LR pixel's centre
 jitter_px = [{jitter}, {jitter}]
 
 [motion]

@@ -16,6 +16,8 @@ import click
 from fileseq.exceptions import ParseException
 from fileseq.frameset import FrameSet as FrameRange
 
+from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -53,6 +55,26 @@ class ShardOf(click.ParamType[tuple[int, int]]):
         return int(index), int(count)
 
 
+class Named(click.ParamType[str]):
+    """One of a set of names; an unknown one gets a suggestion."""
+
+    name = "NAME"
+
+    def __init__(self, kind: str, known: Iterable[str]) -> None:
+        """Remember what is named, and the names."""
+        self._kind = kind
+        self._known = tuple(known)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check the name."""
+        if value not in self._known:
+            close = difflib.get_close_matches(value, self._known, n=1)
+            hint = f", did you mean '{close[0]}'?" if close else ""
+            there = ", ".join(self._known)
+            self.fail(f"no {self._kind} is called '{value}'{hint} (there are: {there})", param, ctx)
+        return str(value)
+
+
 FOLDER = click.Path(path_type=Path)
 
 input_folder = click.argument("in_folder", metavar="IN", type=FOLDER)
@@ -62,7 +84,9 @@ frames = click.option(
     "--frames", type=Frames(), help="Write these frames only; history still reads the others."
 )
 shard = click.option("--shard", type=ShardOf(), help="Write part I of N of each shot.")
-layout = click.option("--layout", metavar="NAME", help="Channel layout; detected by default.")
+layout = click.option(
+    "--layout", type=Named("layout", LAYOUT_NAMES), help="Channel layout; detected by default."
+)
 capture = click.option(
     "--capture",
     "capture_file",
@@ -131,14 +155,6 @@ def reads_frames(function: F) -> F:
     ):
         function = option(function)
     return function
-
-
-def unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    """Say that a name does not exist, and which one may have been meant."""
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f", did you mean '{close[0]}'?" if close else ""
-    return f"no {kind} is called '{name}'{hint} (there are: {', '.join(names)})"
 
 
 def emit(event: dict[str, Any]) -> None:

@@ -24,6 +24,7 @@ from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import ReadOptions, open_pairs, open_radiance
+from rtsr_cli.core.io.outputs import check_writable
 from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.io.selection import Selection, Shard
 from rtsr_cli.core.io.simulation import JitterMode, Simulation
@@ -101,6 +102,8 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
         _announce(chosen, plan)
     if chosen["dry_run"]:
         return 0
+    for plan, _ in jobs:
+        check_writable(plan.folder)
     return _finish(chosen, _events(jobs, options), sum(len(p.pending) for p, _ in jobs))
 
 
@@ -232,6 +235,8 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
         )
     if chosen["dry_run"]:
         return 0
+    for plan in plans:
+        check_writable(plan.folder)
     reports: list[FrameReport] = []
     with tqdm(total=sum(len(p.pending) for p in plans), unit="frame", disable=None) as bar:
         for plan in plans:

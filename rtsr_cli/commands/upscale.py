@@ -10,22 +10,14 @@ from rtsr_cli.commands import options as opt
 from rtsr_cli.models import system_names
 
 
-class SystemName(click.ParamType[str]):
-    """A system's name; an unknown one gets a suggestion, without importing any."""
-
-    name = "NAME"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Check the name."""
-        if value not in system_names():
-            self.fail(opt.unknown("system", value, system_names()), param, ctx)
-        return str(value)
-
-
 @click.command("upscale")
 @opt.input_folder
 @opt.output_folder
-@click.option("--system", type=SystemName(), help="Default: the best that the inputs allow.")
+@click.option(
+    "--system",
+    type=opt.Named("system", system_names()),
+    help="Default: the best that the inputs allow.",
+)
 @click.option("--scale", type=click.IntRange(1, 16), help="Needed where there are no HR frames.")
 @click.option(
     "--hr",

@@ -19,7 +19,6 @@ from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.outputs import (
     OutputState,
     buffer_channels,
-    check_writable,
     image_channels,
     output_name,
     output_state,
@@ -160,7 +159,6 @@ def run_frames(plan: DemodulatePlan, options: DemodulateOptions) -> Iterator[Fra
         yield FrameReport(shot=plan.name, number=number, path=plan.path(number), kept=True)
     if not plan.pending:
         return
-    check_writable(plan.folder)
     remove_leftovers(plan.folder)
 
     def work(number: int) -> tuple[FrameReport, Mapping[str, Any]]:

@@ -126,7 +126,8 @@ def _resolve(
         held = buffer in stored
         return Needs(frozenset({buffer} if held else ()), () if held else (buffer.value,))
     results = [_resolve_all(buffer, option, stored, has_camera, config) for option in options]
-    return min(results, key=lambda result: len(result.missing))
+    # among equally good ones the one that more of the files serve says best what is missing
+    return min(results, key=lambda result: (len(result.missing), -len(result.read)))
 
 
 def _resolve_all(

@@ -18,7 +18,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
 from rtsr_cli.core.io.exr import read_header
-from rtsr_cli.core.io.outputs import OutputFrame, check_writable
+from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import provenance
 from rtsr_cli.core.io.shots import remove_leftovers
@@ -60,7 +60,6 @@ def run_shot(plan: ShotPlan, network: nn.Module, options: UpscaleOptions) -> Ite
             yield _event(plan, number, Status.KEPT)
     if not plan.order:
         return
-    check_writable(plan.folder)
     remove_leftovers(plan.folder)
     with BackgroundWriter[tuple[int, float]](options.jobs) as writer:
         yield from _stream(plan, network, options, writer)

@@ -14,6 +14,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.frames.motion import MotionConvention, YAxis
+from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +130,7 @@ BLENDER = Layout(
     conventions=Conventions(motion=MotionConvention(y_axis=YAxis.UP)),
 )
 
-LAYOUTS: Mapping[str, Layout] = {layout.name: layout for layout in (RTSR, BLENDER)}
+LAYOUTS: Mapping[str, Layout] = dict(zip(LAYOUT_NAMES, (RTSR, BLENDER), strict=True))
 """Every preset, by name."""
 
 

@@ -128,7 +128,7 @@ def _check_channels(
                 raise FrameFolderError(
                     f"{frames.root}, frames {ranges(lacking)}: buffer '{buffer}' is missing "
                     f"(channel '{c.channel}' is in other frames of '{c.stream}'); "
-                    "render these frames again, or leave them out with --frames"
+                    "render these frames again, or move them out of the folder"
                 )
 
 
