@@ -1,0 +1,58 @@
+"""Agreement of the same frames dumped in two layouts, through `rtsr upscale` without an option.
+
+    python benchmarks/dumps.py ../shared/data
+
+Prints PSNR after c/(1+c) between the outputs of `dumps/standard` and `dumps/multilayer`.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+from pathlib import Path
+
+import click
+import numpy as np
+from click.testing import CliRunner
+from numpy.typing import NDArray
+
+from rtsr_cli.cli import group
+from rtsr_cli.core.io.exr import read_channels
+
+
+def outputs(folder: Path, out: Path, system: str, scale: int) -> dict[int, NDArray[np.float64]]:
+    """Upscale a dump and load the results by frame number, tone-mapped."""
+    result = CliRunner().invoke(
+        group,
+        ["upscale", str(folder), str(out), "--simulate-lr", str(scale), "--system", system],
+    )
+    if result.exit_code:
+        raise click.ClickException(result.output)
+    images = {}
+    for path in sorted(out.glob("*.exr")):
+        planes = read_channels(path, "RGB")
+        color = np.stack([planes[c].astype(np.float64) for c in "RGB"])
+        images[int(path.stem.split(".")[-1])] = color / (1 + color)
+    return images
+
+
+@click.command()
+@click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
+def main(data: Path) -> None:
+    """Print one line a system and scale: worst and mean PSNR over the frames."""
+    for system in ("demod-bicubic", "taau"):
+        for scale in (2, 4):
+            with tempfile.TemporaryDirectory() as folder:
+                standard, multilayer = (
+                    outputs(data / "dumps" / name, Path(folder) / name, system, scale)
+                    for name in ("standard", "multilayer")
+                )
+            values = [-10 * np.log10(np.mean((standard[n] - multilayer[n]) ** 2)) for n in standard]
+            print(
+                f"{system} {scale}x: lowest {min(values):.2f} dB, "
+                f"mean {statistics.fmean(values):.2f} dB over {len(values)} frames"
+            )
+
+
+if __name__ == "__main__":
+    main()
