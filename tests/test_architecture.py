@@ -80,7 +80,8 @@ def test_every_file_of_the_package_is_installed_and_nothing_else():
         for path in (ROOT / "rtsr_cli").rglob("*")
         if path.is_file() and path.suffix != ".pyc"
     }
-    assert installed == tree
+    assert not tree - installed, "in the tree, but not installed"
+    assert not installed - tree, "installed, but not in the tree"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
