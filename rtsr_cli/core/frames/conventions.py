@@ -105,7 +105,8 @@ def depth_to_metres(
     sky = (stored >= convention.sky) | torch.isinf(stored)
     metres = stored * convention.unit_m
     if convention.kind is DepthKind.RAY:
-        rays = pixel_rays(camera, view, (stored.shape[-2], stored.shape[-1]))
+        size = (stored.shape[-2], stored.shape[-1])
+        rays = pixel_rays(camera, view, size, jitter_px=camera.jitter_px)
         if rays is None:
             raise MissingBufferError(_needs_camera(where, "ray distance"))
         metres = metres / rays.norm(dim=1, keepdim=True)
