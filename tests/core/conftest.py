@@ -67,7 +67,7 @@ def make_camera() -> Callable[..., CameraMetadata]:
 
 
 def _unproject(camera: CameraMetadata, size: tuple[int, int], depth: Array) -> Array:
-    """World positions (h, w, 3) of the pixels of a whole frame, through the inverse of worldToNDC."""
+    """World positions (h, w, 3) of a whole frame, through the inverse of worldToNDC."""
     assert camera.world_to_ndc is not None
     to_world = np.linalg.inv(camera.world_to_ndc.numpy())
     height, width = size
