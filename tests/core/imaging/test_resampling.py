@@ -226,6 +226,12 @@ def test_halton_offsets_of_four_by_hand() -> None:
     assert [halton_offset(n, 4) for n in range(1, 5)] == [(2, 1), (1, 2), (3, 0), (0, 1)]
 
 
+def test_halton_offsets_are_not_rounded_where_the_fraction_meets_a_sample() -> None:
+    # 5 is 12 in base 3, mirrored 2/3 + 1/9 = 7/9, of nine samples the eighth
+    assert halton_offset(5, 9)[1] == 7
+    assert halton_offset(14, 27)[1] == 22
+
+
 @settings(max_examples=80, deadline=None)
 @given(frame=st.integers(-1000, 10_000_000), block=st.integers(1, 64))
 def test_halton_offsets_stay_inside_the_block(frame: int, block: int) -> None:
