@@ -28,7 +28,7 @@ from rtsr_cli.core.io.provenance import FileDigests, digest, provenance
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.io.shots import remove_leftovers
-from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch
+from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
 from rtsr_cli.core.shapes import Color, Mask
 
 COMMAND = "demodulate"
@@ -170,8 +170,9 @@ def run_frames(plan: DemodulatePlan, options: DemodulateOptions) -> Iterator[Fra
             else _divided(frame, report, options)
         )
 
+    ahead = read_ahead(options.jobs, plan.reader.frame_bytes)
     with BackgroundWriter[FrameReport](options.jobs) as writer:
-        for number, future in prefetch(work, plan.pending, options.jobs):
+        for number, future in prefetch(work, plan.pending, ahead):
             error = future.exception()
             if isinstance(error, FrameFolderError):
                 yield FrameReport(

@@ -22,7 +22,7 @@ from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import provenance
 from rtsr_cli.core.io.shots import remove_leftovers
-from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch
+from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
 from rtsr_cli.core.planning import AUTOCAST, COMMAND, ShotPlan, Stamps, UpscaleOptions
 from rtsr_cli.core.system import Prediction, State, System, Window
 
@@ -81,7 +81,8 @@ def _stream(
         stamps.input_digest(number)
         return plan.source.load(number, plan.inputs).to(options.device)
 
-    for number, future in prefetch(load, plan.order, options.jobs):
+    ahead = read_ahead(options.jobs, plan.source.frame_bytes)
+    for number, future in prefetch(load, plan.order, ahead):
         started = time.perf_counter()
         try:
             pair = future.result()

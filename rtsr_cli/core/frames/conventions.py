@@ -105,7 +105,8 @@ def depth_to_metres(
     sky = (stored >= convention.sky) | torch.isinf(stored)
     metres = stored * convention.unit_m
     if convention.kind is DepthKind.RAY:
-        axes = ray_axes(camera, view, (stored.shape[-2], stored.shape[-1]))
+        size = (stored.shape[-2], stored.shape[-1])
+        axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
         if axes is None:
             raise MissingBufferError(_needs_camera(where, "ray distance"))
         metres = metres / (1.0 + axes[0] ** 2 + axes[1] ** 2).sqrt()

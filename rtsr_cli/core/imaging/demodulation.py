@@ -8,6 +8,7 @@ radiance and material is 1, so that the same product recomposes every pixel.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -142,13 +143,13 @@ def remodulate(lighting: Color, material: Color, emission: Color | None = None) 
 def lighting_scale(lighting: Color, mask: Mask) -> float:
     """k = exp(mean(log(lighting + 1e-3))) over mask = 1 of the whole frame; 1 if nothing is.
 
-    Summed in double precision so that the value does not depend on how threads share the sum.
+    Summed by NumPy, in one thread and in one order, so that the number of threads changes no bit.
     """
     valid = (mask > 0.5).expand_as(lighting) & torch.isfinite(lighting)
     if not bool(valid.any()):
         return 1.0
     logs = torch.log(lighting[valid].clamp(min=0.0) + LIGHTING_FLOOR)
-    return float(torch.exp(logs.double().mean()))
+    return math.exp(logs.double().cpu().numpy().mean())
 
 
 def recomposition_error(radiance: Color, recomposed: Color) -> float:

@@ -132,14 +132,19 @@ def grow_valid(image: Image, mask: Mask, steps: int = 1) -> tuple[Image, Mask]:
     return values, mask
 
 
-def radical_inverse(index: int, base: int) -> float:
-    """Element `index` (from 1) of the van der Corput sequence [Halton 1964]."""
-    result, fraction = 0.0, 1.0 / base
+def _mirrored_digits(index: int, base: int) -> tuple[int, int]:
+    """Numerator and denominator of the van der Corput sequence, exact."""
+    numerator, denominator = 0, 1
     while index > 0:
         index, digit = divmod(index, base)
-        result += digit * fraction
-        fraction /= base
-    return result
+        numerator, denominator = numerator * base + digit, denominator * base
+    return numerator, denominator
+
+
+def radical_inverse(index: int, base: int) -> float:
+    """Element `index` (from 1) of the van der Corput sequence [Halton 1964]."""
+    numerator, denominator = _mirrored_digits(index, base)
+    return numerator / denominator
 
 
 def halton_offset(frame_number: int, block: int) -> tuple[int, int]:
@@ -148,7 +153,8 @@ def halton_offset(frame_number: int, block: int) -> tuple[int, int]:
     Frames count from 1; numbers below that take the sequence's first elements again.
     """
     index = frame_number if frame_number >= 1 else 1 - frame_number
-    x, y = (int(radical_inverse(index, base) * block) for base in HALTON_BASES)
+    fractions = (_mirrored_digits(index, base) for base in HALTON_BASES)
+    x, y = (numerator * block // denominator for numerator, denominator in fractions)
     return x, y
 
 

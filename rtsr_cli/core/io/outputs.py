@@ -36,9 +36,8 @@ def output_name(reader: FrameReader, number: int) -> str:
     """`<name>.<frame>.exr` with the input's base name and digits (`0005.exr` without a name)."""
     source = reader.path(number)
     stem = source.name[: -len(source.suffix)]
-    digits = stem[len(reader.base) :].lstrip("._ ") if reader.base else stem
-    if number in reader.held:
-        digits = f"{number:0{len(digits)}d}"
+    width = len(stem[len(reader.base) :].lstrip("._- "))
+    digits = f"{'-' if number < 0 else ''}{abs(number):0{width}d}"
     return f"{reader.base}.{digits}.exr" if reader.base else f"{digits}.exr"
 
 

@@ -75,6 +75,10 @@ class PairSource(Protocol):
     def output_window(self) -> tuple[Window, Window]:
         """Data and display window of the outputs."""
 
+    @property
+    def frame_bytes(self) -> int:
+        """Memory that reading one frame takes, generously."""
+
     def missing(self, inputs: Inputs) -> tuple[str, ...]:
         """Name what a system needs and these files do not have."""
 
@@ -122,6 +126,11 @@ class RealPairs:
         if self.hr is not None:
             return self.hr.region, self.hr.display
         return self.lr.region.scaled(self.scale), self.lr.display.scaled(self.scale)
+
+    @property
+    def frame_bytes(self) -> int:
+        """Both resolutions."""
+        return self.lr.frame_bytes + (0 if self.hr is None else self.hr.frame_bytes)
 
     def missing(self, inputs: Inputs) -> tuple[str, ...]:
         """Name what is missing, with the resolution it is missing at."""
@@ -182,6 +191,11 @@ class SimulatedPairs:
         """Windows of the capture, less the samples of a pixel."""
         k = self.simulation.samples_per_pixel
         return _shrunk(self.capture.region, k), _shrunk(self.capture.display, k)
+
+    @property
+    def frame_bytes(self) -> int:
+        """The capture's."""
+        return self.capture.frame_bytes
 
     def missing(self, inputs: Inputs) -> tuple[str, ...]:
         """Name what the capture lacks."""

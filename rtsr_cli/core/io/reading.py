@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +18,8 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.exr import Plane, Window, read_channels, read_header
 from rtsr_cli.core.io.layouts import Binding, BoundComponent, Layout
 from rtsr_cli.core.io.shots import FrameSet
+
+FLOAT_BYTES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +54,12 @@ class FrameReader:
     def size(self) -> tuple[int, int]:
         """(height, width) of every frame."""
         return self.region.height, self.region.width
+
+    @property
+    def frame_bytes(self) -> int:
+        """Memory that reading a frame takes: its channels as float32, and as stored."""
+        channels = sum(len(components) for components in self.binding.values())
+        return self.region.width * self.region.height * channels * 2 * FLOAT_BYTES
 
     @property
     def stored(self) -> frozenset[Buffer]:
@@ -133,10 +141,15 @@ class FrameReader:
             jitter_px_prev=self.cameras.get(number - self.step, camera).jitter_px,
             where=self.where(number),
         )
-        tensors = {
-            buffer: conv.to_memory(buffer, _stack(self.binding[buffer], planes), stored)
-            for buffer in buffers
-        }
+        uses = Counter((c.stream, c.channel) for b in buffers for c in self.binding[b])
+        tensors = {}
+        for buffer in buffers:
+            components = self.binding[buffer]
+            tensors[buffer] = conv.to_memory(buffer, _stack(components, planes), stored)
+            # what is converted is let go, so that a frame is in memory once and a half, not twice
+            uses.subtract((c.stream, c.channel) for c in components)
+            for key in [k for k in planes if uses[k] <= 0]:
+                del planes[key]
         return Frame(
             number=number,
             gbuffer=GBuffer(tensors, self.where(number)),

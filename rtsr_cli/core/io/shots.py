@@ -69,9 +69,16 @@ def _streams(folder: Path, prefix: str = "") -> dict[str, Stream]:
                 )
         bases[key] = base
     return {
-        key: Stream(key=key, base=bases[key], files=dict(sorted(files.items())))
+        key: Stream(key=key, base=bases[key], files=_in_order(files, bases[key]))
         for key, files in found.items()
     }
+
+
+def _in_order(files: Mapping[int, Path], base: str) -> dict[int, Path]:
+    """Sort by number; a dash that follows the name in every file separates, it is no sign."""
+    after = [path.name[len(base) : len(base) + 2] for path in files.values()]
+    separated = base and all(text[:1] == "-" and text[1:].isdigit() for text in after)
+    return dict(sorted((-n if separated else n, path) for n, path in files.items()))
 
 
 def frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | None:

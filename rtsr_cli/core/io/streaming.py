@@ -11,8 +11,16 @@ from typing import Generic, Self, TypeVar
 K = TypeVar("K")
 V = TypeVar("V")
 
+READ_AHEAD_BYTES = 1 << 30
+"""Frames read ahead may take this much memory together; one is always read ahead."""
+
 Loaded = tuple[K, Future[V]]
 """An item and its finished future; asking the future raises what loading raised."""
+
+
+def read_ahead(jobs: int, frame_bytes: int) -> int:
+    """Frames to read at a time: `jobs`, or as many as the memory for it holds."""
+    return max(1, min(jobs, READ_AHEAD_BYTES // max(1, frame_bytes)))
 
 
 def prefetch(load: Callable[[K], V], items: Iterable[K], jobs: int) -> Iterator[Loaded[K, V]]:

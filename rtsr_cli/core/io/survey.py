@@ -60,7 +60,7 @@ def open_frames(
         frames: the files.
         layout: name of a preset; capture.toml's, or the best match, if None.
         capture: what the user declares.
-        side_car: camera rows by frame number, in place of the headers' matrices.
+        side_car: camera rows by frame number; their matrices replace the headers'.
         on_missing: what to do about holes in the numbering.
         jittered: whether declared jitter applies to these frames (LR) or not (HR).
 
@@ -200,10 +200,10 @@ def _camera(
     *,
     jittered: bool,
 ) -> CameraMetadata:
-    if number in side_car:
-        camera = side_car[number].metadata()
-    else:
-        camera = CameraMetadata(
+    camera = side_car[number].metadata() if number in side_car else CameraMetadata()
+    if camera.world_to_camera is None and camera.world_to_ndc is None:
+        camera = replace(
+            camera,
             world_to_camera=_matrix(header, WORLD_TO_CAMERA),
             world_to_ndc=_matrix(header, WORLD_TO_NDC),
         )
