@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import sys
 from importlib import import_module
@@ -11,7 +10,7 @@ from typing import NoReturn
 import click
 
 from rtsr_cli import __version__
-from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.errors import RtsrError, did_you_mean
 
 COMMANDS = {
     "precompute-lut": "Write the split-sum BRDF table (A and B over NoV and roughness).",
@@ -48,11 +47,7 @@ class LazyGroup(click.Group):
         """Resolve a name, or suggest the nearest one."""
         name = args[0]
         if name not in COMMANDS and not name.startswith("-"):
-            close = difflib.get_close_matches(name, COMMANDS, n=1)
-            hint = (
-                f", did you mean '{close[0]}'?" if close else f"; there are {', '.join(COMMANDS)}"
-            )
-            ctx.fail(f"no command is called '{name}'{hint}")
+            ctx.fail(f"no command is called '{name}'{did_you_mean(name, COMMANDS)}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -46,6 +46,6 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     Writes lighting.RGB, material.RGB, mask (1 = divided) and emission.RGB, such that
     radiance = lighting * material + emission in every pixel.
     """
-    from rtsr_cli.commands.running import run_demodulate
+    from rtsr_cli.commands.run_demodulate import run_demodulate
 
     ctx.exit(run_demodulate(chosen))

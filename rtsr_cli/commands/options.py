@@ -5,7 +5,6 @@ Validation is in the parameter types, so that the library sees good values only.
 
 from __future__ import annotations
 
-import difflib
 import json
 import logging
 from collections.abc import Callable, Iterable
@@ -16,6 +15,7 @@ import click
 from fileseq.exceptions import ParseException
 from fileseq.frameset import FrameSet as FrameRange
 
+from rtsr_cli.core.errors import did_you_mean
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -68,10 +68,8 @@ class Named(click.ParamType[str]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Check the name."""
         if value not in self._known:
-            close = difflib.get_close_matches(value, self._known, n=1)
-            hint = f", did you mean '{close[0]}'?" if close else ""
-            there = ", ".join(self._known)
-            self.fail(f"no {self._kind} is called '{value}'{hint} (there are: {there})", param, ctx)
+            hint = did_you_mean(value, self._known)
+            self.fail(f"no {self._kind} is called '{value}'{hint}", param, ctx)
         return str(value)
 
 

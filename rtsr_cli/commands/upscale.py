@@ -80,6 +80,6 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
         for name in ("samples_per_pixel", "jitter", "lr_filter"):
             if ctx.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
                 raise click.UsageError(f"--{name.replace('_', '-')} needs --simulate-lr")
-    from rtsr_cli.commands.running import run_upscale
+    from rtsr_cli.commands.run_upscale import run_upscale
 
     ctx.exit(run_upscale(chosen))

@@ -1,6 +1,12 @@
-"""The errors a user can cause; `cli.py` alone turns them into a message and an exit code."""
+"""The errors a user can cause, and the hints in their messages.
+
+`cli.py` alone turns an error into a message and an exit code.
+"""
 
 from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
 
 
 class RtsrError(Exception):
@@ -25,3 +31,11 @@ class ConfigError(RtsrError):
 
 class OutputError(RtsrError):
     """An output that cannot be written, or that rtsr did not write and must not replace."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return `, did you mean 'x'?` for a near miss, and the list of what there is."""
+    names = list(known)
+    close = difflib.get_close_matches(word, names, n=1)
+    hint = f", did you mean '{close[0]}'?" if close else ""
+    return f"{hint} (there are: {', '.join(names)})" if names else hint

@@ -5,11 +5,10 @@ A new system is its file and one line in `SYSTEM_MODULES`.
 
 from __future__ import annotations
 
-import difflib
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from rtsr_cli.core.system import System
@@ -37,11 +36,7 @@ def load_system(name: str) -> System:
         ConfigError: there is no such system; suggests one.
     """
     if name not in SYSTEM_MODULES:
-        close = difflib.get_close_matches(name, SYSTEM_MODULES, n=1)
-        hint = f", did you mean '{close[0]}'?" if close else ""
-        raise ConfigError(
-            f"no system is called '{name}'{hint} (there are: {', '.join(SYSTEM_MODULES)})"
-        )
+        raise ConfigError(f"no system is called '{name}'{did_you_mean(name, SYSTEM_MODULES)}")
     module = import_module(f"rtsr_cli.models.{SYSTEM_MODULES[name]}")
     systems: tuple[System, ...] = module.SYSTEMS
     return next(system for system in systems if system.name == name)

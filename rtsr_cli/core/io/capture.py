@@ -6,10 +6,9 @@ Everything is validated together: one error lists every wrong field with its pat
 from __future__ import annotations
 
 import csv
-import difflib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -25,7 +24,7 @@ from pydantic import (
     ValidationError,
 )
 
-from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.errors import ConfigError, did_you_mean
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import (
     Conventions,
@@ -238,7 +237,7 @@ def _describe(item: Mapping[str, Any]) -> str:
     place = ".".join(str(part) for part in item["loc"])
     if item["type"] != "extra_forbidden":
         return f"{place}: {item['msg']} (got {item['input']!r})"
-    hint = suggestion(str(item["loc"][-1]), _field_names(item["loc"][:-1]))
+    hint = did_you_mean(str(item["loc"][-1]), _field_names(item["loc"][:-1]))
     return f"{place}: no such field{hint}"
 
 
@@ -248,12 +247,3 @@ def _field_names(parents: Sequence[object]) -> list[str]:
         known = getattr(model, "model_fields", {})
         model = known[parent].annotation if parent in known else None
     return list(getattr(model, "model_fields", ()))
-
-
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """Return `, did you mean 'x'?` for a near miss, or the list of what there is."""
-    names = list(known)
-    close = difflib.get_close_matches(word, names, n=1)
-    if close:
-        return f", did you mean '{close[0]}'?"
-    return f" (there are: {', '.join(names)})" if names else ""

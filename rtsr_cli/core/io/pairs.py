@@ -19,8 +19,8 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.exr import Window
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.simulation import Simulation, averaged, decimated
-from rtsr_cli.core.io.survey import ranges
 from rtsr_cli.core.shapes import Size
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 
@@ -31,3 +31,14 @@ class Selection:
         """Return the selected ones among a shot's numbers."""
         chosen = tuple(n for n in numbers if self.frames is None or n in self.frames)
         return self.shard.part(chosen) if self.shard else chosen
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Write numbers compactly: 1-4, 7."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else str(r[0]) for r in runs)

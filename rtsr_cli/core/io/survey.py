@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from enum import StrEnum
@@ -11,12 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.errors import FrameFolderError, RtsrError, did_you_mean
 from rtsr_cli.core.frames.camera import CameraMetadata
-from rtsr_cli.core.io.capture import CameraRow, Capture, suggestion
+from rtsr_cli.core.io.capture import CameraRow, Capture
 from rtsr_cli.core.io.exr import ExrHeader, Window, read_header
 from rtsr_cli.core.io.layouts import LAYOUTS, Binding, Layout, bind, detect
 from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.shots import FrameSet
 
 WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
@@ -41,7 +42,7 @@ def layout_named(name: str) -> Layout:
         FrameFolderError: there is no such preset; suggests one.
     """
     if name not in LAYOUTS:
-        raise FrameFolderError(f"no layout is called '{name}'{suggestion(name, LAYOUTS)}")
+        raise FrameFolderError(f"no layout is called '{name}'{did_you_mean(name, LAYOUTS)}")
     return LAYOUTS[name]
 
 
@@ -158,17 +159,6 @@ def _numbers(
             if last is not None and last != number:
                 held[number] = last
     return tuple(sorted(complete | set(held))), held
-
-
-def ranges(numbers: Iterable[int]) -> str:
-    """Write numbers compactly: 1-4, 7."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else str(r[0]) for r in runs)
 
 
 def _regions(

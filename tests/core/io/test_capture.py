@@ -16,7 +16,7 @@ from rtsr_cli.core.frames.conventions import (
     SpecularWorkflow,
 )
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
-from rtsr_cli.core.io.capture import Capture, read_cameras, read_capture, suggestion
+from rtsr_cli.core.io.capture import Capture, read_cameras, read_capture
 
 COMPLETE = """
 layout = "blender"
@@ -260,9 +260,3 @@ def test_a_side_car_that_makes_no_sense_is_refused_by_name(
 def test_a_side_car_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.csv: the camera side-car cannot be read"):
         read_cameras(tmp_path / "none.csv")
-
-
-def test_suggestions_are_near_misses_or_the_whole_list() -> None:
-    assert suggestion("blendr", ["rtsr", "blender"]) == ", did you mean 'blender'?"
-    assert suggestion("zzz", ["rtsr", "blender"]) == " (there are: rtsr, blender)"
-    assert suggestion("zzz", []) == ""

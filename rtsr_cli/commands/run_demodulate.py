@@ -1,0 +1,95 @@
+"""`rtsr demodulate` after parsing: plans of every frame set, one run, a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.running import FAILED, read_options, selection
+from rtsr_cli.core import demodulating
+from rtsr_cli.core.demodulating import DemodulateOptions, FrameReport
+from rtsr_cli.core.derive import DerivationConfig
+from rtsr_cli.core.imaging.brdf_lut import LutConvention
+from rtsr_cli.core.imaging.demodulation import DemodulationMode
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.opening import open_radiance
+from rtsr_cli.core.io.outputs import check_writable
+from rtsr_cli.core.io.selection import ranges
+
+
+def run_demodulate(chosen: Mapping[str, Any]) -> int:
+    """Plan every frame set, then run; return the exit code."""
+    options = DemodulateOptions(
+        derivation=DerivationConfig(
+            mode=DemodulationMode(chosen["mode"]),
+            lut=LutConvention(chosen["convention"]),
+            epsilon=chosen["epsilon"],
+        ),
+        inverse=chosen["inverse"],
+        full=chosen["full"],
+        jobs=chosen["jobs"],
+        overwrite=chosen["overwrite"],
+        on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]),
+        selection=selection(chosen),
+    )
+    found = open_radiance(chosen["in_folder"], read_options(chosen), lighting=options.inverse)
+    plans = [
+        demodulating.plan_frames(name, reader, chosen["out_folder"] / name, options)
+        for name, reader in found
+    ]
+    for plan in plans:
+        click.echo(
+            f"{plan.reader.frames.root}: layout {plan.reader.layout.name}, frames "
+            f"{ranges(plan.selected) or 'none'}; {len(plan.pending)} to write",
+            err=chosen["as_json"],
+        )
+    if chosen["dry_run"]:
+        return 0
+    for plan in plans:
+        check_writable(plan.folder)
+    reports: list[FrameReport] = []
+    with tqdm(total=sum(len(p.pending) for p in plans), unit="frame", disable=None) as bar:
+        for plan in plans:
+            for report in demodulating.run_frames(plan, options):
+                reports.append(report)
+                bar.update(not report.kept)
+                _tell(chosen, report)
+    return _summary(chosen, reports, options)
+
+
+def _tell(chosen: Mapping[str, Any], report: FrameReport) -> None:
+    if chosen["as_json"]:
+        emit({"event": "frame", **asdict(report)})
+    elif report.failed:
+        click.echo(f"Failed: {report.failed}", err=True)
+
+
+def _summary(
+    chosen: Mapping[str, Any], reports: list[FrameReport], options: DemodulateOptions
+) -> int:
+    fresh = [r for r in reports if not r.kept and not r.failed]
+    failed = sum(bool(r.failed) for r in reports)
+    facts = {
+        "written": len(fresh),
+        "kept": sum(r.kept for r in reports),
+        "failed": failed,
+        "error": max((r.error for r in fresh), default=0.0),
+        "undivided": sum(r.undivided for r in fresh) / max(len(fresh), 1),
+    }
+    if chosen["as_json"]:
+        emit({"event": "done", **facts})
+        return FAILED if failed else 0
+    click.echo(
+        f"{chosen['out_folder']}: {facts['written']} written, {facts['kept']} kept, {failed} failed"
+    )
+    if fresh and not options.inverse:
+        click.echo(
+            f"largest recomposition error {facts['error']:.2e} of max(|c|, 1e-3); "
+            f"{100 * facts['undivided']:.2f} % of the pixels not divided"
+        )
+    return FAILED if failed else 0

@@ -1,0 +1,161 @@
+"""`rtsr upscale` after parsing: plans of every shot, one run, a summary."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import click
+from torch import nn
+from tqdm import tqdm
+
+from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.running import FAILED, device_named, read_options, selection
+from rtsr_cli.core import planning, upscaling
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.opening import open_pairs
+from rtsr_cli.core.io.outputs import check_writable
+from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.io.simulation import JitterMode, Simulation
+from rtsr_cli.core.planning import Precision, ShotPlan, UpscaleOptions
+from rtsr_cli.core.system import System
+from rtsr_cli.core.upscaling import FrameEvent, Status
+from rtsr_cli.models import PREFERENCE, load_system
+
+
+def run_upscale(chosen: Mapping[str, Any]) -> int:
+    """Plan every shot, then run; return the exit code."""
+    options = UpscaleOptions(
+        device=device_named(chosen["device"]),
+        precision=Precision(chosen["precision"]),
+        jobs=chosen["jobs"],
+        tile=chosen["tile"],
+        overwrite=chosen["overwrite"],
+        previews=chosen["previews"],
+        debug=chosen["debug_buffers"],
+        selection=selection(chosen),
+    )
+    base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
+    jobs = []
+    for name, source in _pairs(chosen):
+        system = _system(chosen["system"], source, base)
+        network = system.build(system.config(), source.scale).eval().to(options.device)
+        plan = planning.plan_shot(
+            name,
+            source,
+            system,
+            inputs=planning.system_inputs(system, base),
+            folder=chosen["out_folder"] / name,
+            options=options,
+            config=_stamped(chosen, system),
+        )
+        jobs.append((plan, network))
+        _announce(chosen, plan)
+    if chosen["dry_run"]:
+        return 0
+    for plan, _ in jobs:
+        check_writable(plan.folder)
+    return _finish(chosen, _events(jobs, options), sum(len(p.pending) for p, _ in jobs))
+
+
+def _pairs(chosen: Mapping[str, Any]) -> Iterator[tuple[str, PairSource]]:
+    simulation = None
+    if chosen["simulate_lr"] is not None:
+        simulation = Simulation(
+            scale=chosen["simulate_lr"],
+            samples_per_pixel=chosen["samples_per_pixel"],
+            jitter=JitterMode(chosen["jitter"]),
+            lr_filter=chosen["lr_filter"],
+        )
+    return open_pairs(
+        chosen["in_folder"],
+        read_options(chosen),
+        hr_folder=chosen["hr_folder"],
+        scale=chosen["scale"],
+        simulation=simulation,
+    )
+
+
+def _system(name: str | None, source: PairSource, base: Inputs) -> System:
+    """Return the system asked for, or the first of the preferred ones that has its inputs."""
+    if name is not None:
+        return load_system(name)
+    systems = [load_system(preferred) for preferred in PREFERENCE]
+    for system in systems:
+        if not source.missing(planning.system_inputs(system, base)):
+            return system
+    return systems[-1]
+
+
+def _stamped(chosen: Mapping[str, Any], system: System) -> object:
+    """Choices that change the outputs' bytes."""
+    names = (
+        "simulate_lr",
+        "samples_per_pixel",
+        "jitter",
+        "lr_filter",
+        "precision",
+        "on_nonfinite",
+        "tile",
+        "debug_buffers",
+    )
+    return [asdict(system.config()), asdict(system.derivation), [chosen[n] for n in names]]
+
+
+def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
+    source, system = plan.source, plan.system
+    height, width = source.lr_size
+    scale = source.scale
+    facts = {
+        "shot": plan.name,
+        "system": system.name,
+        "scale": scale,
+        "lr_size": [width, height],
+        "size": [width * scale, height * scale],
+        "layout": source.reader.layout.name,
+        "frames": len(plan.selected),
+        "pending": len(plan.pending),
+    }
+    if chosen["as_json"]:
+        emit({"event": "plan", **facts})
+        return
+    default = " (the best that these inputs allow)" if chosen["system"] is None else ""
+    click.echo(
+        f"{source.reader.frames.root}: layout {facts['layout']}, frames "
+        f"{ranges(plan.selected) or 'none'}, {width} x {height} -> "
+        f"{width * scale} x {height * scale}, system {system.name}{default}; "
+        f"{len(plan.pending)} to write, {len(plan.selected) - len(plan.pending)} done already"
+    )
+
+
+def _events(
+    jobs: list[tuple[ShotPlan, nn.Module]], options: UpscaleOptions
+) -> Iterator[FrameEvent]:
+    for plan, network in jobs:
+        yield from upscaling.run_shot(plan, network, options)
+
+
+def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: int) -> int:
+    """Show progress, print the summary, return the exit code."""
+    counts = dict.fromkeys(Status, 0)
+    started = time.perf_counter()
+    with tqdm(total=pending, unit="frame", disable=None) as bar:
+        for event in events:
+            counts[event.status] += 1
+            if event.status is not Status.KEPT:
+                bar.update()
+            if chosen["as_json"]:
+                emit({"event": "frame", **asdict(event)})
+            elif event.status is Status.FAILED:
+                click.echo(f"Failed: {event.message}", err=True)
+    seconds = time.perf_counter() - started
+    totals = {status.value: count for status, count in counts.items()}
+    if chosen["as_json"]:
+        emit({"event": "done", "seconds": round(seconds, 3), **totals})
+    else:
+        listed = ", ".join(f"{count} {status}" for status, count in totals.items())
+        click.echo(f"{chosen['out_folder']}: {listed}, {seconds:.1f} s")
+    return FAILED if counts[Status.FAILED] else 0
