@@ -8,6 +8,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
+import torch
+
 K = TypeVar("K")
 V = TypeVar("V")
 
@@ -31,7 +33,10 @@ def prefetch(load: Callable[[K], V], items: Iterable[K], jobs: int) -> Iterator[
     """
     pending: deque[Loaded[K, V]] = deque()
     iterator = iter(items)
-    with ThreadPoolExecutor(jobs, thread_name_prefix="rtsr-read") as pool:
+    # one torch thread a reader: more would fight the network's for the same cores
+    with ThreadPoolExecutor(
+        jobs, "rtsr-read", initializer=torch.set_num_threads, initargs=(1,)
+    ) as pool:
         try:
             for item in iterator:
                 pending.append((item, pool.submit(load, item)))
