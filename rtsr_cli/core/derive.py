@@ -125,9 +125,10 @@ def _resolve(
     if not options:
         held = buffer in stored
         return Needs(frozenset({buffer} if held else ()), () if held else (buffer.value,))
-    results = [_resolve_all(buffer, option, stored, has_camera, config) for option in options]
-    # among equally good ones the one that more of the files serve says best what is missing
-    return min(results, key=lambda result: (len(result.missing), -len(result.read)))
+    # what a missing buffer could be made of helps a user more than its own name does
+    makable = tuple(o for o in options if buffer in stored or buffer not in o) or options
+    results = [_resolve_all(buffer, option, stored, has_camera, config) for option in makable]
+    return min(results, key=lambda result: len(result.missing))
 
 
 def _resolve_all(

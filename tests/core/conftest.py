@@ -26,6 +26,12 @@ NEAR_M = 0.05
 Array = NDArray[Any]
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _one_thread() -> None:
+    """Tensors of a few pixels are slower in threads, much so on a busy machine."""
+    torch.set_num_threads(1)
+
+
 @pytest.fixture
 def make_camera() -> Callable[..., CameraMetadata]:
     """A camera at `position`, turned by `yaw` and `pitch`, z up, infinite far plane."""
