@@ -12,7 +12,9 @@ says how it becomes `alpha` and `k`. Dividing and multiplying must use the same 
 
 **Method.** The integral over half vectors is split where reflections begin to go below the horizon,
 so each part is smooth and a Gauss-Legendre product rule converges fast. The table itself is smooth
-in (sqrt(NoV), roughness): it is integrated on a Chebyshev grid and evaluated at the texels.
+in (sqrt(NoV), roughness): it is integrated on a Chebyshev grid and evaluated at the texels. All in
+NumPy and one thread: thousands of small arrays gain nothing from sharing out, and lose much where
+the cores are busy.
 
 References:
     B. Karis, Real Shading in Unreal Engine 4, SIGGRAPH 2013 course.
@@ -23,15 +25,18 @@ from __future__ import annotations
 
 import functools
 import math
+import threading
 from enum import StrEnum
 
 import numpy as np
 import torch
-from torch import Tensor
+from numpy.typing import NDArray
 from torch.nn import functional
 
 from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.shapes import Image, Plane
+
+Array = NDArray[np.float64]
 
 DEFAULT_SIZE = 512
 """Texels a side. Bilinear look-ups for NoV >= 0.01 are then within 1.1e-3 of the integral, against
@@ -46,7 +51,7 @@ MIN_SAMPLES = 16
 _GRID = 64
 """Chebyshev nodes an axis: 48 reach 1e-5 for NoV >= 0.01, 64 hold 2e-4 down to NoV = 0.001."""
 
-_MAX_SUM = 1.0 - torch.finfo(torch.float32).eps
+_MAX_SUM = float(1.0 - np.finfo(np.float32).eps)
 """Bound of A + B: the lobe loses energy, whatever interpolation and rounding say."""
 
 _TABLE_ROWS = 256
@@ -54,6 +59,10 @@ _TABLE_ROWS = 256
 
 _STRIP_PIXELS = 1 << 18
 """Pixels looked up at a time: the coordinates of a strip (2 MiB) stay in the processor's cache."""
+
+
+_TABLE_LOCK = threading.Lock()
+"""Readers of several frames ask for the table at once; one makes it."""
 
 
 class LutConvention(StrEnum):
@@ -66,21 +75,21 @@ class LutConvention(StrEnum):
     """alpha = roughness, k = (alpha + 1)^2 / 8: as the NSRD supplementary text has it."""
 
 
-def lobe_parameters(roughness: Tensor, convention: LutConvention) -> tuple[Tensor, Tensor]:
+def lobe_parameters(roughness: Array, convention: LutConvention) -> tuple[Array, Array]:
     """Return `alpha` and `k` of a roughness in 0..1, any shape."""
     if convention is LutConvention.KARIS:
-        alpha = roughness.square()
+        alpha = np.square(roughness)
         return alpha, alpha / 2
-    return roughness, (roughness + 1).square() / 8
+    return roughness, np.square(roughness + 1) / 8
 
 
 def integrate_split_sum(
-    nov: Tensor,
-    roughness: Tensor,
+    nov: Array,
+    roughness: Array,
     *,
     samples: int = DEFAULT_SAMPLES,
     convention: LutConvention = LutConvention.KARIS,
-) -> Tensor:
+) -> Array:
     """Integrate A and B for every pair of a view cosine and a roughness.
 
         A + B = int_0^pi/2 sin(2 psi) 1/pi int_0^phi_max G (o.h) / ((n.h)(n.o)) dphi dpsi
@@ -101,61 +110,56 @@ def integrate_split_sum(
     Returns:
         A and B as float64, `2 r m`.
     """
-    cos_o = nov.to(torch.float64)[None, :]
-    alpha, k = lobe_parameters(roughness.to(torch.float64)[:, None], convention)
-    theta_o = torch.acos(cos_o)
-    psi_cut = torch.atan(torch.tan((math.pi / 2 - theta_o) / 2) / alpha)
-    psi_end = torch.atan(torch.tan((math.pi / 2 + theta_o) / 2) / alpha)
+    cos_o = np.asarray(nov, np.float64)[None, :]
+    alpha, k = lobe_parameters(np.asarray(roughness, np.float64)[:, None], convention)
+    theta_o = np.arccos(cos_o)
+    psi_cut = np.arctan(np.tan((np.pi / 2 - theta_o) / 2) / alpha)
+    psi_end = np.arctan(np.tan((np.pi / 2 + theta_o) / 2) / alpha)
     num_azimuth = round(math.sqrt(samples / 2))
     polar, polar_weights = _gauss_legendre(samples // (2 * num_azimuth))
     azimuth_rule = _gauss_legendre(num_azimuth)
-    eased = torch.sin(math.pi / 2 * polar).square()
-    eased_weights = polar_weights * math.pi / 2 * torch.sin(math.pi * polar)
+    eased = np.square(np.sin(np.pi / 2 * polar))
+    eased_weights = polar_weights * np.pi / 2 * np.sin(np.pi * polar)
     nodes = [(psi_cut * x, psi_cut * w) for x, w in zip(polar, polar_weights, strict=True)]
     width = psi_end - psi_cut
     nodes += [(psi_cut + width * x, width * w) for x, w in zip(eased, eased_weights, strict=True)]
-    total = torch.zeros(2, *psi_cut.shape, dtype=torch.float64)
+    total = np.zeros((2, *psi_cut.shape))
     for psi, weight in nodes:
-        tan_h = alpha * torch.tan(psi)
-        cos_h = torch.rsqrt(1 + tan_h.square())
+        tan_h = alpha * np.tan(psi)
+        cos_h = 1 / np.sqrt(1 + np.square(tan_h))
         ring = _integrate_azimuth(cos_o, k, cos_h, tan_h * cos_h, azimuth_rule=azimuth_rule)
-        total += ring * (torch.sin(2 * psi) * weight / (cos_h * (cos_o * (1 - k) + k)))
+        total += ring * (np.sin(2 * psi) * weight / (cos_h * (cos_o * (1 - k) + k)))
     return total
 
 
 def _integrate_azimuth(
-    cos_o: Tensor,
-    k: Tensor,
-    cos_h: Tensor,
-    sin_h: Tensor,
-    *,
-    azimuth_rule: tuple[Tensor, Tensor],
-) -> Tensor:
+    cos_o: Array, k: Array, cos_h: Array, sin_h: Array, *, azimuth_rule: tuple[Array, Array]
+) -> Array:
     """1/pi int_0^phi_max (o.h) G1(n.i) dphi, times (1 - Fc) and times Fc, stacked in front.
 
     o.h = cos_o cos_h + sin_o sin_h cos(phi)
     """
     offset = cos_o * cos_h
-    amplitude = (1 - cos_o.square()).sqrt() * sin_h
-    phi_max = torch.acos(((cos_o / (2 * cos_h) - offset) / amplitude).clamp(-1, 1))
-    positions, weights = azimuth_rule
-    cos_phi = torch.cos(phi_max[..., None] * positions)
-    voh = offset[..., None] + amplitude[..., None] * cos_phi
-    noi = (2 * cos_h[..., None] * voh - cos_o[..., None]).clamp(min=0)
-    value = voh * noi / (noi * (1 - k[..., None]) + k[..., None])
-    complement = 1 - voh
-    fresnel = complement.square().square() * complement
-    whole, with_fresnel = value @ weights, (value * fresnel) @ weights
-    return torch.stack((whole - with_fresnel, with_fresnel)) * (phi_max / math.pi)
+    amplitude = np.sqrt(1 - np.square(cos_o)) * sin_h
+    phi_max = np.arccos(((cos_o / (2 * cos_h) - offset) / amplitude).clip(-1, 1))
+    whole, with_fresnel = np.zeros_like(offset), np.zeros_like(offset)
+    for position, weight in zip(*azimuth_rule, strict=True):
+        voh = offset + amplitude * np.cos(phi_max * position)
+        noi = np.maximum(2 * cos_h * voh - cos_o, 0)
+        value = voh * noi / (noi * (1 - k) + k) * weight
+        complement = 1 - voh
+        whole += value
+        with_fresnel += value * np.square(np.square(complement)) * complement
+    return np.stack((whole - with_fresnel, with_fresnel)) * (phi_max / np.pi)
 
 
-def _gauss_legendre(count: int) -> tuple[Tensor, Tensor]:
+def _gauss_legendre(count: int) -> tuple[Array, Array]:
     """Nodes and weights of the Gauss-Legendre rule on 0..1."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
-    return torch.from_numpy((nodes + 1) / 2), torch.from_numpy(weights / 2)
+    return (nodes + 1) / 2, weights / 2
 
 
-def _chebyshev_grid(targets: Tensor, count: int) -> tuple[Tensor, Tensor]:
+def _chebyshev_grid(targets: Array, count: int) -> tuple[Array, Array]:
     """Return Chebyshev nodes over the range of `targets` and the matrix from nodes to targets.
 
         f(x) = sum_j f(x_j) * 2/N * sum'_d T_d(x_j) T_d(x),    T_d(x) = cos(d acos(x))
@@ -163,21 +167,22 @@ def _chebyshev_grid(targets: Tensor, count: int) -> tuple[Tensor, Tensor]:
     The prime halves the term of degree 0.
     """
     low, high = targets.min(), targets.max()
-    degrees = torch.arange(count, dtype=torch.float64)
-    node_angles = (degrees + 0.5) * (math.pi / count)
-    target_angles = torch.acos(((targets - low) / (high - low) * 2 - 1).clamp(-1, 1))
-    scale = torch.where(degrees == 0, 1.0, 2.0) / count
-    matrix = (torch.cos(target_angles[:, None] * degrees) * scale) @ torch.cos(
+    degrees = np.arange(count)
+    node_angles = (degrees + 0.5) * (np.pi / count)
+    target_angles = np.arccos(((targets - low) / (high - low) * 2 - 1).clip(-1, 1))
+    scale = np.where(degrees == 0, 1.0, 2.0) / count
+    matrix = (np.cos(target_angles[:, None] * degrees) * scale) @ np.cos(
         degrees[:, None] * node_angles
     )
-    return low + (high - low) * (torch.cos(node_angles) + 1) / 2, matrix
+    return low + (high - low) * (np.cos(node_angles) + 1) / 2, matrix
 
 
-def _bound(table: Tensor) -> Tensor:
+def _bound(table: Array) -> Array:
     """Hold A >= 0, B >= 0 and A + B < 1 against interpolation and rounding."""
-    total = table.sum(dim=0).clamp(0, _MAX_SUM)
-    with_fresnel = table[1].clamp(min=0).minimum(total)
-    return torch.stack((total - with_fresnel, with_fresnel))
+    total = table.sum(axis=0).clip(0, _MAX_SUM)
+    with_fresnel = np.minimum(table[1].clip(min=0), total)
+    bounded: Array = np.stack((total - with_fresnel, with_fresnel))
+    return bounded
 
 
 def integrate_lut(
@@ -200,21 +205,29 @@ def integrate_lut(
     """
     if size < MIN_SIZE or samples < MIN_SAMPLES:
         raise ValueError(f"size must be >= {MIN_SIZE} and samples >= {MIN_SAMPLES}")
-    centres = (torch.arange(size, dtype=torch.float64) + 0.5) / size
-    sqrt_nov_nodes, to_columns = _chebyshev_grid(centres.sqrt(), _GRID)
+    centres = (np.arange(size) + 0.5) / size
+    sqrt_nov_nodes, to_columns = _chebyshev_grid(np.sqrt(centres), _GRID)
     roughness_nodes, to_rows = _chebyshev_grid(centres, _GRID)
     nodes = integrate_split_sum(
-        sqrt_nov_nodes.square(), roughness_nodes, samples=samples, convention=convention
+        np.square(sqrt_nov_nodes), roughness_nodes, samples=samples, convention=convention
     )
-    strips = torch.split(to_rows @ nodes, _TABLE_ROWS, dim=1)
-    return torch.cat([_bound(strip @ to_columns.T).float() for strip in strips], dim=1)[None]
+    table = np.empty((2, size, size), np.float32)
+    for top in range(0, size, _TABLE_ROWS):
+        rows = slice(top, top + _TABLE_ROWS)
+        table[:, rows] = _bound(to_rows[rows] @ nodes @ to_columns.T)
+    return torch.from_numpy(table)[None]
 
 
 @functools.cache
+def _default_table(convention: LutConvention, device: str) -> Image:
+    with torch.inference_mode(mode=False):
+        return integrate_lut(convention=convention).to(device)
+
+
 def lut_for(convention: LutConvention, device: torch.device | str = "cpu") -> Image:
     """Return the default table of a convention; made once a device, never to be written to."""
-    with torch.inference_mode(mode=False), torch.no_grad():
-        return integrate_lut(convention=convention).to(device)
+    with _TABLE_LOCK:
+        return _default_table(convention, str(device))
 
 
 def sample_lut(lut: Image, nov: Plane, roughness: Plane) -> Image:
