@@ -150,7 +150,8 @@ def _integrate_azimuth(
         complement = 1 - voh
         whole += value
         with_fresnel += value * np.square(np.square(complement)) * complement
-    return np.stack((whole - with_fresnel, with_fresnel)) * (phi_max / np.pi)
+    ring: Array = np.stack((whole - with_fresnel, with_fresnel)) * (phi_max / np.pi)
+    return ring
 
 
 def _gauss_legendre(count: int) -> tuple[Array, Array]:
@@ -181,8 +182,7 @@ def _bound(table: Array) -> Array:
     """Hold A >= 0, B >= 0 and A + B < 1 against interpolation and rounding."""
     total = table.sum(axis=0).clip(0, _MAX_SUM)
     with_fresnel = np.minimum(table[1].clip(min=0), total)
-    bounded: Array = np.stack((total - with_fresnel, with_fresnel))
-    return bounded
+    return np.stack((total - with_fresnel, with_fresnel))
 
 
 def integrate_lut(
