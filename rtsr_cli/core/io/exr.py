@@ -145,7 +145,10 @@ def read_header(path: Path) -> ExrHeader:
             raise _unreadable(path, f"its window is {window.width} x {window.height} pixels")
     if any(_window(h["dataWindow"]) != data_window for h in headers):
         raise _unreadable(path, "its parts have different data windows")
-    names = [(str(h.get("name", "")), [c.name for c in h["channels"]]) for h in headers]
+    try:
+        names = [(str(h.get("name", "")), [c.name for c in h["channels"]]) for h in headers]
+    except UnicodeDecodeError as error:
+        raise _unreadable(path, "the name of a channel is not UTF-8") from error
     renamed = _part_prefixes(names)
     return ExrHeader(
         channels=frozenset(name for part in renamed for name in part.values()),

@@ -60,7 +60,9 @@ def test_reinhard_comes_back(radiance: float) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(0.0, MAX_HALF), st.floats(1e-3, 1e3))
-def test_the_log_curve_comes_back_and_is_one_bit_of_scale(lighting: float, scale: float) -> None:
+def test_the_log_curve_is_log_of_one_plus_lighting_over_scale_and_comes_back(
+    lighting: float, scale: float
+) -> None:
     encoded = encode_log(values(lighting), scale)
     assert float(encoded) == pytest.approx(math.log(1.0 + lighting / scale), rel=1e-9, abs=1e-12)
     assert float(decode_log(encoded, scale)) == pytest.approx(lighting, rel=1e-9, abs=1e-9)

@@ -41,7 +41,7 @@ SKY = hnp.arrays(np.float32, (1, 1, 2, 3), elements=st.sampled_from([0.0, 1.0]))
 
 
 def pixel(*values: float) -> torch.Tensor:
-    return torch.tensor(values).view(1, 3, 1, 1)
+    return torch.tensor(values, dtype=torch.float32).view(1, 3, 1, 1)
 
 
 def not_sky() -> torch.Tensor:

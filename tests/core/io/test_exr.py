@@ -232,6 +232,14 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         read_header(tmp_path / "none.exr")
 
 
+def test_a_channel_whose_name_is_not_utf_8_is_refused_with_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"fl?che": ramp(np.float16)})
+    path.write_bytes(path.read_bytes().replace(b"fl?che", b"fl\xe8che"))
+    with pytest.raises(FrameFolderError, match=r"a\.exr.*not UTF-8"):
+        read_header(path)
+
+
 @settings(max_examples=40, deadline=None)
 @given(position=st.integers(8, 400), value=st.integers(0, 255))
 def test_a_damaged_header_gives_a_message_or_a_header_but_no_crash(

@@ -227,6 +227,16 @@ def test_radiance_that_is_not_sampled_may_be_noise_and_changes_nothing(
         assert_same(clean.load(number, EVERYTHING), noisy.load(number, EVERYTHING))
 
 
+def test_simulated_pairs_give_no_high_resolution_radiance_even_if_it_is_asked_for(
+    tmp_path: Path, write_frames: Write, open_folder: Open
+) -> None:
+    pairs = simulated_pairs(open_folder(write_frames(tmp_path, [1])), Simulation(scale=2))
+    asked = Inputs(lr=(Buffer.COLOR,), hr=(Buffer.COLOR, Buffer.DEPTH), hr_optional=(Buffer.ALPHA,))
+    pair = pairs.load(1, asked)
+    assert pair.hr is not None
+    assert set(pair.hr.gbuffer) == {Buffer.DEPTH}
+
+
 def test_radiance_filters_see_the_other_samples_and_leave_the_gbuffer_alone(
     tmp_path: Path, write_frames: Write, open_folder: Open, analytic_channels: Any
 ) -> None:
