@@ -7,6 +7,8 @@ every enlargement here takes that offset and returns an image without one.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
@@ -48,7 +50,26 @@ def cubic_kernel(distance: Tensor, a: float = KEYS_A) -> Tensor:
     return torch.where(x <= 1.0, inner, torch.where(x < 2.0, outer, torch.zeros_like(x)))
 
 
-def _phase_taps(scale: int, jitter: float) -> list[dict[int, float]]:
+@dataclass(frozen=True, kw_only=True)
+class Kernel:
+    """A separable weight of the distance in source pixels.
+
+    Attributes:
+        weight: of a distance; even.
+        support_px: reach to each side.
+        normalised: divide by the sum of the weights, so that a constant stays what it is.
+    """
+
+    weight: Callable[[Tensor], Tensor]
+    support_px: float
+    normalised: bool = True
+
+
+KEYS = Kernel(weight=cubic_kernel, support_px=2.0)
+BILINEAR = Kernel(weight=lambda distance: 1.0 - distance.abs(), support_px=1.0)
+
+
+def _phase_taps(scale: int, jitter: float, kernel: Kernel) -> list[dict[int, float]]:
     """For each of the `scale` output phases, source offset -> weight (zeros left out).
 
     Output pixel X = S i + p has its centre at source coordinate i + (p + 0.5) / S - 0.5 - jitter.
@@ -56,17 +77,17 @@ def _phase_taps(scale: int, jitter: float) -> list[dict[int, float]]:
     phases = []
     for phase in range(scale):
         centre = (phase + 0.5) / scale - 0.5 - jitter
-        first = math.floor(centre) - BICUBIC_SUPPORT_PX + 1
-        offsets = range(first, first + 2 * BICUBIC_SUPPORT_PX)
-        weights = cubic_kernel(torch.tensor([centre - o for o in offsets], dtype=torch.float64))
-        weights = weights / weights.sum()
+        first = math.ceil(centre - kernel.support_px)
+        offsets = range(first, math.floor(centre + kernel.support_px) + 1)
+        weights = kernel.weight(torch.tensor([centre - o for o in offsets], dtype=torch.float64))
+        if kernel.normalised:
+            weights = weights / weights.sum()
         phases.append({o: w for o, w in zip(offsets, weights.tolist(), strict=True) if w})
     return phases
 
 
-def _enlarge(image: Image, scale: int, jitter: float, dim: int) -> Image:
+def _enlarge(image: Image, phases: list[dict[int, float]], dim: int) -> Image:
     """Enlarge along one axis: each output phase is a weighted sum of shifted sources."""
-    phases = _phase_taps(scale, jitter)
     reach = max(abs(offset) for taps in phases for offset in taps)
     length = image.shape[dim]
     ends = (reach, reach, 0, 0) if dim == COLUMNS else (0, 0, reach, reach)
@@ -82,8 +103,8 @@ def _enlarge(image: Image, scale: int, jitter: float, dim: int) -> Image:
     return torch.stack(enlarged, dim=dim + 1).flatten(dim, dim + 1)
 
 
-def upsample_bicubic(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0)) -> Image:
-    """Enlarge by a whole factor with the Keys kernel, borders replicated.
+def upsample(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0), *, kernel: Kernel) -> Image:
+    """Enlarge by a whole factor, borders replicated.
 
         out(X) = sum_i image(i) w(u - i),   u = (X + 0.5) / S - 0.5 - jitter      per axis
 
@@ -91,9 +112,35 @@ def upsample_bicubic(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0)) -
         image: any channels, in the space the weights should act in.
         scale: S.
         jitter_px: sample position minus pixel centre of `image`.
+        kernel: w.
     """
-    wide = _enlarge(image, scale, jitter_px[0], dim=COLUMNS)
-    return _enlarge(wide, scale, jitter_px[1], dim=ROWS)
+    wide = _enlarge(image, _phase_taps(scale, jitter_px[0], kernel), dim=COLUMNS)
+    return _enlarge(wide, _phase_taps(scale, jitter_px[1], kernel), dim=ROWS)
+
+
+def upsample_bicubic(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0)) -> Image:
+    """`upsample` with the Keys kernel."""
+    return upsample(image, scale, jitter_px, kernel=KEYS)
+
+
+def sample_at_lr(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0)) -> Image:
+    """Read a large image where the samples of a small one with `jitter_px` lie, bilinearly.
+
+    out(i) = image(x),   x = (i + 0.5 + jitter) S - 0.5      per axis, borders replicated
+    """
+    for dim, jitter in ((ROWS, jitter_px[1]), (COLUMNS, jitter_px[0])):
+        position = (0.5 + jitter) * scale - 0.5
+        first = math.floor(position + 1e-6)
+        share = max(0.0, position - first)
+        lower = _every(image, scale, first, dim)
+        # a sample on a pixel centre is that pixel, without its neighbour's rounding
+        image = lower if share < 1e-6 else lower.lerp(_every(image, scale, first + 1, dim), share)
+    return image
+
+
+def _every(image: Image, step: int, start: int, dim: int) -> Image:
+    index = torch.arange(start, start + image.shape[dim], step, device=image.device)
+    return image.index_select(dim, index.clamp(0, image.shape[dim] - 1))
 
 
 def upsample_nearest(image: Tensor, scale: int) -> Tensor:

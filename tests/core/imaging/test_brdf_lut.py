@@ -20,7 +20,7 @@ HARD_TEXELS = [
 """(column, row): grazing and facing, smooth and rough."""
 
 
-def textbook(nov: float, alpha: float, k: float, grid: int = 1500) -> np.ndarray:
+def textbook(nov: float, alpha: float, k: float, grid: int = 1000) -> np.ndarray:
     """Karis' loop over GGX half vectors, on the midpoints of a grid instead of random numbers.
 
     v = 1 - (1 - t)^3 crowds the midpoints into the tail of the lobe, dv = 3 (1 - t)^2 dt.
