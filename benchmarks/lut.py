@@ -4,7 +4,8 @@
 
 Error: the largest difference of A or B over the texels with NoV >= 0.01 from (1) the integral
 computed at every texel by itself with 8 times the nodes, and (2) the textbook estimate, GGX half
-vectors on a 4096 x 4096 grid of the unit square, at a spread of texels. Time: median of 7 tables.
+vectors on a grid of the unit square, crowded into the lobe's tail, at a spread of texels. Time:
+median of 7 tables.
 """
 
 from __future__ import annotations
@@ -28,13 +29,17 @@ Array = NDArray[np.float64]
 
 
 def textbook(nov: float, roughness: float, convention: LutConvention, grid: int) -> Array:
-    """Split sum by importance sampling of half vectors [Karis 2013], midpoints of a square grid."""
+    """Split sum by importance sampling of half vectors [Karis 2013], midpoints of a square grid.
+
+    v = 1 - (1 - t)^3 puts more of them where few half vectors have most of the slope.
+    """
     alpha, k = (float(v) for v in lobe_parameters(np.array(roughness), convention))
     u = (np.arange(grid) + 0.5) / grid
     cos_phi = np.cos(2 * np.pi * u)
     total = np.zeros(2)
     sin_o = np.sqrt(1 - nov * nov)
-    for v in u:
+    for t in u:
+        v, density = 1 - (1 - t) ** 3, 3 * (1 - t) ** 2
         cos_h = np.sqrt((1 - v) / (1 + (alpha * alpha - 1) * v))
         sin_h = np.sqrt(1 - cos_h * cos_h)
         voh = sin_o * sin_h * cos_phi + nov * cos_h
@@ -43,7 +48,7 @@ def textbook(nov: float, roughness: float, convention: LutConvention, grid: int)
         voh, nol = voh[seen], nol[seen]
         visible = nol / (nol * (1 - k) + k) * nov / (nov * (1 - k) + k) * voh / (cos_h * nov)
         fresnel = (1 - voh) ** 5
-        total += [((1 - fresnel) * visible).sum(), (fresnel * visible).sum()]
+        total += density * np.array([((1 - fresnel) * visible).sum(), (fresnel * visible).sum()])
     return total / (grid * grid)
 
 
