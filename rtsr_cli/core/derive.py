@@ -58,7 +58,7 @@ _MATERIAL_PARTS: dict[dm.DemodulationMode, Alternatives] = {
 
 _OPTIONAL_PARTS: dict[Buffer, tuple[Buffer, ...]] = {
     Buffer.MATERIAL: (Buffer.SPECULAR,),
-    Buffer.LIGHTING: (Buffer.EMISSION,),
+    Buffer.LIGHTING: (Buffer.EMISSION, Buffer.LIGHTING_MASK),
     Buffer.SKY: (Buffer.DEPTH, Buffer.NORMAL),
 }
 """Parts that change the result where they are there, and are not missed where they are not."""
@@ -75,7 +75,7 @@ def alternatives(buffer: Buffer, config: DerivationConfig) -> Alternatives:
         Buffer.SKY: ((),),
         Buffer.MATERIAL: _MATERIAL_PARTS[config.mode],
         Buffer.LIGHTING: (
-            (Buffer.LIGHTING, Buffer.MATERIAL),
+            (Buffer.LIGHTING, Buffer.MATERIAL, Buffer.SKY),
             (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
         ),
         Buffer.LIGHTING_MASK: ((Buffer.LIGHTING,),),
@@ -235,6 +235,8 @@ def derive_lighting(frame: Frame, config: DerivationConfig) -> dm.Demodulated:
     emission = None if softplus else gbuffer.buffers.get(Buffer.EMISSION)
     if Buffer.LIGHTING in gbuffer:
         valid = (material > config.epsilon).all(1, keepdim=True) & (sky < 0.5)
+        if Buffer.LIGHTING_MASK in gbuffer:
+            valid &= gbuffer[Buffer.LIGHTING_MASK] > 0.5
         return dm.Demodulated(
             lighting=gbuffer[Buffer.LIGHTING],
             material=torch.where(valid, material, torch.ones_like(material)),

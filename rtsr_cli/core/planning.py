@@ -246,11 +246,16 @@ def _starts(
 
 def _order(plan: ShotPlan, pending: frozenset[int]) -> tuple[int, ...]:
     """Numbers to process: the pending ones, and those that their outputs depend on."""
-    needed: set[int] = set()
+    order: list[int] = []
     for run in plan.sequence.runs():
+        position = {number: i for i, number in enumerate(run)}
+        done = 0
         for number in (n for n in run if n in pending):
-            needed |= {n for n in run if plan.starts[number] <= n <= number}
-    return tuple(n for n in plan.sequence.numbers if n in needed)
+            # starts grow with the numbers, so that what is before `done` is in the order already
+            begin = max(done, position[plan.starts[number]])
+            order += run[begin : position[number] + 1]
+            done = position[number] + 1
+    return tuple(order)
 
 
 class Stamps:

@@ -60,13 +60,14 @@ class DepthConvention:
         kind: along the camera axis, along the ray, or the depth buffer's own value.
         reversed: device depth only: 1 is near and 0 is far.
         unit_m: metres in one stored unit.
-        sky: stored values from here on are sky (device depth: ignored).
+        sky: stored values from here on are sky; by default those of `SKY_DEPTH_M` metres
+            (device depth: ignored, far is sky).
     """
 
     kind: DepthKind = DepthKind.PLANAR
     reversed: bool = False
     unit_m: float = 1.0
-    sky: float = SKY_DEPTH_M
+    sky: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +103,9 @@ def depth_to_metres(
         if projection is None:
             raise MissingBufferError(_needs_camera(where, "device depth"))
         return device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
-    sky = (stored >= convention.sky) | torch.isinf(stored)
     metres = stored * convention.unit_m
+    threshold = SKY_DEPTH_M if convention.sky is None else convention.sky * convention.unit_m
+    sky = (metres >= threshold) | torch.isinf(stored)
     if convention.kind is DepthKind.RAY:
         size = (stored.shape[-2], stored.shape[-1])
         axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)

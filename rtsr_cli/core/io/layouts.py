@@ -7,7 +7,7 @@ channels it finds, and a new engine is a new entry in `LAYOUTS`.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from rtsr_cli.core.errors import FrameFolderError
@@ -93,6 +93,7 @@ RTSR = Layout(
         Buffer.SPECULAR: named(Buffer.SPECULAR, "specular"),
         Buffer.MATERIAL: named(Buffer.MATERIAL, "material"),
         Buffer.LIGHTING: named(Buffer.LIGHTING, "lighting"),
+        Buffer.LIGHTING_MASK: _single("mask"),
         Buffer.NORMAL: named(Buffer.NORMAL, "normal"),
         Buffer.DEPTH: _single("depth.Z", "depth"),
         Buffer.ROUGHNESS: _single("roughness"),
@@ -155,8 +156,31 @@ def _find(component: Component, streams: Mapping[str, Collection[str]]) -> list[
     return found
 
 
+def _scopes(layout: Layout, streams: Mapping[str, Collection[str]]) -> list[str]:
+    """What a leading `*` of the layout's patterns can stand for, e.g. the names of view layers."""
+    tails = {
+        pattern[1:]
+        for components in layout.buffers.values()
+        for component in components
+        for pattern in component.channels
+        if pattern.startswith("*")
+    }
+    channels = {channel for names in streams.values() for channel in names}
+    return sorted({c[: -len(t)] for c in channels for t in tails if c.endswith(t)})
+
+
+def _within(component: Component, scope: str) -> Component:
+    """Replace a leading `*` by one scope, taken literally."""
+    literal = scope.replace("[", "[[]").replace("*", "[*]").replace("?", "[?]")
+    patterns = (literal + p[1:] if p.startswith("*") else p for p in component.channels)
+    return replace(component, channels=tuple(patterns))
+
+
 def bind(layout: Layout, streams: Mapping[str, Collection[str]]) -> Binding:
     """Find a layout's buffers among file sequences and their channels.
+
+    Where names begin with a scope (a view layer), all buffers come from one: the one that holds
+    most of them, the first by name among equals.
 
     Args:
         layout: what to look for.
@@ -165,9 +189,14 @@ def bind(layout: Layout, streams: Mapping[str, Collection[str]]) -> Binding:
     Raises:
         FrameFolderError: two sequences hold the same buffer, so that a choice would be a guess.
     """
+    scopes = _scopes(layout, streams) or [""]
+    return max((_bind_scope(layout, scope, streams) for scope in scopes), key=len)
+
+
+def _bind_scope(layout: Layout, scope: str, streams: Mapping[str, Collection[str]]) -> Binding:
     binding: dict[Buffer, tuple[BoundComponent, ...]] = {}
     for buffer, components in layout.buffers.items():
-        candidates = [_find(component, streams) for component in components]
+        candidates = [_find(_within(component, scope), streams) for component in components]
         if not all(candidates):
             continue
         holders = sorted({bound.stream for options in candidates for bound in options})

@@ -161,10 +161,10 @@ def open_pairs(
 def _hr_frames(shot: Shot, hr_folder: Path | None, *, single: bool) -> FrameSet | None:
     if hr_folder is None:
         return shot.hr
-    below = hr_folder if single and shot.name == "." else hr_folder / shot.name
-    chosen = below if below.is_dir() else hr_folder
+    below = hr_folder / shot.name
+    chosen = hr_folder if single and not below.is_dir() else below
     if not chosen.is_dir():
-        raise FrameFolderError(f"{hr_folder}: no such folder (--hr)")
+        raise FrameFolderError(f"{chosen}: no such folder (--hr, for shot '{shot.name}')")
     frames = frame_set(chosen, buffer_folders())
     if frames is None:
         raise FrameFolderError(f"{chosen}: no numbered EXR frames here (--hr)")

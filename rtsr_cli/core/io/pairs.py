@@ -159,7 +159,9 @@ class RealPairs:
         if self.hr is None or not inputs.hr + inputs.hr_optional:
             return FramePair(lr, None, fixed)
         hr_needs, hr_used = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)
-        hr, fixed_hr = checked(self.hr.read(number, hr_needs.read), inputs.on_nonfinite)
+        hr, fixed_hr = checked(
+            self.hr.read(number, hr_needs.read - RADIANCE_BUFFERS), inputs.on_nonfinite
+        )
         return FramePair(lr, derive(hr, hr_used, inputs.derivation), fixed + fixed_hr)
 
 

@@ -164,20 +164,22 @@ class FrameReader:
         for buffer in buffers:
             for component in self.binding[buffer]:
                 wanted[component.stream].add(component.channel)
+        depths = {(c.stream, c.channel) for c in self.binding.get(Buffer.DEPTH, ())}
         planes: dict[tuple[str, str], Plane] = {}
         for stream, channels in wanted.items():
             path = self.path(number, stream)
             window = read_header(path).data_window
             for channel, plane in read_channels(path, channels).items():
-                planes[stream, channel] = _place(plane, window, self.region)
+                fill = np.inf if (stream, channel) in depths else 0
+                planes[stream, channel] = _place(plane, window, self.region, fill)
         return planes
 
 
-def _place(plane: Plane, window: Window, region: Window) -> Plane:
-    """Move pixels from a file's data window to the region that is read; 0 where there are none."""
+def _place(plane: Plane, window: Window, region: Window, fill: float) -> Plane:
+    """Move pixels from a file's data window to the region that is read; `fill` where none are."""
     if window == region:
         return plane
-    placed = np.zeros((region.height, region.width), plane.dtype)
+    placed = np.full((region.height, region.width), fill, plane.dtype)
     top, left = max(window.top, region.top), max(window.left, region.left)
     bottom = min(window.top + window.height, region.top + region.height)
     right = min(window.left + window.width, region.left + region.width)

@@ -139,7 +139,7 @@ def _numbers(
     """Frames that every used stream has, and stand-ins for the others where they are held."""
     present = [frozenset(frames.streams[key].files) for key in used]
     union, complete = frozenset.union(*present), frozenset.intersection(*present)
-    expected = range(min(union), max(union) + 1, step) if step else union
+    expected = sorted(union | set(range(min(union), max(union) + 1, step)))
     missing = {
         key: sorted(set(expected) - files)
         for key, files in zip(used, present, strict=True)

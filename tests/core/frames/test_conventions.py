@@ -90,6 +90,10 @@ def test_stored_sky_is_the_same_value_in_memory_whatever_the_unit() -> None:
     assert metres(plane(5e5), convention) == pytest.approx([5e3])
 
 
+def test_centimetres_beyond_the_largest_half_are_not_sky_by_default() -> None:
+    assert metres(plane(90_000.0), DepthConvention(unit_m=0.01)) == pytest.approx([900.0])
+
+
 def test_depth_beyond_the_largest_half_is_sky_by_default() -> None:
     assert metres(plane(65504.0, 1e10, 100.0), DepthConvention()) == [
         SKY_DEPTH_M,

@@ -54,6 +54,19 @@ def test_blender_channels_are_found_below_a_view_layer_with_spaces() -> None:
     assert binding[Buffer.OBJECT_ID][0].channel == f"{LAYER}.Object Index.X"
 
 
+def test_buffers_of_two_view_layers_are_never_mixed() -> None:
+    channels = [f"A.Combined.{c}" for c in "RGB"]
+    channels += [f"B.Combined.{c}" for c in "RGB"] + [f"B.Normal.{c}" for c in "XYZ"]
+    binding = bind(LAYOUTS["blender"], {"render": channels})
+    assert {c.channel.split(".")[0] for parts in binding.values() for c in parts} == {"B"}
+
+
+def test_of_two_equal_view_layers_the_first_by_name_is_taken() -> None:
+    channels = [f"{layer}.Combined.{c}" for layer in ("Z [2]", "A [1]") for c in "RGB"]
+    binding = bind(LAYOUTS["blender"], {"render": channels})
+    assert [c.channel for c in binding[Buffer.COLOR]] == [f"A [1].Combined.{c}" for c in "RGB"]
+
+
 def test_rtsr_channels_are_found_by_their_exact_names() -> None:
     layout, binding = detect({"frame": RTSR_CHANNELS}, LAYOUTS.values(), "shot")
     assert layout.name == "rtsr"

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.io.capture import CameraRow
 from rtsr_cli.core.io.exr import Window, write_exr
 from rtsr_cli.core.io.reading import FrameReader
@@ -86,6 +86,15 @@ def test_a_hole_in_numbers_in_tens_is_found(
         open_folder(tmp_path, capture={"frame_step": 10})
 
 
+def test_a_number_beside_the_declared_step_is_missed_where_one_sequence_lacks_it(
+    tmp_path: Path, write_frames: Write, open_folder: Open
+) -> None:
+    write_frames(tmp_path, [10, 20, 25], name="a.{:04d}.exr", only=["R", "G", "B"])
+    write_frames(tmp_path, [10, 20], name="b.{:04d}.exr", only=["albedo"])
+    with pytest.raises(FrameFolderError, match="'b' lacks 25"):
+        open_folder(tmp_path, capture={"frame_step": 10})
+
+
 def test_a_channel_that_is_missing_in_the_middle_is_named_with_buffer_and_frames(
     tmp_path: Path, write_frames: Write, open_folder: Open
 ) -> None:
@@ -126,14 +135,17 @@ def test_data_windows_that_change_are_read_into_the_display_window(
 ) -> None:
     display = Window(left=0, top=0, width=4, height=3)
     for number, left in ((1, 0), (2, 2)):
-        planes = {c: np.full((2, 2), number, np.float16) for c in "RGB"}
+        planes: dict[str, Any] = {c: np.full((2, 2), number, np.float16) for c in "RGB"}
+        planes["depth.Z"] = np.full((2, 2), 7.0, np.float32)
         data = Window(left=left, top=1, width=2, height=2)
         path = tmp_path / f"f.{number}.exr"
         write_exr(path, planes, data_window=data, display_window=display)
     reader = open_folder(tmp_path)
     assert reader.size == (3, 4)
-    color = reader.read(2, (Buffer.COLOR,)).gbuffer[Buffer.COLOR]
-    assert color[0, 0].tolist() == [[0, 0, 0, 0], [0, 0, 2, 2], [0, 0, 2, 2]]
+    gbuffer = reader.read(2, (Buffer.COLOR, Buffer.DEPTH)).gbuffer
+    assert gbuffer[Buffer.COLOR][0, 0].tolist() == [[0, 0, 0, 0], [0, 0, 2, 2], [0, 0, 2, 2]]
+    sky = SKY_DEPTH_M
+    assert gbuffer[Buffer.DEPTH][0, 0].tolist() == [[sky] * 4, [sky, sky, 7, 7], [sky, sky, 7, 7]]
 
 
 def test_one_data_window_for_all_frames_is_read_as_it_is_and_remembered_as_the_view(
