@@ -6,9 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO
 import pytest
 from click.testing import Result
 
+from rtsr_cli import __version__
 from rtsr_cli.core.imaging.brdf_lut import LutConvention, integrate_lut
 from rtsr_cli.core.io.exr import read_channels, read_header
 
@@ -40,19 +42,45 @@ def test_columns_are_the_view_cosine_and_rows_the_roughness(rtsr: Run, tmp_path:
     assert scale[31, 31] < 0.9
 
 
-def test_a_preview_is_written_on_request(rtsr: Run, tmp_path: Path) -> None:
-    rtsr("precompute-lut", tmp_path / "lut.exr", "--size", 16, "--preview")
-    assert (tmp_path / "lut.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_an_existing_file_is_kept_unless_overwritten(rtsr: Run, tmp_path: Path) -> None:
+def test_the_header_says_how_the_table_was_made(rtsr: Run, tmp_path: Path) -> None:
     out = tmp_path / "lut.exr"
-    out.write_bytes(b"mine")
-    refused = rtsr("precompute-lut", out, "--size", 16)
+    rtsr("precompute-lut", out, "--size", 8, "--samples", 32, "--convention", "seed")
+    attributes = read_header(out).attributes
+    assert attributes["rtsr:version"] == __version__
+    assert attributes["rtsr:lutConvention"] == "seed"
+    assert attributes["rtsr:lutSamples"] == 32
+    assert attributes["software"] == f"rtsr {__version__}"
+
+
+def test_nothing_but_the_file_is_left_behind(rtsr: Run, tmp_path: Path) -> None:
+    rtsr("precompute-lut", tmp_path / "lut.exr", "--size", 8)
+    assert [path.name for path in tmp_path.iterdir()] == ["lut.exr"]
+
+
+def test_the_preview_shows_a_in_red_and_b_in_green(rtsr: Run, tmp_path: Path) -> None:
+    rtsr("precompute-lut", tmp_path / "lut.exr", "--size", 32, "--preview")
+    picture = OpenImageIO.ImageBuf(str(tmp_path / "lut.png")).get_pixels(OpenImageIO.UINT8)
+    scale, bias = integrate_lut(32)[0].numpy()
+    assert picture.shape == (32, 32, 3)
+    np.testing.assert_allclose(picture[..., 0], scale * 255, atol=0.51)
+    np.testing.assert_allclose(picture[..., 1], bias * 255, atol=0.51)
+    assert not picture[..., 2].any()
+
+
+@pytest.mark.parametrize("existing", ["lut.exr", "lut.png"])
+def test_an_existing_file_is_kept_unless_overwritten(
+    rtsr: Run, tmp_path: Path, existing: str
+) -> None:
+    (tmp_path / existing).write_bytes(b"mine")
+    arguments = ("precompute-lut", tmp_path / "lut.exr", "--size", 16, "--preview")
+    refused = rtsr(*arguments)
     assert refused.exit_code == 3
     assert "--overwrite" in refused.output
-    assert out.read_bytes() == b"mine"
-    assert rtsr("precompute-lut", out, "--size", 16, "--overwrite").exit_code == 0
+    assert existing in refused.output
+    assert [path.name for path in tmp_path.iterdir()] == [existing]
+    assert (tmp_path / existing).read_bytes() == b"mine"
+    assert rtsr(*arguments, "--overwrite").exit_code == 0
+    assert (tmp_path / existing).read_bytes() != b"mine"
 
 
 @pytest.mark.parametrize(
