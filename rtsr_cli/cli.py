@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from importlib import import_module
@@ -69,6 +70,14 @@ class LazyGroup(click.Group):
             ctx.exit(1)
 
 
+class EchoHandler(logging.Handler):
+    """Writes messages where click writes: warnings to stderr, the rest to stdout."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one message."""
+        click.echo(self.format(record), err=record.levelno >= logging.WARNING)
+
+
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="rtsr")
 def group() -> None:
@@ -77,6 +86,10 @@ def group() -> None:
     Point it at any engine's EXR folder: every command says what it understood and refuses what
     is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused.
     """
+    logger = logging.getLogger("rtsr")
+    logger.handlers = [EchoHandler()]
+    logger.propagate = False
+    logger.setLevel(logging.INFO)
 
 
 def main() -> NoReturn:

@@ -121,18 +121,29 @@ as_json = click.option("--json", "as_json", is_flag=True, help="One event a line
 
 
 def _verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:
+    """Move the level of what is said: plans and summaries are INFO, channels DEBUG."""
     del ctx
     step = 10 if param.name == "quiet" else -10
-    root = logging.getLogger("rtsr")
-    root.setLevel((root.level or logging.WARNING) + step * value)
+    logger = logging.getLogger("rtsr")
+    logger.setLevel(logger.level + step * value)
     return value
 
 
 verbose = click.option(
-    "-v", "--verbose", count=True, callback=_verbosity, expose_value=False, help="Say more."
+    "-v",
+    "--verbose",
+    count=True,
+    callback=_verbosity,
+    expose_value=False,
+    help="Also say which channel is which buffer.",
 )
 quiet = click.option(
-    "-q", "--quiet", count=True, callback=_verbosity, expose_value=False, help="Say less."
+    "-q",
+    "--quiet",
+    count=True,
+    callback=_verbosity,
+    expose_value=False,
+    help="Say nothing but warnings and errors.",
 )
 
 

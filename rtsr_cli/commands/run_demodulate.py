@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import click
 from tqdm import tqdm
 
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.running import FAILED, read_options, selection
+from rtsr_cli.commands.running import FAILED, LOG, log_binding, read_options, selection
 from rtsr_cli.core import demodulating
-from rtsr_cli.core.demodulating import DemodulateOptions, FrameReport
+from rtsr_cli.core.demodulating import DemodulateOptions, DemodulatePlan, FrameReport
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
@@ -43,11 +42,7 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
         for name, reader in found
     ]
     for plan in plans:
-        click.echo(
-            f"{plan.reader.frames.root}: layout {plan.reader.layout.name}, frames "
-            f"{ranges(plan.selected) or 'none'}; {len(plan.pending)} to write",
-            err=chosen["as_json"],
-        )
+        _announce(chosen, plan)
     if chosen["dry_run"]:
         return 0
     for plan in plans:
@@ -62,11 +57,28 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
     return _summary(chosen, reports, options)
 
 
+def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan) -> None:
+    reader = plan.reader
+    if chosen["as_json"]:
+        facts = {"shot": plan.name, "layout": reader.layout.name, "frames": len(plan.selected)}
+        emit({"event": "plan", **facts, "pending": len(plan.pending)})
+        return
+    LOG.info(
+        "%s: layout %s, frames %s; %d to write, %d done already",
+        reader.frames.root,
+        reader.layout.name,
+        ranges(plan.selected) or "none",
+        len(plan.pending),
+        len(plan.selected) - len(plan.pending),
+    )
+    log_binding(reader)
+
+
 def _tell(chosen: Mapping[str, Any], report: FrameReport) -> None:
     if chosen["as_json"]:
         emit({"event": "frame", **asdict(report)})
     elif report.failed:
-        click.echo(f"Failed: {report.failed}", err=True)
+        LOG.error("Failed: %s", report.failed)
 
 
 def _summary(
@@ -84,12 +96,17 @@ def _summary(
     if chosen["as_json"]:
         emit({"event": "done", **facts})
         return FAILED if failed else 0
-    click.echo(
-        f"{chosen['out_folder']}: {facts['written']} written, {facts['kept']} kept, {failed} failed"
+    LOG.info(
+        "%s: %d written, %d kept, %d failed",
+        chosen["out_folder"],
+        facts["written"],
+        facts["kept"],
+        failed,
     )
     if fresh and not options.inverse:
-        click.echo(
-            f"largest recomposition error {facts['error']:.2e} of max(|c|, 1e-3); "
-            f"{100 * facts['undivided']:.2f} % of the pixels not divided"
+        LOG.info(
+            "largest recomposition error %.2e of max(|c|, 1e-3); %.2f %% of the pixels not divided",
+            facts["error"],
+            100 * facts["undivided"],
         )
     return FAILED if failed else 0

@@ -7,12 +7,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
-import click
 from torch import nn
 from tqdm import tqdm
 
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.running import FAILED, device_named, read_options, selection
+from rtsr_cli.commands.running import (
+    FAILED,
+    LOG,
+    device_named,
+    log_binding,
+    read_options,
+    selection,
+)
 from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_pairs
@@ -123,12 +129,21 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
         emit({"event": "plan", **facts})
         return
     default = " (the best that these inputs allow)" if chosen["system"] is None else ""
-    click.echo(
-        f"{source.reader.frames.root}: layout {facts['layout']}, frames "
-        f"{ranges(plan.selected) or 'none'}, {width} x {height} -> "
-        f"{width * scale} x {height * scale}, system {system.name}{default}; "
-        f"{len(plan.pending)} to write, {len(plan.selected) - len(plan.pending)} done already"
+    LOG.info(
+        "%s: layout %s, frames %s, %d x %d -> %d x %d, system %s%s; %d to write, %d done already",
+        source.reader.frames.root,
+        facts["layout"],
+        ranges(plan.selected) or "none",
+        width,
+        height,
+        width * scale,
+        height * scale,
+        system.name,
+        default,
+        len(plan.pending),
+        len(plan.selected) - len(plan.pending),
     )
+    log_binding(source.reader)
 
 
 def _events(
@@ -150,12 +165,12 @@ def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: in
             if chosen["as_json"]:
                 emit({"event": "frame", **asdict(event)})
             elif event.status is Status.FAILED:
-                click.echo(f"Failed: {event.message}", err=True)
+                LOG.error("Failed: %s", event.message)
     seconds = time.perf_counter() - started
     totals = {status.value: count for status, count in counts.items()}
     if chosen["as_json"]:
         emit({"event": "done", "seconds": round(seconds, 3), **totals})
     else:
         listed = ", ".join(f"{count} {status}" for status, count in totals.items())
-        click.echo(f"{chosen['out_folder']}: {listed}, {seconds:.1f} s")
+        LOG.info("%s: %s, %.1f s", chosen["out_folder"], listed, seconds)
     return FAILED if counts[Status.FAILED] else 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,8 +10,12 @@ import torch
 
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.io.opening import ReadOptions
+from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard
 from rtsr_cli.core.io.survey import MissingPolicy
+
+LOG = logging.getLogger("rtsr")
+"""What is said to a person; `-q` and `-v` set its level, `--json` takes its place."""
 
 FAILED = 1
 """Exit code where some frames failed and the rest are done."""
@@ -48,3 +53,12 @@ def device_named(name: str) -> str:
             f"device '{name}' cannot be used ({str(error).splitlines()[0]}); choose --device cpu"
         ) from error
     return name
+
+
+def log_binding(reader: FrameReader) -> None:
+    """Say which channel of which file sequence is which buffer (`-v`)."""
+    for buffer, components in reader.binding.items():
+        places = ", ".join(
+            f"{c.stream}: {c.channel}" if c.stream else c.channel for c in components
+        )
+        LOG.debug("    %s = %s", buffer, places)

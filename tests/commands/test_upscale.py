@@ -300,3 +300,11 @@ def test_filtered_lr_has_less_contrast_than_point_samples(
         assert run.exit_code == 0, run.output
         spread[name] = np.abs(np.diff(load_rgb(out / "frame.0001.exr"), axis=-1)).mean()
     assert spread[choice] < 0.9 * spread["none"]
+
+
+def test_verbose_names_channels_and_quiet_says_nothing(
+    rtsr: Run, small_shot: Path, tmp_path: Path
+) -> None:
+    verbose = rtsr("upscale", small_shot, tmp_path / "a", "-v", "--frames", 1)
+    assert "motion = frame: motion.X, frame: motion.Y" in verbose.output
+    assert rtsr("upscale", small_shot, tmp_path / "b", "-q", "--frames", 1).output == ""
