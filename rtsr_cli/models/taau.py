@@ -26,6 +26,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.frames.vectors import length
 from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
 from rtsr_cli.core.imaging.disocclusion import bounded_depth, depth_slope
 from rtsr_cli.core.imaging.resampling import (
@@ -250,7 +251,7 @@ def judged_history(
     changed = change_of_samples(residual, valid, config)
     keep = 1.0 - upsample(changed, scale, jitter_px, kernel=BILINEAR)
 
-    still = torch.exp(-motion_px.norm(dim=1, keepdim=True) / config.still_px)
+    still = torch.exp(-length(motion_px) / config.still_px)
     limit = config.max_count_moving + (config.max_count_still - config.max_count_moving) * still
     count = torch.minimum(count, limit)
     young = count.clamp(max=config.max_count_moving)

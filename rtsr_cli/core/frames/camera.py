@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
 from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.frames.vectors import length, normalized
 from rtsr_cli.core.shapes import Plane, Size, Vector3
 
 MIN_POINTS_FOR_CAMERA = 64
@@ -98,7 +98,7 @@ def ray_axes(
 
 def view_cosine(normal: Vector3, to_camera: Vector3) -> Plane:
     """NoV = clamp(dot(normal, normalize(camera - position)), 0, 1); both in one space."""
-    cosine = (F.normalize(normal, dim=1) * F.normalize(to_camera, dim=1)).sum(1, keepdim=True)
+    cosine = (normalized(normal) * normalized(to_camera)).sum(1, keepdim=True)
     return cosine.clamp(0.0, 1.0)
 
 
@@ -119,7 +119,7 @@ def view_cosine_from_camera(
     cosine = torch.zeros_like(normal[:, :1])
     for i, (right, up, back) in enumerate(rotation):
         cosine.addcmul_(normal[:, i : i + 1], back - y * up - x * right)
-    lengths = (1.0 + y * y + x * x).sqrt() * normal.norm(dim=1, keepdim=True)
+    lengths = (1.0 + y * y + x * x).sqrt() * length(normal)
     return cosine.div_(lengths.clamp_(min=1e-12)).clamp_(0.0, 1.0)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from rtsr_cli.core.errors import MissingBufferError
@@ -19,6 +18,7 @@ from rtsr_cli.core.frames.motion import (
     MotionDirection,
     motion_to_pixels,
 )
+from rtsr_cli.core.frames.vectors import normalized
 from rtsr_cli.core.shapes import Plane, Vector3
 
 
@@ -129,7 +129,7 @@ def normal_to_world(
             raise MissingBufferError(_needs_camera(where, "view-space normals"))
         rotation = camera.world_to_camera[:3, :3].to(normal)
         normal = torch.einsum("nchw,dc->ndhw", normal, rotation)
-    return F.normalize(normal, dim=1, eps=1e-6)
+    return normalized(normal)
 
 
 def roughness_to_perceptual(stored: Plane, kind: RoughnessKind) -> Plane:

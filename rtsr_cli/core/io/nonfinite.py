@@ -30,13 +30,14 @@ def checked(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
     Raises:
         FrameFolderError: policy `error` and a bad value; names folder, frame and buffer.
     """
-    # a sum is finite only if every term is, and costs one pass
+    # a sum that is finite has finite terms only, and costs one fast pass
     suspects = [
         buffer
         for buffer, tensor in frame.gbuffer.items()
-        if tensor.is_floating_point() and not bool(torch.isfinite(tensor.sum(dtype=torch.float64)))
+        if tensor.is_floating_point() and not bool(torch.isfinite(tensor.sum()))
     ]
-    bad = {b: int((~torch.isfinite(frame.gbuffer[b])).sum()) for b in suspects}
+    counts = {b: int((~torch.isfinite(frame.gbuffer[b])).sum()) for b in suspects}
+    bad = {buffer: count for buffer, count in counts.items() if count}
     if not bad:
         return frame, 0
     if policy is NonfinitePolicy.ERROR:

@@ -10,12 +10,12 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-import torch.nn.functional as F
 from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, VECTOR_BUFFERS, Buffer, Resampling
 from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.frames.vectors import normalized
 from rtsr_cli.core.imaging.resampling import (
     box_mean,
     decimate,
@@ -97,7 +97,7 @@ def averaged(full: Frame, k: int) -> Frame:
             small = decimate(tensor, k, (k // 2, k // 2)).contiguous()
             return small / k if buffer in VECTOR_BUFFERS else small
         mean = box_mean(tensor, k)
-        return F.normalize(mean, dim=1, eps=1e-6) if buffer is Buffer.NORMAL else mean
+        return normalized(mean) if buffer is Buffer.NORMAL else mean
 
     height, width = full.view.display
     view = View(display=(height // k, width // k), top=full.view.top // k, left=full.view.left // k)
