@@ -7,6 +7,7 @@ Prints PSNR after c/(1+c) between the outputs of `dumps/standard` and `dumps/mul
 
 from __future__ import annotations
 
+import math
 import statistics
 import tempfile
 from pathlib import Path
@@ -36,6 +37,11 @@ def outputs(folder: Path, out: Path, system: str, scale: int) -> dict[int, NDArr
     return images
 
 
+def psnr(error: float) -> float:
+    """PSNR in dB, peak 1; inf for identical images."""
+    return math.inf if error == 0 else -10 * math.log10(error)
+
+
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
 def main(data: Path) -> None:
@@ -47,10 +53,10 @@ def main(data: Path) -> None:
                     outputs(data / "dumps" / name, Path(folder) / name, system, scale)
                     for name in ("standard", "multilayer")
                 )
-            values = [-10 * np.log10(np.mean((standard[n] - multilayer[n]) ** 2)) for n in standard]
+            errors = [float(np.mean((standard[n] - multilayer[n]) ** 2)) for n in standard]
             print(
-                f"{system} {scale}x: lowest {min(values):.2f} dB, "
-                f"mean {statistics.fmean(values):.2f} dB over {len(values)} frames"
+                f"{system} {scale}x: lowest {psnr(max(errors)):.2f} dB, "
+                f"of the mean error {psnr(statistics.fmean(errors)):.2f} dB, {len(errors)} frames"
             )
 
 
