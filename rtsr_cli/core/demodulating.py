@@ -24,7 +24,7 @@ from rtsr_cli.core.io.outputs import (
     output_state,
     refuse_foreign,
 )
-from rtsr_cli.core.io.provenance import FileDigests, digest, provenance
+from rtsr_cli.core.io.provenance import FileDigests, color_tag, digest, provenance
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.io.shots import remove_leftovers
@@ -201,7 +201,7 @@ def _write(plan: DemodulatePlan, number: int, channels: Mapping[str, Any]) -> An
             config_hash=plan.config_hash,
             source=source,
             stamp=plan.stamp(number),
-            extra={},
+            extra=color_tag(plan.reader.conventions),
         ),
     }
 

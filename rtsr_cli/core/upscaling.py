@@ -20,7 +20,7 @@ from rtsr_cli.core.imaging.resampling import upsample_bicubic
 from rtsr_cli.core.io.exr import read_header
 from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
-from rtsr_cli.core.io.provenance import provenance
+from rtsr_cli.core.io.provenance import color_tag, provenance
 from rtsr_cli.core.io.shots import remove_leftovers
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
 from rtsr_cli.core.planning import AUTOCAST, COMMAND, ShotPlan, Stamps, UpscaleOptions
@@ -159,7 +159,11 @@ def _output(plan: ShotPlan, pair: FramePair, prediction: Prediction, stamp: str)
         config_hash=plan.config_hash,
         source=source,
         stamp=stamp,
-        extra={"rtsr:system": plan.system.name, "rtsr:nonfinite": pair.fixed},
+        extra={
+            "rtsr:system": plan.system.name,
+            "rtsr:nonfinite": pair.fixed,
+            **color_tag(plan.source.reader.conventions),
+        },
     )
     return OutputFrame(
         path=plan.path(number),
@@ -167,6 +171,7 @@ def _output(plan: ShotPlan, pair: FramePair, prediction: Prediction, stamp: str)
         alpha=alpha,
         attributes={**read_header(source).attributes, **known},
         windows=plan.source.output_window,
+        colorspace=plan.source.reader.conventions.colorspace,
     )
 
 

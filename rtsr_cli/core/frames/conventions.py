@@ -45,6 +45,22 @@ class RoughnessKind(StrEnum):
     SMOOTHNESS = "smoothness"
 
 
+class ColorSpace(StrEnum):
+    """Primaries of linear scene-referred radiance; with `_scene` behind, its interchange name."""
+
+    REC709 = "lin_rec709"
+    REC2020 = "lin_rec2020"
+    P3D65 = "lin_p3d65"
+    AP1 = "lin_ap1"
+    AP0 = "lin_ap0"
+
+    @classmethod
+    def _missing_(cls, value: object) -> ColorSpace | None:
+        """Accept the names that the ACES spaces are better known by."""
+        known = {"acescg": cls.AP1, "aces2065-1": cls.AP0}
+        return known.get(value.lower()) if isinstance(value, str) else None
+
+
 class SpecularWorkflow(StrEnum):
     """Whether F0 follows from base colour and metallic or is stored."""
 
@@ -80,14 +96,18 @@ class NormalConvention:
 
 @dataclass(frozen=True, kw_only=True)
 class Conventions:
-    """Everything about a dump that its channel names do not say."""
+    """Everything about a dump that its channel names do not say.
+
+    `colorspace` is None where nobody declared it: pictures then take it for Rec.709, and outputs
+    carry no tag.
+    """
 
     motion: MotionConvention = field(default_factory=MotionConvention)
     depth: DepthConvention = field(default_factory=DepthConvention)
     normal: NormalConvention = field(default_factory=NormalConvention)
     roughness: RoughnessKind = RoughnessKind.PERCEPTUAL
     specular: SpecularWorkflow = SpecularWorkflow.METALLIC
-    colorspace: str = "lin_rec709"
+    colorspace: ColorSpace | None = None
 
 
 def depth_to_metres(

@@ -27,6 +27,7 @@ from pydantic import (
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import (
+    ColorSpace,
     Conventions,
     DepthKind,
     NormalSpace,
@@ -107,7 +108,7 @@ class Capture(_Strict):
     normal: NormalCapture = NormalCapture()
     roughness: RoughnessKind | None = None
     specular: SpecularWorkflow | None = None
-    colorspace: str | None = None
+    colorspace: ColorSpace | None = None
     jitter_px: JitterPx | JitterSequence | dict[int, JitterPx] | None = None
     scale: int | None = Field(default=None, ge=1)
     frame_step: int = Field(default=1, ge=1)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.imaging.color import MAX_HALF
 from rtsr_cli.core.io.exr import Window, write_exr
 from rtsr_cli.core.io.preview import preview, write_png
@@ -91,6 +92,7 @@ class OutputFrame:
         alpha: coverage, written as `A`, or None.
         attributes: of the header.
         windows: data and display window.
+        colorspace: primaries of `color`, for pictures.
         previews: also write a PNG.
         debug: named pictures for a second EXR in `debug/`.
     """
@@ -100,6 +102,7 @@ class OutputFrame:
     alpha: Image | None
     attributes: Mapping[str, Any]
     windows: tuple[Window, Window]
+    colorspace: ColorSpace | None = None
     previews: bool = False
     debug: Mapping[str, Image] | None = None
 
@@ -110,7 +113,7 @@ class OutputFrame:
             OutputError: a file cannot be written.
         """
         if self.previews:
-            write_png(self.path.with_suffix(PREVIEW_SUFFIX), preview(self.color))
+            write_png(self.path.with_suffix(PREVIEW_SUFFIX), preview(self.color, self.colorspace))
         if self.debug:
             self._write(self.path.parent / "debug" / self.path.name, debug_channels(self.debug))
         channels = image_channels("", self.color, "RGB")

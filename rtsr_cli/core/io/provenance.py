@@ -11,6 +11,7 @@ from typing import Any
 
 from rtsr_cli import __version__
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.io.exr import read_header
 
 STAMP = "rtsr:stamp"
@@ -72,6 +73,12 @@ def provenance(
         STAMP: stamp,
         **extra,
     }
+
+
+def color_tag(conventions: Conventions) -> dict[str, str]:
+    """`colorInteropID` of the radiance, where the user declared its primaries; never a guess."""
+    space = conventions.colorspace
+    return {} if space is None else {"colorInteropID": f"{space.value}_scene"}
 
 
 def stamp_of(path: Path) -> str | None:

@@ -7,6 +7,7 @@ import pytest
 
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.conventions import (
+    ColorSpace,
     Conventions,
     DepthConvention,
     DepthKind,
@@ -79,7 +80,7 @@ def test_every_field_is_parsed(tmp_path: Path) -> None:
         normal=NormalConvention(space=NormalSpace.VIEW, packed=True),
         roughness=RoughnessKind.ALPHA,
         specular=SpecularWorkflow.F0,
-        colorspace="acescg",
+        colorspace=ColorSpace.AP1,
     )
 
 

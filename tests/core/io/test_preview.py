@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+import torch
+
+from rtsr_cli.core.frames.conventions import ColorSpace
+from rtsr_cli.core.io.preview import preview, to_rec709, write_png
+
+
+def test_mid_grey_goes_through_reinhard_and_srgb() -> None:
+    # 1 / (1 + 1) = 0.5, and sRGB encodes 0.5 as 0.7354 [IEC 61966-2-1]
+    assert preview(torch.ones(1, 3, 1, 1)).tolist() == [[[188, 188, 188]]]
+
+
+def test_non_finite_pixels_are_magenta() -> None:
+    color = torch.zeros(1, 3, 1, 2)
+    color[0, 1, 0, 1] = torch.nan
+    assert preview(color).tolist() == [[[0, 0, 0], [255, 0, 255]]]
+
+
+@pytest.mark.parametrize("space", list(ColorSpace))
+def test_white_stays_white_in_every_space(space: ColorSpace) -> None:
+    rows = np.array(to_rec709(space)).sum(axis=1)
+    np.testing.assert_allclose(rows, 1.0, atol=2e-3)
+
+
+def test_saturated_green_of_wide_primaries_is_out_of_rec709() -> None:
+    matrix = np.array(to_rec709(ColorSpace.REC2020))
+    # ITU-R BT.2087, Table: linear BT.2020 to BT.709
+    np.testing.assert_allclose(matrix[0], [1.6605, -0.5876, -0.0728], atol=2e-3)
+
+
+def test_a_png_holds_the_pixels_that_were_given(tmp_path: Path) -> None:
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    write_png(tmp_path / "p.png", pixels)
+    stored = oiio.ImageBuf(str(tmp_path / "p.png")).get_pixels(oiio.UINT8)
+    np.testing.assert_array_equal(stored, pixels)
