@@ -24,7 +24,7 @@ from rtsr_cli.core.io.outputs import (
     output_state,
     refuse_foreign,
 )
-from rtsr_cli.core.io.provenance import FileDigests, color_tag, digest, provenance
+from rtsr_cli.core.io.provenance import FileDigests, color_tag, config_digest, digest, provenance
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.io.shots import remove_leftovers
@@ -130,7 +130,7 @@ def plan_frames(
         read=resolved.read | emission,
         selected=options.selection.of(reader.numbers),
         pending=(),
-        config_hash=digest(
+        config_hash=config_digest(
             COMMAND,
             asdict(options.derivation),
             options.inverse,

@@ -24,7 +24,7 @@ from rtsr_cli.core.io.outputs import (
     refuse_foreign,
 )
 from rtsr_cli.core.io.pairs import Inputs, PairSource
-from rtsr_cli.core.io.provenance import FileDigests, digest
+from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.system import System
 
@@ -181,7 +181,7 @@ def plan_shot(
         selected=selected,
         pending=frozenset(selected),
         order=(),
-        config_hash=digest(system.name, config, reader.declaration, source.scale),
+        config_hash=config_digest(system.name, config, reader.declaration, source.scale),
         starts=_starts(sequence, system, selected, sharded=options.selection.shard is not None),
         digests=FileDigests(),
     )

@@ -26,6 +26,11 @@ def digest(*parts: object) -> str:
     return hashlib.blake2b(text.encode(), digest_size=DIGEST_BYTES).hexdigest()
 
 
+def config_digest(*parts: object) -> str:
+    """Hash what, beside the inputs, decides the outputs' bytes: this version, and plain values."""
+    return digest(__version__, *parts)
+
+
 class FileDigests:
     """Content hashes of input files, each file read once a run."""
 

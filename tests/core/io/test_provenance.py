@@ -10,7 +10,14 @@ import pytest
 from rtsr_cli import __version__
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.io.exr import read_header, write_exr
-from rtsr_cli.core.io.provenance import STAMP, FileDigests, digest, provenance, stamp_of
+from rtsr_cli.core.io.provenance import (
+    STAMP,
+    FileDigests,
+    config_digest,
+    digest,
+    provenance,
+    stamp_of,
+)
 
 
 def test_a_digest_does_not_depend_on_the_order_of_keys_but_on_that_of_lists() -> None:
@@ -81,3 +88,9 @@ def test_a_file_of_another_program_and_a_damaged_one_have_no_stamp(tmp_path: Pat
 
 def test_the_stamp_is_an_attribute_of_rtsr() -> None:
     assert STAMP == "rtsr:stamp"
+
+
+def test_another_version_makes_other_stamps(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = config_digest("upscale", {"scale": 4})
+    monkeypatch.setattr("rtsr_cli.core.io.provenance.__version__", "999")
+    assert config_digest("upscale", {"scale": 4}) != now
