@@ -15,9 +15,9 @@ from rtsr_cli.core.demodulating import DemodulateOptions, DemodulatePlan, FrameR
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
+from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_radiance
-from rtsr_cli.core.io.outputs import check_writable
 from rtsr_cli.core.io.selection import ranges
 
 

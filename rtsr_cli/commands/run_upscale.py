@@ -20,9 +20,9 @@ from rtsr_cli.commands.running import (
     selection,
 )
 from rtsr_cli.core import planning, upscaling
+from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_pairs
-from rtsr_cli.core.io.outputs import check_writable
 from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.simulation import JitterMode, Simulation

@@ -14,6 +14,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
+from rtsr_cli.core.io.atomic import remove_leftovers
 from rtsr_cli.core.io.exr import read_header, write_exr
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.outputs import (
@@ -27,7 +28,6 @@ from rtsr_cli.core.io.outputs import (
 from rtsr_cli.core.io.provenance import FileDigests, color_tag, config_digest, digest, provenance
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
-from rtsr_cli.core.io.shots import remove_leftovers
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
 from rtsr_cli.core.shapes import Color, Mask
 

@@ -17,11 +17,11 @@ from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
+from rtsr_cli.core.io.atomic import remove_leftovers
 from rtsr_cli.core.io.exr import read_header
 from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import color_tag, provenance
-from rtsr_cli.core.io.shots import remove_leftovers
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
 from rtsr_cli.core.planning import AUTOCAST, COMMAND, ShotPlan, Stamps, UpscaleOptions
 from rtsr_cli.core.system import Prediction, State, System, Window

@@ -6,10 +6,8 @@ channel's type in the file. Writes go to a hidden file beside the target and are
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -18,13 +16,11 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from rtsr_cli.core.errors import FrameFolderError, OutputError
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.io.atomic import write_atomically
 
 Plane: TypeAlias = NDArray[Any]
 """One channel: (height, width)."""
-
-TEMPORARY_SUFFIX = ".rtsr-part"
-"""Ends the name of a file that is still being written; never a finished one."""
 
 STRUCTURAL_ATTRIBUTES = frozenset(
     {
@@ -233,23 +229,3 @@ def _box(window: Window) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     first = (window.left, window.top)
     last = (window.left + window.width - 1, window.top + window.height - 1)
     return np.array(first, dtype=np.int32), np.array(last, dtype=np.int32)
-
-
-def write_atomically(path: Path, write: Any) -> None:
-    """Call `write(temporary path)` beside the target, then rename; on failure leave nothing.
-
-    Raises:
-        OutputError: the folder or disk refuses; names the target.
-    """
-    part = path.with_name(f".{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(part)
-        part.replace(path)
-    except (OSError, RuntimeError, ValueError, TypeError) as error:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
-        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise OutputError(
-            f"{path}: cannot be written ({why}); check permissions and free space"
-        ) from error

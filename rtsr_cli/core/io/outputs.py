@@ -64,24 +64,6 @@ def refuse_foreign(paths: list[Path], command: str) -> None:
     )
 
 
-def check_writable(folder: Path) -> None:
-    """Raise if a folder cannot be made or written to, before anything is computed.
-
-    Raises:
-        OutputError: names the folder.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".rtsr-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: cannot write here ({error.strerror}); check permissions, or choose "
-            "another output folder"
-        ) from error
-
-
 @dataclass(frozen=True, kw_only=True)
 class OutputFrame:
     """One frame to write.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
-from rtsr_cli.core.io.exr import write_atomically
+from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.shapes import Color
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import fileseq
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.io.exr import TEMPORARY_SUFFIX
 
 LR_FOLDER, HR_FOLDER = "lr", "hr"
 """Names of a shot's two resolutions."""
@@ -136,10 +135,3 @@ def _walk(root: Path, folder: Path, buffer_folders: tuple[str, ...]) -> Iterable
     for child in sorted(folder.iterdir()):
         if child.is_dir() and not child.name.startswith("."):
             yield from _walk(root, child, buffer_folders)
-
-
-def remove_leftovers(folder: Path) -> None:
-    """Delete what a killed run left half written."""
-    if folder.is_dir():
-        for part in folder.glob(f".*{TEMPORARY_SUFFIX}"):
-            part.unlink(missing_ok=True)

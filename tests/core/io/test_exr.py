@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rtsr_cli.core.errors import FrameFolderError, OutputError
+from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.exr import (
     COMPRESSIONS,
     STRUCTURAL_ATTRIBUTES,
     Window,
     read_channels,
     read_header,
-    write_atomically,
     write_exr,
 )
 

@@ -9,12 +9,12 @@ import torch
 
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
 from rtsr_cli.core.io.outputs import (
     OutputFrame,
     OutputState,
     buffer_channels,
-    check_writable,
     output_name,
     output_state,
     refuse_foreign,

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.io.exr import TEMPORARY_SUFFIX
-from rtsr_cli.core.io.shots import Shot, find_shots, frame_set, remove_leftovers
+from rtsr_cli.core.io.shots import Shot, find_shots, frame_set
 
 
 def touch(folder: Path, *names: str) -> Path:
@@ -165,10 +164,3 @@ def test_a_folder_that_cannot_hold_shots_is_refused_by_name(
     make(path)  # type: ignore[operator]
     with pytest.raises(FrameFolderError, match=rf"in: {message}"):
         find_shots(path)
-
-
-def test_leftovers_of_a_killed_run_are_removed_and_nothing_else(tmp_path: Path) -> None:
-    touch(tmp_path, f".f.0001.exr.123{TEMPORARY_SUFFIX}", "f.0001.exr", ".keep")
-    remove_leftovers(tmp_path)
-    remove_leftovers(tmp_path / "not there")
-    assert sorted(p.name for p in tmp_path.iterdir()) == [".keep", "f.0001.exr"]

@@ -1,0 +1,98 @@
+"""Files that are whole or not there: written beside the target and renamed."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from rtsr_cli.core.errors import OutputError
+
+TEMPORARY_SUFFIX = ".rtsr-part"
+"""Ends the name of a file that is still being written; never a finished one."""
+
+ABANDONED_S = 24 * 3600.0
+"""A part of another machine's that nobody has touched for so long belongs to a run that died."""
+
+
+def temporary_path(path: Path) -> Path:
+    """`.<name>.<host>-<process>.rtsr-part` beside the target: who writes it can be told."""
+    return path.with_name(f".{path.name}.{_writer()}{TEMPORARY_SUFFIX}")
+
+
+def _writer() -> str:
+    return f"{_host()}-{os.getpid()}"
+
+
+def _host() -> str:
+    """This machine's name up to the first dot, as the dots part a temporary name."""
+    return platform.node().partition(".")[0] or "host"
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Call `write(temporary path)`, then rename; on failure leave nothing and keep what was there.
+
+    Raises:
+        OutputError: the folder or disk refuses; names the target.
+    """
+    part = temporary_path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(part)
+        part.replace(path)
+    except (OSError, RuntimeError, ValueError, TypeError) as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise OutputError(
+            f"{path}: cannot be written ({why}); check permissions and free space"
+        ) from error
+
+
+def check_writable(folder: Path) -> None:
+    """Raise if a folder cannot be made or written to, before anything is computed.
+
+    Raises:
+        OutputError: names the folder.
+    """
+    probe = folder / f".probe.{_writer()}{TEMPORARY_SUFFIX}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot write here ({error.strerror}); check permissions, or choose "
+            "another output folder"
+        ) from error
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete what killed runs left half written; parts that others are writing stay."""
+    if not folder.is_dir():
+        return
+    for part in folder.glob(f".*{TEMPORARY_SUFFIX}"):
+        with suppress(OSError):
+            if _abandoned(part):
+                part.unlink(missing_ok=True)
+
+
+def _abandoned(part: Path) -> bool:
+    writer = part.name.removesuffix(TEMPORARY_SUFFIX).rpartition(".")[2]
+    host, _, process = writer.rpartition("-")
+    if host == _host() and process.isdigit():
+        return not _alive(int(process))
+    return time.time() - part.stat().st_mtime > ABANDONED_S
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

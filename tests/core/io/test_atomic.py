@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from rtsr_cli.core.io import atomic
+
+
+def part_of(folder: Path, host: str, process: int) -> Path:
+    part = folder / f".f.0001.exr.{host}-{process}{atomic.TEMPORARY_SUFFIX}"
+    part.touch()
+    return part
+
+
+def ended_process() -> int:
+    child = subprocess.Popen([sys.executable, "-c", ""])
+    child.wait()
+    return child.pid
+
+
+def own_host(folder: Path) -> str:
+    return atomic.temporary_path(folder / "f.exr").name.split(".")[3].rpartition("-")[0]
+
+
+def test_parts_of_a_run_that_died_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    dead = part_of(tmp_path, own_host(tmp_path), ended_process())
+    (tmp_path / "f.0001.exr").touch()
+    (tmp_path / ".keep").touch()
+    atomic.remove_leftovers(tmp_path)
+    atomic.remove_leftovers(tmp_path / "not there")
+    assert not dead.exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".keep", "f.0001.exr"]
+
+
+def test_parts_that_a_living_process_is_writing_stay(tmp_path: Path) -> None:
+    living = part_of(tmp_path, own_host(tmp_path), os.getppid())
+    atomic.remove_leftovers(tmp_path)
+    assert living.exists()
+
+
+def test_parts_of_another_machine_stay_for_a_day(tmp_path: Path) -> None:
+    fresh, old = (part_of(tmp_path, "elsewhere", number) for number in (1, 2))
+    os.utime(old, (0, 0))
+    atomic.remove_leftovers(tmp_path)
+    assert fresh.exists()
+    assert not old.exists()
