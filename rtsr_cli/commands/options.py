@@ -50,7 +50,8 @@ class ShardOf(click.ParamType[tuple[int, int]]):
         if isinstance(value, tuple):
             return value
         index, _, count = str(value).partition("/")
-        if not (index.isdigit() and count.isdigit() and 1 <= int(index) <= int(count)):
+        whole = index.isascii() and count.isascii() and index.isdigit() and count.isdigit()
+        if not (whole and 1 <= int(index) <= int(count)):
             self.fail(f"'{value}' is no shard; write 1/4 to 4/4", param, ctx)
         return int(index), int(count)
 

@@ -49,9 +49,11 @@ Alternatives = tuple[tuple[Buffer | str, ...], ...]
 
 _BRDF_PARTS: tuple[Buffer, ...] = (Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV)
 
+_F0_PARTS: tuple[Buffer, ...] = (Buffer.ALBEDO, Buffer.SPECULAR, Buffer.ROUGHNESS, Buffer.NOV)
+
 _MATERIAL_PARTS: dict[dm.DemodulationMode, Alternatives] = {
-    dm.DemodulationMode.BRDF: ((Buffer.MATERIAL,), _BRDF_PARTS),
-    dm.DemodulationMode.SOFTPLUS: ((Buffer.MATERIAL,), _BRDF_PARTS),
+    dm.DemodulationMode.BRDF: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
+    dm.DemodulationMode.SOFTPLUS: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
     dm.DemodulationMode.ALBEDO: ((Buffer.ALBEDO,),),
     dm.DemodulationMode.GLOSSY_ALBEDO: ((Buffer.ALBEDO, Buffer.METALLIC),),
 }
@@ -212,6 +214,13 @@ def _f0(gbuffer: GBuffer) -> Color:
     return dm.specular_f0(gbuffer[Buffer.ALBEDO], gbuffer[Buffer.METALLIC])
 
 
+def _metallic(gbuffer: GBuffer) -> Plane:
+    """0 in the F0 workflow, which has no metallic buffer."""
+    if Buffer.METALLIC in gbuffer or Buffer.SPECULAR not in gbuffer:
+        return gbuffer[Buffer.METALLIC]
+    return torch.zeros_like(gbuffer[Buffer.ALBEDO][:, :1])
+
+
 def _brdf(frame: Frame, config: DerivationConfig) -> Color:
     gbuffer = frame.gbuffer
     if Buffer.MATERIAL in gbuffer:
@@ -219,7 +228,7 @@ def _brdf(frame: Frame, config: DerivationConfig) -> Color:
     return dm.material_term(
         gbuffer[Buffer.ALBEDO],
         _f0(gbuffer),
-        metallic=gbuffer[Buffer.METALLIC],
+        metallic=_metallic(gbuffer),
         roughness=gbuffer[Buffer.ROUGHNESS],
         nov=derive_nov(frame),
         lut=lut_for(config.lut),

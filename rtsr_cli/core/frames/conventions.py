@@ -124,8 +124,11 @@ def depth_to_metres(
             raise MissingBufferError(_needs_camera(where, "device depth"))
         return device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
     metres = stored * convention.unit_m
-    threshold = SKY_DEPTH_M if convention.sky is None else convention.sky * convention.unit_m
-    sky = (metres >= threshold) | torch.isinf(stored)
+    if convention.sky is None:
+        # half files cannot hold more than their largest value, whatever the unit
+        sky = (metres >= SKY_DEPTH_M) | (stored == SKY_DEPTH_M) | torch.isinf(stored)
+    else:
+        sky = (stored >= convention.sky) | torch.isinf(stored)
     if convention.kind is DepthKind.RAY:
         size = (stored.shape[-2], stored.shape[-1])
         axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
@@ -205,6 +208,7 @@ def _motion(stored: Tensor, frame: Stored) -> Tensor:
     return motion_to_pixels(
         stored,
         frame.conventions.motion,
+        screen=frame.view.display,
         jitter_px=frame.camera.jitter_px,
         jitter_px_prev=frame.jitter_px_prev,
     )
@@ -217,7 +221,7 @@ def _forward(stored: Tensor, frame: Stored) -> Tensor:
         direction=MotionDirection.PREVIOUS_MINUS_CURRENT,
         jittered=False,
     )
-    return motion_to_pixels(stored, convention)
+    return motion_to_pixels(stored, convention, screen=frame.view.display)
 
 
 def _object_id(stored: Tensor, _: Stored) -> Tensor:

@@ -74,6 +74,7 @@ def motion_to_pixels(
     stored: MotionPx,
     convention: MotionConvention,
     *,
+    screen: Size | None = None,
     jitter_px: Jitter = (0.0, 0.0),
     jitter_px_prev: Jitter = (0.0, 0.0),
 ) -> MotionPx:
@@ -86,10 +87,11 @@ def motion_to_pixels(
     Args:
         stored: as read, (x, y) channels.
         convention: how the file stores them.
+        screen: (height, width) that uv and ndc span; by default the size of `stored`.
         jitter_px: jitter of this frame, pixels of the same resolution.
         jitter_px_prev: jitter of the previous frame.
     """
-    x, y = convention.factors((stored.shape[-2], stored.shape[-1]))
+    x, y = convention.factors(screen or (stored.shape[-2], stored.shape[-1]))
     motion_px = stored * torch.tensor([x, y], dtype=stored.dtype).view(1, 2, 1, 1)
     if not convention.jittered:
         return motion_px

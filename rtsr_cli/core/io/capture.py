@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -20,6 +21,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    PositiveFloat,
     TypeAdapter,
     ValidationError,
 )
@@ -61,8 +63,8 @@ class DepthCapture(_Strict):
 
     kind: DepthKind | None = None
     reversed: bool | None = None
-    unit: Literal["m", "cm", "mm", "km", "ft", "in"] | float | None = None
-    sky: float | None = None
+    unit: Literal["m", "cm", "mm", "km", "ft", "in"] | PositiveFloat | None = None
+    sky: float | None = Field(default=None, allow_inf_nan=False)
 
 
 class NormalCapture(_Strict):
@@ -93,7 +95,10 @@ class JitterSequence(_Strict):
         return x, y
 
 
-JitterPx = Annotated[tuple[float, float], Field(description="(x right, y down), LR pixels")]
+Offset = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
+
+JitterPx = tuple[Offset, Offset]
+"""(x right, y down), LR pixels."""
 
 UNIT_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
 """Metres in a named unit of length."""
@@ -163,7 +168,7 @@ class CameraRow(_Strict):
     frame: int
     world_to_camera: Matrix | None = Field(default=None, alias="worldToCamera")
     world_to_ndc: Matrix | None = Field(default=None, alias="worldToNDC")
-    jitter_px: Annotated[tuple[float, float], BeforeValidator(_numbers)] | None = None
+    jitter_px: Annotated[JitterPx, BeforeValidator(_numbers)] | None = None
     pre_exposure: float = Field(default=1.0, gt=0.0)
     cut: bool = False
 
@@ -204,7 +209,7 @@ def read_cameras(path: Path) -> dict[int, CameraRow]:
         ConfigError: unreadable, or wrong fields; lists every one with its row.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         rows = _json_rows(text) if path.suffix.lower() == ".json" else _csv_rows(text)
     except OSError as error:
         raise ConfigError(
@@ -213,6 +218,9 @@ def read_cameras(path: Path) -> dict[int, CameraRow]:
     except (ValueError, csv.Error) as error:
         raise ConfigError(f"{path}: is not a camera side-car: {error}") from error
     cameras = _validated(TypeAdapter(list[CameraRow]), rows, path)
+    repeated = sorted(n for n, count in Counter(c.frame for c in cameras).items() if count > 1)
+    if repeated:
+        raise ConfigError(f"{path}: frames {', '.join(map(str, repeated))} have more than one row")
     return {row.frame: row for row in cameras}
 
 

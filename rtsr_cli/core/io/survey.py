@@ -12,7 +12,9 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.errors import FrameFolderError, RtsrError, did_you_mean
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.conventions import SpecularWorkflow
 from rtsr_cli.core.io.capture import CameraRow, Capture
 from rtsr_cli.core.io.exr import ExrHeader, Window, read_header
 from rtsr_cli.core.io.layouts import LAYOUTS, Binding, Layout, bind, detect
@@ -22,6 +24,9 @@ from rtsr_cli.core.io.shots import FrameSet
 
 WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
 """Standard OpenEXR attributes, row-vector matrices."""
+
+MATRIX_RANK = 4
+"""Of every camera matrix, an infinite far plane included."""
 
 SURVEY_THREADS = 4
 """Headers are small: a few threads hide the latency of a network drive."""
@@ -72,6 +77,9 @@ def open_frames(
     first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
     streams = {key: header.channels - header.subsampled for key, header in first.items()}
     chosen, binding = _choose(layout or capture.layout, streams, str(frames.root))
+    if capture.specular is SpecularWorkflow.F0:
+        # base colour is then the diffuse colour already, and no metal takes from it
+        binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
     used = sorted({c.stream for components in binding.values() for c in components})
     _check_channels(frames, headers, binding)
     numbers, held = _numbers(frames, used, capture.frame_step, on_missing)
@@ -89,9 +97,16 @@ def open_frames(
         step=capture.frame_step,
     )
     main = headers[reader.main_stream]
+    # a frame that stands in brings its own camera and jitter along
+    sources = {n: held.get(n, n) for n in numbers}
+    bare = {n for n in sources.values() if _matrix(main[n], WORLD_TO_CAMERA) is None}
+    _check_table(frames, "camera", side_car or None, bare)
+    _check_table(frames, "jitter_px", capture.jitter_px, set(sources.values()))
     cameras = {
-        n: _camera(n, main[held.get(n, n)], capture, side_car, jittered=jittered) for n in numbers
+        n: _camera(source, main[source], capture, side_car, jittered=jittered)
+        for n, source in sources.items()
     }
+    _check_matrices(frames, cameras)
     return replace(reader, cameras=cameras)
 
 
@@ -203,6 +218,33 @@ def _camera(
         jitter_px=jitter if jittered and jitter is not None else (0.0, 0.0),
         cut=camera.cut or number in capture.camera_cuts,
     )
+
+
+def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) -> None:
+    """Raise where a table by frame leaves frames out: what stands in for them would be a guess."""
+    lacking = numbers - set(table) if isinstance(table, Mapping) else set()
+    if lacking:
+        raise FrameFolderError(
+            f"{frames.root}: capture.toml's {name} has no entry for frames {ranges(lacking)}; "
+            "add them"
+        )
+
+
+def _check_matrices(frames: FrameSet, cameras: Mapping[int, CameraMetadata]) -> None:
+    for number, camera in cameras.items():
+        for name, matrix in (
+            (WORLD_TO_CAMERA, camera.world_to_camera),
+            (WORLD_TO_NDC, camera.world_to_ndc),
+        ):
+            if matrix is None:
+                continue
+            finite = bool(torch.isfinite(matrix).all())
+            if not finite or int(torch.linalg.matrix_rank(matrix)) < MATRIX_RANK:
+                raise FrameFolderError(
+                    f"{frames.root}, frame {number}: {name} is not a camera matrix (it is "
+                    "singular or not finite); give the cameras in a side-car, "
+                    'capture.toml: camera = "camera.csv"'
+                )
 
 
 def _matrix(header: ExrHeader, name: str) -> Tensor | None:

@@ -162,14 +162,14 @@ def test_one_data_window_for_all_frames_is_read_as_it_is_and_remembered_as_the_v
 def test_header_matrices_jitter_and_cuts_make_the_camera(
     tmp_path: Path, write_frames: Write, open_folder: Open
 ) -> None:
-    matrix = np.arange(16, dtype=np.float32).reshape(4, 4)
+    matrix = (np.arange(16) + 50 * np.eye(4).ravel()).reshape(4, 4).astype(np.float32)
     write_frames(tmp_path, [1, 2], attributes={"worldToCamera": matrix, "worldToNDC": 2 * matrix})
     declared = {"jitter_px": [0.25, -0.5], "camera_cuts": [2]}
     reader = open_folder(tmp_path, capture=declared)
     camera = reader.cameras[2]
     assert reader.has_camera
     assert camera.world_to_ndc is not None
-    assert camera.world_to_ndc[1].tolist() == [8.0, 10.0, 12.0, 14.0]
+    assert camera.world_to_ndc[1].tolist() == [8.0, 110.0, 12.0, 14.0]
     assert camera.jitter_px == (0.25, -0.5)
     assert camera.cut
     assert not reader.cameras[1].cut
@@ -187,22 +187,23 @@ def test_declared_jitter_is_that_of_rendered_frames_and_not_of_high_resolution_o
 def test_a_side_car_row_takes_the_place_of_what_the_header_says(
     tmp_path: Path, write_frames: Write, open_folder: Open
 ) -> None:
-    header = {"worldToCamera": np.zeros((4, 4), np.float32)}
+    header = {"worldToCamera": np.eye(4, dtype=np.float32)}
     write_frames(tmp_path, [1, 2], attributes=header)
-    row = CameraRow(frame=1, worldToCamera=[float(i) for i in range(16)], jitter_px=(0.1, 0.2))
+    shifted = [*np.eye(4).ravel().tolist()[:12], 3.0, 4.0, 5.0, 1.0]
+    row = CameraRow(frame=1, worldToCamera=shifted, jitter_px=(0.1, 0.2))
     reader = open_folder(tmp_path, side_car={1: row})
     first, second = reader.cameras[1], reader.cameras[2]
     assert first.world_to_camera is not None
-    assert first.world_to_camera[3, 3] == 15.0
+    assert first.world_to_camera[3].tolist() == [3.0, 4.0, 5.0, 1.0]
     assert first.jitter_px == (0.1, 0.2)
     assert second.world_to_camera is not None
-    assert second.world_to_camera.abs().max() == 0.0
+    assert torch.equal(second.world_to_camera, torch.eye(4, dtype=torch.float64))
 
 
 def test_a_side_car_without_matrices_leaves_those_of_the_header(
     tmp_path: Path, write_frames: Write, open_folder: Open
 ) -> None:
-    matrix = np.arange(16, dtype=np.float32).reshape(4, 4)
+    matrix = np.diag([1.0, 2.0, 3.0, 15.0]).astype(np.float32)
     write_frames(tmp_path, [1], attributes={"worldToCamera": matrix, "worldToNDC": 2 * matrix})
     row = CameraRow(frame=1, jitter_px=(0.1, 0.2), pre_exposure=4.0)
     camera = open_folder(tmp_path, side_car={1: row}).cameras[1]
@@ -280,3 +281,38 @@ def test_a_layout_that_matches_nothing_is_refused_with_the_folder(
 )
 def test_ranges_are_written_compactly(numbers: list[int], text: str) -> None:
     assert ranges(numbers) == text
+
+
+def test_a_table_that_leaves_frames_out_is_refused(
+    tmp_path: Path, write_frames: Write, open_folder: Open
+) -> None:
+    write_frames(tmp_path, [1, 2])
+    with pytest.raises(FrameFolderError, match="jitter_px has no entry for frames 2"):
+        open_folder(tmp_path, capture={"jitter_px": {1: [0.1, 0.1]}})
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_matrices_that_are_none_are_refused(
+    tmp_path: Path, write_frames: Write, open_folder: Open, value: float
+) -> None:
+    matrix = np.full((4, 4), value, np.float32)
+    write_frames(tmp_path, [1], attributes={"worldToCamera": matrix})
+    with pytest.raises(FrameFolderError, match="frame 1: worldToCamera is not a camera matrix"):
+        open_folder(tmp_path)
+
+
+def test_a_frame_that_stands_in_brings_its_jitter_along(
+    tmp_path: Path, write_frames: Write, open_folder: Open
+) -> None:
+    write_frames(tmp_path, [1, 2, 4])
+    table = {1: [0.0, 0.0], 2: [0.1, 0.2], 4: [0.3, 0.4]}
+    reader = open_folder(tmp_path, capture={"jitter_px": table}, on_missing=MissingPolicy.HOLD)
+    assert reader.cameras[3].jitter_px == (0.1, 0.2)
+
+
+def test_the_f0_workflow_has_no_metal(
+    tmp_path: Path, write_frames: Write, open_folder: Open
+) -> None:
+    write_frames(tmp_path, [1])
+    assert Buffer.METALLIC in open_folder(tmp_path).stored
+    assert Buffer.METALLIC not in open_folder(tmp_path, capture={"specular": "f0"}).stored
