@@ -9,7 +9,14 @@ from typing import Any
 from tqdm import tqdm
 
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.running import FAILED, LOG, log_binding, read_options, selection
+from rtsr_cli.commands.running import (
+    FAILED,
+    LOG,
+    log_binding,
+    read_options,
+    selection,
+    warn_if_nothing,
+)
 from rtsr_cli.core import demodulating
 from rtsr_cli.core.demodulating import DemodulateOptions, DemodulatePlan, FrameReport
 from rtsr_cli.core.derive import DerivationConfig
@@ -72,6 +79,7 @@ def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan) -> None:
         len(plan.selected) - len(plan.pending),
     )
     log_binding(reader)
+    warn_if_nothing(reader, plan.selected)
 
 
 def _tell(chosen: Mapping[str, Any], report: FrameReport) -> None:

@@ -18,6 +18,7 @@ from rtsr_cli.commands.running import (
     log_binding,
     read_options,
     selection,
+    warn_if_nothing,
 )
 from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.io.atomic import check_writable
@@ -144,6 +145,7 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
         len(plan.selected) - len(plan.pending),
     )
     log_binding(source.reader)
+    warn_if_nothing(source.reader, plan.selected)
 
 
 def _events(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -11,7 +11,7 @@ import torch
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.selection import Selection, Shard
+from rtsr_cli.core.io.selection import Selection, Shard, ranges
 from rtsr_cli.core.io.survey import MissingPolicy
 
 LOG = logging.getLogger("rtsr")
@@ -27,6 +27,7 @@ def read_options(chosen: Mapping[str, Any]) -> ReadOptions:
         layout=chosen["layout"],
         capture=chosen["capture_file"],
         on_missing=MissingPolicy(chosen["on_missing"]),
+        output=chosen["out_folder"],
     )
 
 
@@ -53,6 +54,14 @@ def device_named(name: str) -> str:
             f"device '{name}' cannot be used ({str(error).splitlines()[0]}); choose --device cpu"
         ) from error
     return name
+
+
+def warn_if_nothing(reader: FrameReader, selected: Sequence[int]) -> None:
+    """Say so where `--frames` and `--shard` leave nothing of a shot; farms may overshoot."""
+    if not selected:
+        LOG.warning(
+            "%s: nothing selected, its frames are %s", reader.frames.root, ranges(reader.numbers)
+        )
 
 
 def log_binding(reader: FrameReader) -> None:

@@ -24,6 +24,7 @@ from rtsr_cli.core.io.outputs import (
     output_name,
     output_state,
     refuse_foreign,
+    refuse_inputs,
 )
 from rtsr_cli.core.io.provenance import FileDigests, color_tag, config_digest, digest, provenance
 from rtsr_cli.core.io.reading import FrameReader
@@ -140,6 +141,7 @@ def plan_frames(
         ),
         digests=FileDigests(),
     )
+    refuse_inputs([plan.path(n) for n in plan.selected], [reader])
     states = {n: _state(plan, n) for n in plan.selected}
     if not options.overwrite:
         foreign = [plan.path(n) for n, s in states.items() if s is OutputState.FOREIGN]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import torch
 
-from rtsr_cli.core.errors import FrameFolderError, OutputError, RtsrError
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.io.outputs import (
@@ -22,9 +22,11 @@ from rtsr_cli.core.io.outputs import (
     output_name,
     output_state,
     refuse_foreign,
+    refuse_inputs,
 )
 from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
+from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.system import System
 
@@ -127,15 +129,20 @@ def check_system(system: System, source: PairSource, inputs: Inputs) -> None:
     if missing:
         raise FrameFolderError(
             f"{root}: system '{system.name}' cannot run, missing: {', '.join(missing)}. "
-            f"Layout '{source.reader.layout.name}' found: "
-            f"{', '.join(sorted(source.reader.stored))}. Render what is missing, declare it in "
-            "capture.toml, or choose another --system"
+            f"{'; '.join(_found(reader) for reader in source.readers)}. Render what is missing, "
+            "declare it in capture.toml, or choose another --system"
         )
     if system.scales and source.scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)
         raise FrameFolderError(
             f"{root}: system '{system.name}' is made for {made_for}, not {source.scale}x"
         )
+
+
+def _found(reader: FrameReader) -> str:
+    held = ", ".join(sorted(reader.stored))
+    camera = ", camera" if reader.has_camera else ""
+    return f"{reader.frames.root} (layout '{reader.layout.name}') has: {held}{camera}"
 
 
 def plan_shot(
@@ -185,7 +192,7 @@ def plan_shot(
         starts=_starts(sequence, system, selected, sharded=options.selection.shard is not None),
         digests=FileDigests(),
     )
-    _refuse_own_inputs(plan)
+    refuse_inputs([plan.path(n) for n in selected], source.readers)
     states = _states(plan, options)
     if not options.overwrite:
         refuse_foreign(
@@ -194,20 +201,6 @@ def plan_shot(
         )
     pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
     return replace(plan, pending=pending, order=_order(plan, pending))
-
-
-def _refuse_own_inputs(plan: ShotPlan) -> None:
-    inputs = {
-        path.resolve()
-        for number in plan.selected[:1]
-        for path in plan.source.files(number, plan.inputs)
-    }
-    for number in plan.selected[:1]:
-        if plan.path(number).resolve() in inputs:
-            raise OutputError(
-                f"{plan.path(number)}: the output would replace its own input; "
-                "choose another output folder"
-            )
 
 
 def _states(plan: ShotPlan, options: UpscaleOptions) -> dict[int, OutputState]:

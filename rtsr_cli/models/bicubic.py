@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import cast
 
 import torch
+import torch.nn.functional as F
 from torch import nn
 
 from rtsr_cli.core.errors import MissingBufferError
@@ -30,6 +31,9 @@ from rtsr_cli.core.imaging.resampling import (
 )
 from rtsr_cli.core.shapes import Color, Mask
 from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
+
+HIGHLIGHT = 0.5
+"""Tone-mapped value (radiance 1) from which overshoot is bounded."""
 
 JITTER_REACH_PX = 1
 """Pixels that a jitter of up to half a pixel can add to a kernel's reach, rounded up."""
@@ -60,8 +64,21 @@ def predict_bicubic(network: nn.Module, window: Window, state: State) -> Predict
 
 
 def _upsample_radiance(color: Color, frame: Frame, scale: int) -> Color:
-    encoded = upsample_bicubic(encode_reinhard(color), scale, frame.camera.jitter_px)
-    return decode_reinhard(encoded)
+    encoded = encode_reinhard(color)
+    enlarged = upsample_bicubic(encoded, scale, frame.camera.jitter_px)
+    return decode_reinhard(bounded_highlights(enlarged, encoded, scale))
+
+
+def bounded_highlights(enlarged: Color, encoded: Color, scale: int) -> Color:
+    """Hold overshoot beside highlights at the brightest of the 5x5 samples around.
+
+    In c / (1 + c) an overshoot of a hundredth above 0.99 is radiance without bound; below
+    `HIGHLIGHT` the kernel's overshoot is the sharpening that it is meant to be.
+    """
+    reach = 2 * BICUBIC_SUPPORT_PX + 1
+    brightest = F.max_pool2d(encoded, reach, stride=1, padding=BICUBIC_SUPPORT_PX)
+    bound = upsample_nearest(brightest.clamp(min=HIGHLIGHT), scale)
+    return torch.minimum(enlarged, bound)
 
 
 def upsample_lighting(frame: Frame, scale: int, grow_px: int) -> Color:
@@ -86,10 +103,9 @@ def _upsample_where(color: Color, mask: Mask, frame: Frame, scale: int) -> Color
     encoded = encode_reinhard(color)
     jitter_px = frame.camera.jitter_px
     own, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
-    if bool(supported.all()):
-        return decode_reinhard(own)
-    plain = upsample_bicubic(encoded, scale, jitter_px)
-    return decode_reinhard(torch.where(supported > 0, own, plain))
+    if not bool(supported.all()):
+        own = torch.where(supported > 0, own, upsample_bicubic(encoded, scale, jitter_px))
+    return decode_reinhard(bounded_highlights(own, encoded, scale))
 
 
 def predict_demod_bicubic(network: nn.Module, window: Window, state: State) -> Prediction:

@@ -90,13 +90,17 @@ class TaauConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class LrSamples:
-    """One frame's samples: tone-mapped colour, motion, depth, ids, and where they lie."""
+    """One frame's samples: tone-mapped colour, motion, depth, ids, and where they lie.
+
+    `reactive` is 1 where history is not to be trusted (particles, translucents).
+    """
 
     color_tonemapped: Color
     motion_px: MotionPx
     depth_m: Plane
     object_id: IdMap | None
     jitter_px: Jitter
+    reactive: Plane | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,6 +248,8 @@ def judged_history(
     count = backward_warp(state.count, motion_px)[0] * inside
 
     rejected = rejected_samples(samples, state.samples, config.depth_tolerance)
+    if samples.reactive is not None:
+        rejected = torch.maximum(rejected, samples.reactive.clamp(0.0, 1.0))
     colors = to_ycocg(samples.color_tonemapped)
     history = to_ycocg(warped)
     valid = (sample_at_lr(count, scale, jitter_px) > 0).to(count.dtype) * (1.0 - rejected)
@@ -297,6 +303,7 @@ def predict_taau(network: nn.Module, window: Window, state: State) -> Prediction
         depth_m=frame.gbuffer[Buffer.DEPTH],
         object_id=buffers.get(Buffer.OBJECT_ID),
         jitter_px=frame.camera.jitter_px,
+        reactive=buffers.get(Buffer.REACTIVE),
     )
     image, kept = accumulate(
         cast(TaauState | None, state),
@@ -313,7 +320,7 @@ TAAU = System(
     summary="temporal accumulation with variance clipping (baseline)",
     citation="Karis 2014; Yang et al. 2020; Salvi 2016",
     lr_inputs=(Buffer.COLOR, Buffer.MOTION, Buffer.DEPTH),
-    lr_optional=(Buffer.OBJECT_ID,),
+    lr_optional=(Buffer.OBJECT_ID, Buffer.REACTIVE),
     recurrent=True,
     preroll_frames=PREROLL_FRAMES,
     halo_px=None,

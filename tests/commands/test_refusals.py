@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
 
 Run = Callable[..., Result]
 Changed = Callable[[Path, Callable[[dict[str, Any], int], None]], Path]
@@ -215,3 +215,50 @@ def test_every_error_of_a_capture_file_at_once(rtsr: Run, shot: Path, tmp_path: 
 def test_a_device_that_is_not_there(rtsr: Run, shot: Path, tmp_path: Path) -> None:
     message = refusal(rtsr("upscale", shot, tmp_path / "out", "--device", "nosuch"))
     assert "choose --device cpu" in message
+
+
+def test_lr_and_hr_of_different_crops(rtsr: Run, shot: Path, tmp_path: Path) -> None:
+    for path in sorted((shot / "lr").iterdir()):
+        header = read_header(path)
+        planes = read_channels(path, header.channels)
+        moved = Window(left=5, top=0, width=48, height=32)
+        plane = Window(left=0, top=0, width=60, height=40)
+        write_exr(path, planes, data_window=moved, display_window=plane)
+    message = refusal(rtsr("upscale", shot, tmp_path / "out"))
+    assert "HR shows another part of the image plane than LR" in message
+
+
+@pytest.mark.parametrize("command", ["upscale", "demodulate"])
+def test_no_file_of_a_shot_is_replaced_even_with_overwrite(
+    rtsr: Run, shot: Path, command: str
+) -> None:
+    before = {p: p.read_bytes() for p in shot.rglob("*.exr")}
+    out = shot / "hr" if command == "upscale" else shot
+    choice = ("--system", "bicubic") if command == "upscale" else ()
+    message = refusal(rtsr(command, shot, out, *choice, "--overwrite"))
+    assert "would replace its own input" in message
+    assert {p: p.read_bytes() for p in before} == before
+
+
+def test_a_frame_that_only_hr_lacks_can_be_skipped(rtsr: Run, shot: Path, tmp_path: Path) -> None:
+    (shot / "hr" / "frame.0004.exr").unlink()
+    assert "--on-missing skip" in refusal(rtsr("upscale", shot, tmp_path / "a"))
+    result = rtsr("upscale", shot, tmp_path / "b", "--on-missing", "skip")
+    assert result.exit_code == 0, result.output
+    assert "3 written" in result.output
+
+
+def test_outputs_inside_the_input_tree_are_not_taken_for_a_shot(
+    rtsr: Run, shot: Path, tmp_path: Path
+) -> None:
+    lr = shot / "lr"
+    for _ in range(2):
+        result = rtsr("upscale", lr, lr / "out", "--scale", 2)
+        assert result.exit_code == 0, result.output
+    assert "0 written, 4 kept" in result.output
+
+
+def test_a_selection_of_nothing_is_said(rtsr: Run, shot: Path, tmp_path: Path) -> None:
+    result = rtsr("upscale", shot, tmp_path / "out", "--frames", "50-60")
+    assert result.exit_code == 0
+    assert "nothing selected, its frames are 1-4" in result.stderr

@@ -326,7 +326,7 @@ def test_a_system_that_lacks_its_inputs_is_refused_with_what_is_missing(
     message = str(caught.value)
     assert message.startswith(str(tmp_path / "in"))
     assert "'alone' cannot run, missing: lr motion, hr frames" in message
-    assert "found: color" in message
+    assert "has: color" in message
 
 
 def test_a_system_made_for_other_scales_is_refused_with_them(

@@ -31,11 +31,13 @@ class ReadOptions:
         layout: name of a preset, or None to detect it.
         capture: file in place of each shot's capture.toml.
         on_missing: what holes in the numbering mean.
+        output: folder that is not searched for shots, because it is written to.
     """
 
     layout: str | None = None
     capture: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
+    output: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +83,7 @@ def shots_of(folder: Path, options: ReadOptions) -> list[Shot]:
     """Find the shots of IN; a layout that does not exist is refused before any file is read."""
     if options.layout is not None:
         layout_named(options.layout)
-    return find_shots(folder, buffer_folders=buffer_folders())
+    return find_shots(folder, buffer_folders=buffer_folders(), output=options.output)
 
 
 def open_set(
@@ -155,7 +157,8 @@ def open_pairs(
         hr_frames = _hr_frames(shot, hr_folder, single=len(shots) == 1)
         hr = open_set(hr_frames, shot, folder, options, jittered=False) if hr_frames else None
         known = declared(shot, folder, options).capture
-        yield shot.name, real_pairs(lr, hr, scale or known.scale)
+        skip = options.on_missing is MissingPolicy.SKIP
+        yield shot.name, real_pairs(lr, hr, scale or known.scale, skip_missing=skip)
 
 
 def _hr_frames(shot: Shot, hr_folder: Path | None, *, single: bool) -> FrameSet | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -62,6 +62,25 @@ def refuse_foreign(paths: list[Path], command: str) -> None:
         f"{paths[0]}{more}: {command} did not write this from these inputs and settings; "
         "choose another folder, or replace with --overwrite"
     )
+
+
+def refuse_inputs(outputs: Sequence[Path], readers: Iterable[FrameReader]) -> None:
+    """Raise if an output would replace any file of the shots that are read, needed or not.
+
+    Raises:
+        OutputError: names the file.
+    """
+    inputs = {
+        path.resolve()
+        for reader in readers
+        for stream in reader.frames.streams.values()
+        for path in stream.files.values()
+    }
+    for path in outputs:
+        if path.resolve() in inputs:
+            raise OutputError(
+                f"{path}: the output would replace its own input; choose another output folder"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,6 +76,10 @@ class PairSource(Protocol):
         """Data and display window of the outputs."""
 
     @property
+    def readers(self) -> tuple[FrameReader, ...]:
+        """Every reader behind the pairs."""
+
+    @property
     def frame_bytes(self) -> int:
         """Memory that reading one frame takes, generously."""
 
@@ -128,6 +132,11 @@ class RealPairs:
         return self.lr.region.scaled(self.scale), self.lr.display.scaled(self.scale)
 
     @property
+    def readers(self) -> tuple[FrameReader, ...]:
+        """LR's and HR's."""
+        return (self.lr,) if self.hr is None else (self.lr, self.hr)
+
+    @property
     def frame_bytes(self) -> int:
         """Both resolutions."""
         return self.lr.frame_bytes + (0 if self.hr is None else self.hr.frame_bytes)
@@ -149,7 +158,7 @@ class RealPairs:
         if self.hr is None or not inputs.hr + inputs.hr_optional:
             return found
         wanted = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)[0].read
-        return found + self.hr.files(number, wanted)
+        return found + self.hr.files(self.lr.held.get(number, number), wanted)
 
     def load(self, number: int, inputs: Inputs) -> FramePair:
         """Read both frames; HR radiance is never among what is asked for."""
@@ -160,7 +169,8 @@ class RealPairs:
             return FramePair(lr, None, fixed)
         hr_needs, hr_used = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)
         hr, fixed_hr = checked(
-            self.hr.read(number, hr_needs.read - RADIANCE_BUFFERS), inputs.on_nonfinite
+            self.hr.read(self.lr.held.get(number, number), hr_needs.read - RADIANCE_BUFFERS),
+            inputs.on_nonfinite,
         )
         return FramePair(lr, derive(hr, hr_used, inputs.derivation), fixed + fixed_hr)
 
@@ -193,6 +203,11 @@ class SimulatedPairs:
         """Windows of the capture, less the samples of a pixel."""
         k = self.simulation.samples_per_pixel
         return _shrunk(self.capture.region, k), _shrunk(self.capture.display, k)
+
+    @property
+    def readers(self) -> tuple[FrameReader, ...]:
+        """The capture's."""
+        return (self.capture,)
 
     @property
     def frame_bytes(self) -> int:
@@ -249,13 +264,16 @@ def simulated_pairs(capture: FrameReader, simulation: Simulation) -> SimulatedPa
     return SimulatedPairs(capture=capture, simulation=simulation)
 
 
-def real_pairs(lr: FrameReader, hr: FrameReader | None, scale: int | None) -> RealPairs:
+def real_pairs(
+    lr: FrameReader, hr: FrameReader | None, scale: int | None, *, skip_missing: bool = False
+) -> RealPairs:
     """Match LR and HR frames.
 
     Args:
         lr: the frames to enlarge.
         hr: their G-buffers at the target size, or None.
         scale: as asked for, or None to take it from the sizes.
+        skip_missing: leave out frames that HR lacks, instead of refusing.
 
     Raises:
         FrameFolderError: HR lacks a frame, is no multiple of LR, or contradicts `scale`.
@@ -279,9 +297,22 @@ def real_pairs(lr: FrameReader, hr: FrameReader | None, scale: int | None) -> Re
             f"{hr.frames.root}: HR is {ratio} times the size of LR, not {scale} times; "
             f"leave --scale out, or give frames of that ratio"
         )
+    _check_windows(lr, hr, ratio)
     lacking = sorted(set(lr.numbers) - set(hr.numbers))
-    if lacking:
+    if lacking and not skip_missing:
         raise FrameFolderError(
-            f"{hr.frames.root}: HR lacks frames {ranges(lacking)} that LR has in {lr.frames.root}"
+            f"{hr.frames.root}: HR lacks frames {ranges(lacking)} that LR has in "
+            f"{lr.frames.root}; render them, or use --on-missing skip"
         )
+    lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
     return RealPairs(lr=lr, hr=hr, scale=ratio)
+
+
+def _check_windows(lr: FrameReader, hr: FrameReader, scale: int) -> None:
+    """Raise where the pixels of both resolutions do not show the same part of the image plane."""
+    if lr.view.scaled(scale) != hr.view:
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR shows another part of the image plane than LR in "
+            f"{lr.frames.root} (data windows {hr.region} and {lr.region}, display windows "
+            f"{hr.display} and {lr.display}); render both with the same crop"
+        )

@@ -97,8 +97,10 @@ def frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | No
     return FrameSet(root=folder, streams=streams) if streams else None
 
 
-def find_shots(root: Path, *, buffer_folders: Iterable[str] = ()) -> list[Shot]:
-    """List the shots of a tree, sorted by path.
+def find_shots(
+    root: Path, *, buffer_folders: Iterable[str] = (), output: Path | None = None
+) -> list[Shot]:
+    """List the shots of a tree, sorted by path; `output` below it is not searched.
 
     A folder with `lr/` is a shot with two resolutions; a folder with frames is a shot.
 
@@ -110,13 +112,21 @@ def find_shots(root: Path, *, buffer_folders: Iterable[str] = ()) -> list[Shot]:
     if not root.is_dir():
         raise FrameFolderError(f"{root}: no such folder")
     names = tuple(buffer_folders)
-    shots = list(_walk(root, root, names))
+    outputs = None if output is None else output.resolve()
+    shots = [s for s in _walk(root, root, names) if not _below(s.root, outputs, root)]
     if not shots:
         raise FrameFolderError(
             f"{root}: no numbered EXR frames here or below (expected names like "
             "'frame.0001.exr', 'lr/0001.exr')"
         )
     return shots
+
+
+def _below(folder: Path, output: Path | None, root: Path) -> bool:
+    """Tell whether a shot lies in the folder of outputs, itself inside the tree."""
+    if output is None or output == root.resolve() or not output.is_relative_to(root.resolve()):
+        return False
+    return folder.resolve().is_relative_to(output)
 
 
 def _walk(root: Path, folder: Path, buffer_folders: tuple[str, ...]) -> Iterable[Shot]:
