@@ -36,7 +36,7 @@ from rtsr_cli.core.frames.conventions import (
     RoughnessKind,
     SpecularWorkflow,
 )
-from rtsr_cli.core.frames.motion import Jitter, MotionDirection, MotionUnit, YAxis
+from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
 
 CAPTURE_FILE = "capture.toml"
@@ -54,8 +54,12 @@ class MotionCapture(_Strict):
     unit: MotionUnit | None = None
     direction: MotionDirection | None = None
     y_axis: YAxis | None = None
+    axes: Axes | None = None
     jittered: bool | None = None
+    jitter_inverted: bool | None = None
     scale: float | None = Field(default=None, allow_inf_nan=False)
+    zero: float | None = Field(default=None, allow_inf_nan=False)
+    file_offset: int | None = Field(default=None, ge=-1, le=1)
 
 
 class DepthCapture(_Strict):

@@ -157,6 +157,15 @@ class FrameReader:
             view=self.view,
         )
 
+    def read_stored(self, number: int, buffers: Collection[Buffer]) -> dict[Buffer, Tensor]:
+        """Read the named buffers of a frame as the files hold them, factors applied.
+
+        Raises:
+            FrameFolderError: a file is damaged, or has changed since the survey.
+        """
+        planes = self._read_planes(number, buffers)
+        return {buffer: _stack(self.binding[buffer], planes) for buffer in buffers}
+
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]
     ) -> dict[tuple[str, str], Plane]:

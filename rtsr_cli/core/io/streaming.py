@@ -49,6 +49,17 @@ def prefetch(load: Callable[[K], V], items: Iterable[K], jobs: int) -> Iterator[
                 future.cancel()
 
 
+def single_threaded(work: Callable[[], V]) -> V:
+    """Run many small tensor operations with one torch thread, whatever the process uses.
+
+    Threads that wait for each other after every small operation stall on busy cores.
+    """
+    with ThreadPoolExecutor(
+        1, "rtsr-measure", initializer=torch.set_num_threads, initargs=(1,)
+    ) as pool:
+        return pool.submit(work).result()
+
+
 def _finished(loaded: Loaded[K, V]) -> Loaded[K, V]:
     loaded[1].exception()
     return loaded
