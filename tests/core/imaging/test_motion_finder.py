@@ -112,9 +112,7 @@ def test_the_convention_that_the_files_have_wins_alone(convention: MotionConvent
     assert finding.best.error < 0.25 * finding.unmoved_error
 
 
-def test_where_all_pixels_move_alike_vectors_to_the_next_frame_tie_with_those_of_the_next_file() -> (
-    None
-):
+def test_in_a_uniform_field_vectors_to_the_next_frame_tie_with_those_of_the_next_file() -> None:
     finding = found(MotionConvention(direction=N))
     assert {c.convention for c in finding.ties} == {
         MotionConvention(direction=N),
