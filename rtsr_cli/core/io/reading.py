@@ -15,8 +15,9 @@ from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.io.binding import Binding, BoundComponent
 from rtsr_cli.core.io.exr import Plane, Window, read_channels, read_header
-from rtsr_cli.core.io.layouts import Binding, BoundComponent, Layout
+from rtsr_cli.core.io.layouts import Layout
 from rtsr_cli.core.io.shots import FrameSet
 
 FLOAT_BYTES = 4
@@ -83,7 +84,8 @@ class FrameReader:
     @property
     def declaration(self) -> object:
         """What, beside the files' bytes, decides how they are understood; plain values."""
-        return [self.layout.name, asdict(self.conventions), self.step, asdict(self.region)]
+        places = {b.value: [asdict(c) for c in parts] for b, parts in self.binding.items()}
+        return [places, asdict(self.conventions), self.step, asdict(self.region)]
 
     def camera_values(self, number: int) -> object:
         """Return a frame's camera as plain values."""
