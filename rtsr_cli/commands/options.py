@@ -16,7 +16,7 @@ from fileseq.exceptions import ParseException
 from fileseq.frameset import FrameSet as FrameRange
 
 from rtsr_cli.core.errors import did_you_mean
-from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
+from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -74,6 +74,18 @@ class Named(click.ParamType[str]):
         return str(value)
 
 
+class LayoutChoice(Named):
+    """A layout preset, or a TOML file that holds one."""
+
+    name = "NAME|FILE"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check the name; a file is read, and judged, when the frames are."""
+        if str(value).endswith(LAYOUT_SUFFIX):
+            return str(value)
+        return super().convert(value, param, ctx)
+
+
 FOLDER = click.Path(path_type=Path)
 
 input_folder = click.argument("in_folder", metavar="IN", type=FOLDER)
@@ -84,7 +96,9 @@ frames = click.option(
 )
 shard = click.option("--shard", type=ShardOf(), help="Write part I of N of each shot.")
 layout = click.option(
-    "--layout", type=Named("layout", LAYOUT_NAMES), help="Channel layout; detected by default."
+    "--layout",
+    type=LayoutChoice("layout", LAYOUT_NAMES),
+    help="Channel layout, or a TOML file of one's own; detected by default.",
 )
 capture = click.option(
     "--capture",

@@ -13,6 +13,7 @@ from rtsr_cli.commands.running import (
     FAILED,
     LOG,
     log_binding,
+    log_findings,
     read_options,
     selection,
     warn_if_nothing,
@@ -68,6 +69,7 @@ def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan) -> None:
     reader = plan.reader
     if chosen["as_json"]:
         facts = {"shot": plan.name, "layout": reader.layout.name, "frames": len(plan.selected)}
+        facts |= {"warnings": list(reader.warnings), "notes": list(reader.notes)}
         emit({"event": "plan", **facts, "pending": len(plan.pending)})
         return
     LOG.info(
@@ -78,6 +80,7 @@ def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan) -> None:
         len(plan.pending),
         len(plan.selected) - len(plan.pending),
     )
+    log_findings(reader)
     log_binding(reader)
     warn_if_nothing(reader, plan.selected)
 

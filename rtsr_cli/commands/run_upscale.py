@@ -16,6 +16,7 @@ from rtsr_cli.commands.running import (
     LOG,
     device_named,
     log_binding,
+    log_findings,
     read_options,
     selection,
     warn_if_nothing,
@@ -125,6 +126,8 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
         "layout": source.reader.layout.name,
         "frames": len(plan.selected),
         "pending": len(plan.pending),
+        "warnings": [text for reader in source.readers for text in reader.warnings],
+        "notes": [text for reader in source.readers for text in reader.notes],
     }
     if chosen["as_json"]:
         emit({"event": "plan", **facts})
@@ -144,6 +147,8 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
         len(plan.pending),
         len(plan.selected) - len(plan.pending),
     )
+    for reader in source.readers:
+        log_findings(reader)
     log_binding(source.reader)
     warn_if_nothing(source.reader, plan.selected)
 

@@ -28,6 +28,7 @@ def read_options(chosen: Mapping[str, Any]) -> ReadOptions:
         capture=chosen["capture_file"],
         on_missing=MissingPolicy(chosen["on_missing"]),
         output=chosen["out_folder"],
+        sharded=chosen["shard"] is not None,
     )
 
 
@@ -62,6 +63,14 @@ def warn_if_nothing(reader: FrameReader, selected: Sequence[int]) -> None:
         LOG.warning(
             "%s: nothing selected, its frames are %s", reader.frames.root, ranges(reader.numbers)
         )
+
+
+def log_findings(reader: FrameReader) -> None:
+    """Say what measurement contradicts, and what it decided."""
+    for text in reader.warnings:
+        LOG.warning("Warning: %s: %s", reader.frames.root, text)
+    for text in reader.notes:
+        LOG.info("    %s", text)
 
 
 def log_binding(reader: FrameReader) -> None:

@@ -9,8 +9,8 @@ from rtsr_cli.commands import demodulate, options, precompute_lut, upscale
 from rtsr_cli.core.imaging import brdf_lut
 from rtsr_cli.core.imaging.demodulation import MATERIAL_EPSILON, DemodulationMode
 from rtsr_cli.core.imaging.resampling import PIXEL_FILTERS
-from rtsr_cli.core.io.layouts import LAYOUTS
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.simulation import JitterMode
 from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.planning import Precision

@@ -21,6 +21,9 @@ from rtsr_cli.core.frames.motion import (
 from rtsr_cli.core.frames.vectors import normalized
 from rtsr_cli.core.shapes import Plane, Vector3
 
+SKY_MARKER_TOLERANCE = 1e-3
+"""A stored normal this close to the marker of sky is it: the step of a half just below 2."""
+
 
 class DepthKind(StrEnum):
     """What a stored depth measures."""
@@ -88,10 +91,17 @@ class DepthConvention:
 
 @dataclass(frozen=True, kw_only=True)
 class NormalConvention:
-    """How a file stores normals; `packed` means (n + 1) / 2."""
+    """How a file stores normals.
+
+    Attributes:
+        space: their axes.
+        packed: (n + 1) / 2 is stored.
+        sky: stored vector that marks sky; such a normal is zero in memory.
+    """
 
     space: NormalSpace = NormalSpace.WORLD
     packed: bool = False
+    sky: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +109,8 @@ class Conventions:
     """Everything about a dump that its channel names do not say.
 
     `colorspace` is None where nobody declared it: pictures then take it for Rec.709, and outputs
-    carry no tag.
+    carry no tag. `position_unit_m` is metres in one stored unit of world positions, None where
+    that is depth's unit.
     """
 
     motion: MotionConvention = field(default_factory=MotionConvention)
@@ -108,6 +119,12 @@ class Conventions:
     roughness: RoughnessKind = RoughnessKind.PERCEPTUAL
     specular: SpecularWorkflow = SpecularWorkflow.METALLIC
     colorspace: ColorSpace | None = None
+    position_unit_m: float | None = None
+
+    @property
+    def metres_per_position(self) -> float:
+        """Metres in one stored unit of world positions."""
+        return self.depth.unit_m if self.position_unit_m is None else self.position_unit_m
 
 
 def depth_to_metres(
@@ -141,7 +158,7 @@ def depth_to_metres(
 def normal_to_world(
     stored: Vector3, convention: NormalConvention, camera: CameraMetadata, *, where: str
 ) -> Vector3:
-    """Unpack, rotate to world space and normalise; a zero normal stays zero.
+    """Unpack, rotate to world space and normalise; a zero normal stays zero, and so does sky.
 
     Raises:
         MissingBufferError: view-space normals without a camera matrix.
@@ -152,7 +169,11 @@ def normal_to_world(
             raise MissingBufferError(_needs_camera(where, "view-space normals"))
         rotation = camera.world_to_camera[:3, :3].to(normal)
         normal = torch.einsum("nchw,dc->ndhw", normal, rotation)
-    return normalized(normal)
+    if convention.sky is None:
+        return normalized(normal)
+    marker = torch.tensor(convention.sky, dtype=stored.dtype).view(1, 3, 1, 1)
+    sky = ((stored - marker).abs() < SKY_MARKER_TOLERANCE).all(1, keepdim=True)
+    return normalized(normal).masked_fill(sky, 0.0)
 
 
 def roughness_to_perceptual(stored: Plane, kind: RoughnessKind) -> Plane:
@@ -215,12 +236,14 @@ def _motion(stored: Tensor, frame: Stored) -> Tensor:
 
 
 def _forward(stored: Tensor, frame: Stored) -> Tensor:
-    """Forward vectors lead to the next frame in every layout; only unit and axis can differ."""
-    convention = replace(
-        frame.conventions.motion,
-        direction=MotionDirection.PREVIOUS_MINUS_CURRENT,
-        jittered=False,
-    )
+    """Forward vectors lead to the next frame, unless all that a file holds leads from it.
+
+    A layout that has both kinds of vectors declares the direction of `motion`; unit and axes are
+    those of both.
+    """
+    motion = frame.conventions.motion
+    direction = motion.direction if motion.direction.to_next else MotionDirection.NEXT_MINUS_CURRENT
+    convention = replace(motion, direction=direction, jittered=False)
     return motion_to_pixels(stored, convention, screen=frame.view.display)
 
 
@@ -246,7 +269,7 @@ def _normal(stored: Tensor, frame: Stored) -> Tensor:
 
 
 def _position(stored: Tensor, frame: Stored) -> Tensor:
-    return stored * frame.conventions.depth.unit_m
+    return stored * frame.conventions.metres_per_position
 
 
 _CONVERSIONS: Mapping[Buffer, Callable[[Tensor, Stored], Tensor]] = {

@@ -47,7 +47,7 @@ def normalised(image: Image) -> Image:
     return image / chance.clamp(min=1e-6) if float(chance) > 0 else torch.zeros_like(image)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Picture:
     """A frame laid out for fetching: one row a pixel."""
 
@@ -85,7 +85,7 @@ def _fetch(picture: Picture, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     x, y = x.clamp(0, width - 1), y.clamp(0, height - 1)
     left, top = x.floor().clamp(max=width - 2), y.floor().clamp(max=height - 2)
-    fx, fy = (x - left)[:, None], (y - top)[:, None]
+    fx, fy = (x - left)[..., None], (y - top)[..., None]
     index = (top * width + left).long()
     rows = picture.rows
     above = torch.lerp(rows[index], rows[index + 1], fx)
@@ -94,10 +94,16 @@ def _fetch(picture: Picture, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def differences(samples: Samples, other: Picture, shift: Tensor) -> tuple[Tensor, Tensor]:
-    """Difference of each sample to the other frame along `shift` (2 x n), at most 1; and inside."""
-    x, y = samples.x + shift[0], samples.y + shift[1]
+    """Difference of each sample to the other frame, at most 1, and whether it lies inside.
+
+    Args:
+        samples: n pixels.
+        other: frame that they are looked up in.
+        shift: pixels, ... x 2 x n; the results are ... x n.
+    """
+    x, y = samples.x + shift[..., 0, :], samples.y + shift[..., 1, :]
     rows, inside = _fetch(other, x, y)
-    error = (rows - samples.rows).abs().mean(1)
+    error = (rows - samples.rows).abs().mean(-1)
     if samples.ids is not None and other.ids is not None:
         height, width = other.size
         column = x.round().clamp(0, width - 1).long()

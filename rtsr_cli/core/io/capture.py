@@ -1,33 +1,31 @@
-"""`capture.toml` and camera side-cars: what the user declares about a shot.
+"""`capture.toml`: what the user declares about a shot.
 
 Everything is validated together: one error lists every wrong field with its path.
 """
 
 from __future__ import annotations
 
-import csv
-import json
 import tomllib
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
-import torch
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
     PositiveFloat,
+    Tag,
     TypeAdapter,
     ValidationError,
 )
 
 from rtsr_cli.core.errors import ConfigError, did_you_mean
-from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import (
     ColorSpace,
     Conventions,
@@ -38,14 +36,37 @@ from rtsr_cli.core.frames.conventions import (
 )
 from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
+from rtsr_cli.core.io.channel_tables import BufferTable
+from rtsr_cli.core.io.layout_names import LAYOUT_SUFFIX
 
 CAPTURE_FILE = "capture.toml"
 
 T = TypeVar("T")
 
 
+UNIT_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
+"""Metres in a named unit of length."""
+
+
+def _metres(value: object) -> object:
+    """Let a length be the name of a unit."""
+    if not isinstance(value, str):
+        return value
+    if value not in UNIT_METRES:
+        raise ValueError(f"no unit is called '{value}'{did_you_mean(value, UNIT_METRES)}")
+    return UNIT_METRES[value]
+
+
+LengthUnit = Annotated[PositiveFloat, BeforeValidator(_metres)]
+"""Metres in one stored unit, or the unit's name."""
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def declared(self) -> dict[str, Any]:
+        """Return the fields that the user gave."""
+        return {k: v for k, v in self.model_dump().items() if v is not None}
 
 
 class MotionCapture(_Strict):
@@ -61,21 +82,26 @@ class MotionCapture(_Strict):
     zero: float | None = Field(default=None, allow_inf_nan=False)
     file_offset: int | None = Field(default=None, ge=-1, le=1)
 
+    def decides(self) -> bool:
+        """Tell whether nothing about sense and size of the vectors is left open."""
+        return None not in {self.unit, self.direction, self.y_axis}
+
 
 class DepthCapture(_Strict):
     """`[depth]`: kind, sense, and metres in one stored unit (or the unit's name)."""
 
     kind: DepthKind | None = None
     reversed: bool | None = None
-    unit: Literal["m", "cm", "mm", "km", "ft", "in"] | PositiveFloat | None = None
+    unit: LengthUnit | None = None
     sky: float | None = Field(default=None, allow_inf_nan=False)
 
 
 class NormalCapture(_Strict):
-    """`[normal]`: axes, and whether (n + 1) / 2 is stored."""
+    """`[normal]`: axes, whether (n + 1) / 2 is stored, and the vector that marks sky."""
 
     space: NormalSpace | None = None
     packed: bool | None = None
+    sky: tuple[float, float, float] | None = None
 
 
 class JitterPattern(StrEnum):
@@ -104,21 +130,71 @@ Offset = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
 JitterPx = tuple[Offset, Offset]
 """(x right, y down), LR pixels."""
 
-UNIT_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
-"""Metres in a named unit of length."""
+
+def _jitter_kind(value: object) -> str:
+    """Tell the three ways of writing jitter apart, so that errors speak of the one meant."""
+    if isinstance(value, JitterSequence):
+        return "sequence"
+    if not isinstance(value, Mapping):
+        return "offset"
+    numbers = [str(key).removeprefix("-").isdigit() for key in value]
+    return "frames" if value and all(numbers) else "sequence"
 
 
-class Capture(_Strict):
-    """The whole of `capture.toml`; every field may be left out."""
+JitterTable = Annotated[
+    Annotated[JitterPx, Tag("offset")]
+    | Annotated[JitterSequence, Tag("sequence")]
+    | Annotated[dict[int, JitterPx], Tag("frames")],
+    Discriminator(_jitter_kind),
+]
+"""One offset for all frames, a pattern, or one a frame."""
 
-    layout: str | None = None
+_TAGS = frozenset({"offset", "sequence", "frames", "[key]"})
+"""Parts of an error's place that no user wrote."""
+
+
+class PositionCapture(_Strict):
+    """`[position]`: metres in one stored unit of world positions (or the unit's name)."""
+
+    unit: LengthUnit | None = None
+
+
+class ConventionTables(_Strict):
+    """What channel names do not say; every field may be left out."""
+
     motion: MotionCapture = MotionCapture()
     depth: DepthCapture = DepthCapture()
     normal: NormalCapture = NormalCapture()
+    position: PositionCapture = PositionCapture()
     roughness: RoughnessKind | None = None
     specular: SpecularWorkflow | None = None
     colorspace: ColorSpace | None = None
-    jitter_px: JitterPx | JitterSequence | dict[int, JitterPx] | None = None
+
+    def conventions(self, preset: Conventions) -> Conventions:
+        """Return a layout's conventions with the declared ones in their place."""
+        depth = self.depth.declared()
+        if "unit" in depth:
+            depth["unit_m"] = depth.pop("unit")
+        return Conventions(
+            motion=replace(preset.motion, **self.motion.declared()),
+            depth=replace(preset.depth, **depth),
+            normal=replace(preset.normal, **self.normal.declared()),
+            roughness=self.roughness or preset.roughness,
+            specular=self.specular or preset.specular,
+            colorspace=self.colorspace or preset.colorspace,
+            position_unit_m=self.position.unit or preset.position_unit_m,
+        )
+
+
+class Capture(ConventionTables):
+    """The whole of `capture.toml`; every field may be left out.
+
+    `layout` is the name of a preset or the path of a layout file, relative to capture.toml.
+    """
+
+    layout: str | None = None
+    buffers: BufferTable = {}
+    jitter_px: JitterTable | None = None
     scale: int | None = Field(default=None, ge=1)
     frame_step: int = Field(default=1, ge=1)
     camera_cuts: frozenset[int] = frozenset()
@@ -131,64 +207,6 @@ class Capture(_Strict):
         if isinstance(self.jitter_px, dict):
             return self.jitter_px.get(number)
         return self.jitter_px
-
-    def conventions(self, preset: Conventions) -> Conventions:
-        """Return a layout's conventions with the declared ones in their place."""
-        depth = _declared(self.depth)
-        if "unit" in depth:
-            unit = depth.pop("unit")
-            depth["unit_m"] = UNIT_METRES[unit] if isinstance(unit, str) else unit
-        return Conventions(
-            motion=replace(preset.motion, **_declared(self.motion)),
-            depth=replace(preset.depth, **depth),
-            normal=replace(preset.normal, **_declared(self.normal)),
-            roughness=self.roughness or preset.roughness,
-            specular=self.specular or preset.specular,
-            colorspace=self.colorspace or preset.colorspace,
-        )
-
-
-def _declared(model: BaseModel) -> dict[str, Any]:
-    return {k: v for k, v in model.model_dump().items() if v is not None}
-
-
-def _numbers(value: object) -> object:
-    """Let a cell of a CSV, or a nested list, be a flat list of numbers."""
-    if isinstance(value, str):
-        return value.replace(",", " ").replace(";", " ").split()
-    if isinstance(value, Sequence) and value and isinstance(value[0], Sequence):
-        return [number for row in value for number in row]
-    return value
-
-
-Matrix = Annotated[list[float], Field(min_length=16, max_length=16), BeforeValidator(_numbers)]
-
-
-class CameraRow(_Strict):
-    """One frame of a camera side-car; matrices are row-vector, 16 numbers, row by row."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True, populate_by_name=True)
-
-    frame: int
-    world_to_camera: Matrix | None = Field(default=None, alias="worldToCamera")
-    world_to_ndc: Matrix | None = Field(default=None, alias="worldToNDC")
-    jitter_px: Annotated[JitterPx, BeforeValidator(_numbers)] | None = None
-    pre_exposure: float = Field(default=1.0, gt=0.0)
-    cut: bool = False
-
-    def metadata(self) -> CameraMetadata:
-        """The row as camera metadata."""
-        return CameraMetadata(
-            world_to_camera=_tensor(self.world_to_camera),
-            world_to_ndc=_tensor(self.world_to_ndc),
-            jitter_px=self.jitter_px or (0.0, 0.0),
-            pre_exposure=self.pre_exposure,
-            cut=self.cut,
-        )
-
-
-def _tensor(values: list[float] | None) -> torch.Tensor | None:
-    return None if values is None else torch.tensor(values, dtype=torch.float64).view(4, 4)
 
 
 def read_capture(path: Path) -> Capture:
@@ -203,60 +221,53 @@ def read_capture(path: Path) -> Capture:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from error
-    return _validated(TypeAdapter(Capture), content, path)
+    capture = validated(Capture, content, path)
+    if capture.layout is not None and capture.layout.endswith(LAYOUT_SUFFIX):
+        return capture.model_copy(update={"layout": str(path.parent / capture.layout)})
+    return capture
 
 
-def read_cameras(path: Path) -> dict[int, CameraRow]:
-    """Read a camera side-car, CSV or JSON, a row a frame.
+def validated(kind: type[T], content: object, path: Path) -> T:
+    """Hold the content of a user's file to a type.
 
     Raises:
-        ConfigError: unreadable, or wrong fields; lists every one with its row.
+        ConfigError: lists every wrong field with its path.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        rows = _json_rows(text) if path.suffix.lower() == ".json" else _csv_rows(text)
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: the camera side-car cannot be read ({error.strerror})"
-        ) from error
-    except (ValueError, csv.Error) as error:
-        raise ConfigError(f"{path}: is not a camera side-car: {error}") from error
-    cameras = _validated(TypeAdapter(list[CameraRow]), rows, path)
-    repeated = sorted(n for n, count in Counter(c.frame for c in cameras).items() if count > 1)
-    if repeated:
-        raise ConfigError(f"{path}: frames {', '.join(map(str, repeated))} have more than one row")
-    return {row.frame: row for row in cameras}
-
-
-def _json_rows(text: str) -> object:
-    content = json.loads(text)
-    return content.get("frames", content) if isinstance(content, Mapping) else content
-
-
-def _csv_rows(text: str) -> list[dict[str, str]]:
-    rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    return [{k: v for k, v in row.items() if k and v} for row in rows]
-
-
-def _validated(adapter: TypeAdapter[T], content: object, path: Path) -> T:
-    try:
-        return adapter.validate_python(content)
+        return TypeAdapter(kind).validate_python(content)
     except ValidationError as error:
-        lines = dict.fromkeys(_describe(item) for item in error.errors())
+        lines = dict.fromkeys(_describe(item, kind) for item in error.errors())
         raise ConfigError(f"{path}: " + "; ".join(lines)) from error
 
 
-def _describe(item: Mapping[str, Any]) -> str:
-    place = ".".join(str(part) for part in item["loc"])
+def _describe(item: Mapping[str, Any], kind: Any) -> str:
+    loc = [part for part in item["loc"] if part not in _TAGS]
+    place = ".".join(str(part) for part in loc)
+    if "[key]" in item["loc"] and item["type"] == "enum":
+        return f"{place}: no such buffer{did_you_mean(str(loc[-1]), [b.value for b in Buffer])}"
     if item["type"] != "extra_forbidden":
-        return f"{place}: {item['msg']} (got {item['input']!r})"
-    hint = did_you_mean(str(item["loc"][-1]), _field_names(item["loc"][:-1]))
-    return f"{place}: no such field{hint}"
+        return f"{place}: {item['msg'].removeprefix('Value error, ')} (got {item['input']!r})"
+    return f"{place}: no such field{did_you_mean(str(loc[-1]), _field_names(kind, loc[:-1]))}"
 
 
-def _field_names(parents: Sequence[object]) -> list[str]:
-    model: Any = Capture
+def _field_names(kind: Any, parents: Sequence[object]) -> list[str]:
+    """Names that a table may hold: of the models that the path leads to."""
+    models = _models_in(kind)
     for parent in parents:
-        known = getattr(model, "model_fields", {})
-        model = known[parent].annotation if parent in known else None
-    return list(getattr(model, "model_fields", ()))
+        fields = [m.model_fields[str(parent)] for m in models if str(parent) in m.model_fields]
+        # a key of a table or an index of a list leads to what it holds
+        models = [m for f in fields for m in _models_in((f.annotation, *f.metadata))] or models
+    return [name for model in models for name in field_names(model)]
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Models that values of an annotation can be, however deep they are."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    parts = annotation if isinstance(annotation, tuple) else get_args(annotation)
+    return [model for part in parts for model in _models_in(part)]
+
+
+def field_names(model: type[BaseModel]) -> list[str]:
+    """Names of a table's fields, as users write them."""
+    return [field.alias or name for name, field in model.model_fields.items()]

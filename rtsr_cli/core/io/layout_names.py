@@ -2,5 +2,11 @@
 
 from __future__ import annotations
 
-LAYOUT_NAMES = ("rtsr", "blender")
-"""Every preset, in the order of listings."""
+LAYOUT_NAMES = (
+    "rtsr", "blender", "extranet", "nss", "nsrd",
+    "unreal-mrq", "falcor", "unity", "mitsuba", "nuke",
+)  # fmt: skip
+"""Every preset, in the order of listings: those checked on files, then those from documentation."""
+
+LAYOUT_SUFFIX = ".toml"
+"""A layout whose name ends so is a file of the user's."""

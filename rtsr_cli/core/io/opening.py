@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.capture import (
-    CAPTURE_FILE,
-    CameraRow,
-    Capture,
-    read_cameras,
-    read_capture,
-)
-from rtsr_cli.core.io.layouts import LAYOUTS
+from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture, read_capture
+from rtsr_cli.core.io.channel_tables import components_of
+from rtsr_cli.core.io.exr import read_header
+from rtsr_cli.core.io.layout_files import check_declared, declared_buffers, layout_named
+from rtsr_cli.core.io.layouts import SCOPE, Layout
 from rtsr_cli.core.io.pairs import PairSource, real_pairs, simulated_pairs
+from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.settling import Settled, decided, settle
 from rtsr_cli.core.io.shots import HR_FOLDER, LR_FOLDER, FrameSet, Shot, find_shots, frame_set
+from rtsr_cli.core.io.side_cars import CameraRow, read_cameras, with_reversed
 from rtsr_cli.core.io.simulation import Simulation
-from rtsr_cli.core.io.survey import MissingPolicy, layout_named, open_frames
+from rtsr_cli.core.io.survey import Headers, MissingPolicy, open_frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,16 +28,18 @@ class ReadOptions:
     """How frames are read.
 
     Attributes:
-        layout: name of a preset, or None to detect it.
+        layout: preset or layout file, or None to detect it.
         capture: file in place of each shot's capture.toml.
         on_missing: what holes in the numbering mean.
         output: folder that is not searched for shots, because it is written to.
+        sharded: whether other runs write other parts of the same shots.
     """
 
     layout: str | None = None
     capture: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
     output: Path | None = None
+    sharded: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,18 +48,6 @@ class Declared:
 
     capture: Capture
     side_car: Mapping[int, CameraRow]
-
-
-def buffer_folders() -> tuple[str, ...]:
-    """Names of folders that hold one buffer each, over all layouts that have such."""
-    names = {
-        component.stream.split("/")[0]
-        for layout in LAYOUTS.values()
-        if layout.folders
-        for components in layout.buffers.values()
-        for component in components
-    }
-    return tuple(sorted(names))
 
 
 def declared(shot: Shot, root: Path, options: ReadOptions) -> Declared:
@@ -72,33 +62,117 @@ def declared(shot: Shot, root: Path, options: ReadOptions) -> Declared:
     if path is None:
         above = [shot.root, *(p for p in shot.root.parents if p.is_relative_to(root))]
         path = next((p / CAPTURE_FILE for p in above if (p / CAPTURE_FILE).is_file()), None)
-    if path is None:
-        return Declared(capture=Capture(), side_car={})
+    capture = Capture() if path is None else read_capture(path)
+    cameras = shot.side_car
+    if path is not None and capture.camera:
+        cameras = path.parent / capture.camera
+    if cameras is None:
+        return Declared(capture=capture, side_car={})
+    return Declared(capture=with_reversed(capture, cameras), side_car=read_cameras(cameras))
+
+
+def searched_layouts(folder: Path, options: ReadOptions) -> tuple[Layout, ...]:
+    """Layouts whose folders IN is searched for: the one that is named for all of IN, or all.
+
+    Raises:
+        RtsrError: a layout or capture.toml is not valid.
+    """
+    path = options.capture or folder / CAPTURE_FILE
+    capture = read_capture(path) if options.capture or path.is_file() else Capture()
+    name = options.layout or capture.layout
+    return tuple(LAYOUTS.values()) if name is None else (layout_named(name),)
+
+
+def folders_of(layouts: Iterable[Layout]) -> tuple[str, ...]:
+    """Patterns of folders that hold one buffer each."""
+    patterns = {p for layout in layouts if layout.folders for p in layout.files}
+    return tuple(sorted(p.replace(SCOPE, "*") for p in patterns))
+
+
+def _folders_declared_in(folder: Path) -> tuple[str, ...]:
+    """Patterns of buffer folders by a folder's own capture.toml."""
+    path = folder / CAPTURE_FILE
+    if not path.is_file():
+        return ()
     capture = read_capture(path)
-    side_car = read_cameras(path.parent / capture.camera) if capture.camera else {}
-    return Declared(capture=capture, side_car=side_car)
+    own = Layout(name="", description="", buffers=components_of(capture.buffers), folders=True)
+    named = () if capture.layout is None else (layout_named(capture.layout),)
+    return folders_of((own, *named))
 
 
-def shots_of(folder: Path, options: ReadOptions) -> list[Shot]:
+def shots_of(folder: Path, options: ReadOptions, scale: int | None = None) -> list[Shot]:
     """Find the shots of IN; a layout that does not exist is refused before any file is read."""
-    if options.layout is not None:
-        layout_named(options.layout)
-    return find_shots(folder, buffer_folders=buffer_folders(), output=options.output)
+    layouts = searched_layouts(folder, options)
+    return find_shots(
+        folder,
+        buffer_folders=folders_of(layouts),
+        trees=[layout for layout in layouts if layout.tree],
+        scale=scale,
+        declared=_folders_declared_in,
+        output=options.output,
+    )
+
+
+def check_shot(shot: Shot, root: Path, options: ReadOptions, hr: FrameSet | None = None) -> None:
+    """Hold every channel that the user spelled out to be in one of a shot's resolutions.
+
+    Raises:
+        FrameFolderError: one is in none of them.
+    """
+    capture = declared(shot, root, options).capture
+    buffers = declared_buffers(options.layout or capture.layout, capture)
+    if buffers:
+        sets = [s for s in (shot.frames, hr or shot.hr) if s is not None]
+        check_declared(buffers, [_first_channels(s) for s in sets], str(shot.root))
+
+
+def _first_channels(frames: FrameSet) -> dict[str, frozenset[str]]:
+    return {
+        key: read_header(next(iter(stream.files.values()))).channels
+        for key, stream in frames.streams.items()
+    }
 
 
 def open_set(
     frames: FrameSet, shot: Shot, root: Path, options: ReadOptions, *, jittered: bool
 ) -> FrameReader:
-    """Survey one resolution of a shot."""
+    """Survey one resolution of a shot, and settle how it is read.
+
+    Raises:
+        RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
+    """
+    return decided(
+        settled_set(frames, shot, root, options, jittered=jittered), sharded=options.sharded
+    )
+
+
+def settled_set(
+    frames: FrameSet,
+    shot: Shot,
+    root: Path,
+    options: ReadOptions,
+    *,
+    jittered: bool,
+    headers: Headers | None = None,
+) -> Settled:
+    """Survey one resolution of a shot, and measure how it is stored; nothing need be decided.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
     known = declared(shot, root, options)
-    return open_frames(
+    name = options.layout or known.capture.layout or shot.layout
+    reader = open_frames(
         frames,
-        layout=options.layout,
+        headers=headers,
+        layout=name,
         capture=known.capture,
         side_car=known.side_car,
         on_missing=options.on_missing,
         jittered=jittered,
     )
+    # of HR frames beside LR ones nobody reads the vectors
+    return settle(reader, known.capture, named=name is not None, motion=frames is not shot.hr)
 
 
 def open_radiance(
@@ -111,6 +185,7 @@ def open_radiance(
     """
     wanted = Buffer.LIGHTING if lighting else Buffer.COLOR
     for shot in shots_of(folder, options):
+        check_shot(shot, folder, options)
         main = open_set(shot.frames, shot, folder, options, jittered=True)
         if wanted not in main.stored:
             raise FrameFolderError(
@@ -147,28 +222,31 @@ def open_pairs(
     Raises:
         RtsrError: a folder, file or declaration is wrong.
     """
-    shots = shots_of(folder, options)
+    shots = shots_of(folder, options, scale)
     for shot in shots:
+        hr_frames = _hr_frames(shot, hr_folder, options, single=len(shots) == 1)
+        check_shot(shot, folder, options, hr_frames)
         if simulation is not None:
             capture = open_set(shot.hr or shot.frames, shot, folder, options, jittered=False)
             yield shot.name, simulated_pairs(capture, simulation)
             continue
         lr = open_set(shot.frames, shot, folder, options, jittered=True)
-        hr_frames = _hr_frames(shot, hr_folder, single=len(shots) == 1)
         hr = open_set(hr_frames, shot, folder, options, jittered=False) if hr_frames else None
         known = declared(shot, folder, options).capture
         skip = options.on_missing is MissingPolicy.SKIP
         yield shot.name, real_pairs(lr, hr, scale or known.scale, skip_missing=skip)
 
 
-def _hr_frames(shot: Shot, hr_folder: Path | None, *, single: bool) -> FrameSet | None:
+def _hr_frames(
+    shot: Shot, hr_folder: Path | None, options: ReadOptions, *, single: bool
+) -> FrameSet | None:
     if hr_folder is None:
         return shot.hr
     below = hr_folder / shot.name
     chosen = hr_folder if single and not below.is_dir() else below
     if not chosen.is_dir():
         raise FrameFolderError(f"{chosen}: no such folder (--hr, for shot '{shot.name}')")
-    frames = frame_set(chosen, buffer_folders())
+    frames = frame_set(chosen, folders_of(searched_layouts(shot.root, options)))
     if frames is None:
         raise FrameFolderError(f"{chosen}: no numbered EXR frames here (--hr)")
     return frames

@@ -15,8 +15,9 @@ from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.io.binding import Binding, BoundComponent
 from rtsr_cli.core.io.exr import Plane, Window, read_channels, read_header
-from rtsr_cli.core.io.layouts import Binding, BoundComponent, Layout
+from rtsr_cli.core.io.layouts import Layout
 from rtsr_cli.core.io.shots import FrameSet
 
 FLOAT_BYTES = 4
@@ -37,6 +38,7 @@ class FrameReader:
         held: number -> number of the frame that stands in for it.
         cameras: per frame, header and side-car and capture.toml together.
         step: numbers that one motion vector spans.
+        warnings, notes: what was found out about the files, for the user.
     """
 
     frames: FrameSet
@@ -49,6 +51,8 @@ class FrameReader:
     held: Mapping[int, int]
     cameras: Mapping[int, CameraMetadata]
     step: int
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -76,14 +80,24 @@ class FrameReader:
 
     @property
     def resets(self) -> frozenset[int]:
-        """Frames before which history ends: declared cuts, and stand-ins on both sides."""
+        """Frames before which history ends: cuts, stand-ins on both sides, and lost vectors."""
         cuts = {n for n, camera in self.cameras.items() if camera.cut}
-        return frozenset(cuts | set(self.held) | {n + self.step for n in self.held})
+        lost = {n for n in self.numbers if self._motion_number(n) is None}
+        return frozenset(cuts | lost | set(self.held) | {n + self.step for n in self.held})
+
+    def _motion_number(self, number: int) -> int | None:
+        """Number of the file that holds a frame's vectors; None where the sequence ends before."""
+        offset = self.conventions.motion.file_offset
+        if not offset or Buffer.MOTION not in self.binding:
+            return number
+        other = number + offset * self.step
+        return other if other in self.numbers and other not in self.held else None
 
     @property
     def declaration(self) -> object:
         """What, beside the files' bytes, decides how they are understood; plain values."""
-        return [self.layout.name, asdict(self.conventions), self.step, asdict(self.region)]
+        places = {b.value: [asdict(c) for c in parts] for b, parts in self.binding.items()}
+        return [places, asdict(self.conventions), self.step, asdict(self.region)]
 
     def camera_values(self, number: int) -> object:
         """Return a frame's camera as plain values."""
@@ -123,8 +137,12 @@ class FrameReader:
 
     def files(self, number: int, buffers: Iterable[Buffer]) -> tuple[Path, ...]:
         """Files that hold the named buffers of a frame."""
-        streams = {c.stream for b in buffers if b in self.binding for c in self.binding[b]}
-        return tuple(self.path(number, stream) for stream in sorted(streams))
+        wanted = [b for b in buffers if b in self.binding]
+        paths = {self.path(number, c.stream) for b in wanted for c in self.binding[b]}
+        other = self._motion_number(number)
+        if Buffer.MOTION in wanted and other not in {None, number}:
+            paths |= {self.path(int(other or 0), c.stream) for c in self.binding[Buffer.MOTION]}
+        return tuple(sorted(paths))
 
     def read(self, number: int, buffers: Collection[Buffer]) -> Frame:
         """Read the named buffers of a frame, converted to memory's convention.
@@ -133,6 +151,8 @@ class FrameReader:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
         planes = self._read_planes(number, buffers)
+        if Buffer.MOTION in buffers and self._motion_number(number) != number:
+            planes |= self._moved_planes(number)
         camera = self.cameras[number]
         stored = conv.Stored(
             conventions=self.conventions,
@@ -165,6 +185,14 @@ class FrameReader:
         """
         planes = self._read_planes(number, buffers)
         return {buffer: _stack(self.binding[buffer], planes) for buffer in buffers}
+
+    def _moved_planes(self, number: int) -> dict[tuple[str, str], Plane]:
+        """Vectors of a frame that lie in another frame's file; none where there is no such file."""
+        other = self._motion_number(number)
+        if other is not None:
+            return self._read_planes(other, (Buffer.MOTION,))
+        still = np.full(self.size, self.conventions.motion.zero, np.float32)
+        return {(c.stream, c.channel): still for c in self.binding[Buffer.MOTION]}
 
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import fileseq
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.io.layouts import Layout, Tree
 
 LR_FOLDER, HR_FOLDER = "lr", "hr"
 """Names of a shot's two resolutions."""
 
 FRAME_SUFFIX = ".exr"
+
+FRAME_NAME = re.compile(r"\d\.exr$", re.IGNORECASE)
+"""Ends the name of a numbered frame."""
+
+SCALE = re.compile(r"\d+(_\d+)?")
+"""A ratio of resolutions as folders write it: 2, 1_5."""
+
+USUAL_SCALE = "2"
+"""Taken of several resolutions where nobody names one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,12 +52,17 @@ class FrameSet:
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """One sequence of a tree: `name` is its path relative to IN ('.' for IN itself)."""
+    """One sequence of a tree: `name` is its path relative to IN ('.' for IN itself).
+
+    `layout` and `side_car` (a file of cameras) are known where a data set's folders tell them.
+    """
 
     name: str
     root: Path
     frames: FrameSet
     hr: FrameSet | None = None
+    layout: str | None = None
+    side_car: Path | None = None
 
 
 def _streams(folder: Path, prefix: str = "") -> dict[str, Stream]:
@@ -67,10 +84,27 @@ def _streams(folder: Path, prefix: str = "") -> dict[str, Stream]:
                     "remove one of them"
                 )
         bases[key] = base
+    if found:
+        _check_files(folder)
     return {
         key: Stream(key=key, base=bases[key], files=_in_order(files, bases[key]))
         for key, files in found.items()
     }
+
+
+def _check_files(folder: Path) -> None:
+    """Raise where a frame is a folder, or a link that leads nowhere."""
+    for path in sorted(p for p in folder.iterdir() if FRAME_NAME.search(p.name)):
+        if path.name.startswith(".") or path.is_file():
+            continue
+        if path.is_dir():
+            raise FrameFolderError(
+                f"{path}: is a folder that is named like a frame; rename it, or put the frame there"
+            )
+        raise FrameFolderError(
+            f"{path}: is a link to {path.readlink()}, which is not there; mount or copy what it "
+            "leads to, or remove the link"
+        )
 
 
 def _in_order(files: Mapping[int, Path], base: str) -> dict[int, Path]:
@@ -80,29 +114,64 @@ def _in_order(files: Mapping[int, Path], base: str) -> dict[int, Path]:
     return dict(sorted((-n if separated else n, path) for n, path in files.items()))
 
 
+def _claimed(folder: Path, buffer_folders: Iterable[str]) -> list[Path]:
+    """Subfolders that are named like buffers."""
+    patterns = tuple(buffer_folders)
+    children = sorted(c for c in folder.iterdir() if not c.name.startswith(".")) if patterns else []
+    return [c for c in children if any(fnmatchcase(c.name, p) for p in patterns) and c.is_dir()]
+
+
 def frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | None:
     """Collect the frames of one resolution below a folder; None if there are none.
 
     Args:
         folder: where the frames are.
-        buffer_folders: names of subfolders that each hold one buffer; if more than one of them
+        buffer_folders: patterns of subfolders that each hold one buffer; if more than one such
             is there, they are the frames.
     """
-    claimed = [folder / name for name in buffer_folders if (folder / name).is_dir()]
-    if len(claimed) > 1:
-        parts = [_streams(sub, prefix=f"{sub.name}/") for sub in claimed]
-        streams = {key: stream for part in parts for key, stream in part.items()}
-    else:
-        streams = _streams(folder)
+    claimed = _claimed(folder, buffer_folders)
+    parts = {sub: _streams(sub, prefix=f"{sub.name}/") for sub in claimed}
+    held = {key: stream for part in parts.values() for key, stream in part.items()}
+    streams = held if sum(map(bool, parts.values())) > 1 else _streams(folder)
     return FrameSet(root=folder, streams=streams) if streams else None
 
 
-def find_shots(
-    root: Path, *, buffer_folders: Iterable[str] = (), output: Path | None = None
-) -> list[Shot]:
-    """List the shots of a tree, sorted by path; `output` below it is not searched.
+def _nothing(_: Path) -> Iterable[str]:
+    return ()
 
-    A folder with `lr/` is a shot with two resolutions; a folder with frames is a shot.
+
+@dataclass(frozen=True, kw_only=True)
+class _Search:
+    """What the walk through a tree looks for; see `find_shots`."""
+
+    root: Path
+    buffer_folders: tuple[str, ...]
+    trees: tuple[Layout, ...]
+    scale: int | None
+    declared: Callable[[Path], Iterable[str]]
+
+
+def find_shots(
+    root: Path,
+    *,
+    buffer_folders: Iterable[str] = (),
+    trees: Iterable[Layout] = (),
+    scale: int | None = None,
+    declared: Callable[[Path], Iterable[str]] = _nothing,
+    output: Path | None = None,
+) -> list[Shot]:
+    """List the shots of a tree, sorted by path.
+
+    A folder with `lr/` is a shot with two resolutions; a folder with frames is a shot; a data
+    set with folders of its own is as many as it holds.
+
+    Args:
+        root: IN.
+        buffer_folders: patterns of folders that each hold one buffer.
+        trees: layouts of data sets with folders of their own.
+        scale: which LR of such a data set is wanted.
+        declared: further buffer folders, which the capture.toml of a folder declares.
+        output: folder below IN that is not searched, because it is written to.
 
     Raises:
         FrameFolderError: the folder does not exist, is a file, or holds no numbered EXR frame.
@@ -111,9 +180,15 @@ def find_shots(
         raise FrameFolderError(f"{root}: is a file; name the folder that holds the frames")
     if not root.is_dir():
         raise FrameFolderError(f"{root}: no such folder")
-    names = tuple(buffer_folders)
+    search = _Search(
+        root=root,
+        buffer_folders=tuple(buffer_folders),
+        trees=tuple(trees),
+        scale=scale,
+        declared=declared,
+    )
     outputs = None if output is None else output.resolve()
-    shots = [s for s in _walk(root, root, names) if not _below(s.root, outputs, root)]
+    shots = [s for s in _walk(root, search) if not _below(s.root, outputs, root)]
     if not shots:
         raise FrameFolderError(
             f"{root}: no numbered EXR frames here or below (expected names like "
@@ -129,19 +204,122 @@ def _below(folder: Path, output: Path | None, root: Path) -> bool:
     return folder.resolve().is_relative_to(output)
 
 
-def _walk(root: Path, folder: Path, buffer_folders: tuple[str, ...]) -> Iterable[Shot]:
-    name = folder.relative_to(root).as_posix()
-    lr = frame_set(folder / LR_FOLDER, buffer_folders) if (folder / LR_FOLDER).is_dir() else None
-    if lr is not None:
-        has_hr = (folder / HR_FOLDER).is_dir()
-        hr = frame_set(folder / HR_FOLDER, buffer_folders) if has_hr else None
-        yield Shot(name=name, root=folder, frames=lr, hr=hr)
+def _walk(folder: Path, search: _Search) -> Iterable[Shot]:
+    name = folder.relative_to(search.root).as_posix()
+    names = (*search.buffer_folders, *search.declared(folder))
+    both = _both(folder, name, names, search)
+    held = [both] if both else _data_set(folder, search)
+    yield from held
+    if held:
         return
-    here = frame_set(folder, buffer_folders)
+    here = frame_set(folder, names)
     if here is not None:
         yield Shot(name=name, root=folder, frames=here)
         if any("/" in key for key in here.streams):
             return
     for child in sorted(folder.iterdir()):
         if child.is_dir() and not child.name.startswith("."):
-            yield from _walk(root, child, buffer_folders)
+            yield from _walk(child, search)
+
+
+def _both(folder: Path, name: str, names: tuple[str, ...], search: _Search) -> Shot | None:
+    """Return the shot of a folder with `lr/`, and `hr/` beside it."""
+    lr, hr = (
+        frame_set(folder / sub, names) if (folder / sub).is_dir() else None
+        for sub in (LR_FOLDER, HR_FOLDER)
+    )
+    if lr is not None:
+        return Shot(name=name, root=folder, frames=lr, hr=hr)
+    if hr is not None and (folder / LR_FOLDER).is_dir():
+        _check_not_empty(folder / LR_FOLDER, search)
+    return None
+
+
+def _data_set(folder: Path, search: _Search) -> list[Shot]:
+    """Shots of the first data set whose root this folder is."""
+    found = (_tree_shots(folder, layout, search) for layout in search.trees)
+    return next((shots for shots in found if shots), [])
+
+
+def _check_not_empty(lr: Path, search: _Search) -> None:
+    """Raise where HR frames have no LR frames beside them, though there is a folder for such."""
+    if not any(_walk(lr, search)):
+        raise FrameFolderError(
+            f"{lr}: no numbered EXR frames here, though '{HR_FOLDER}' beside it has some; render "
+            "the LR frames, or make them with --simulate-lr from the 'hr' folder"
+        )
+
+
+def _tree_shots(folder: Path, layout: Layout, search: _Search) -> list[Shot]:
+    """Shots of a data set whose root is this folder; none if it is no such root."""
+    tree = layout.tree
+    if tree is None:
+        return []
+    scale = _chosen_scale(folder, tree, layout.files, search.scale)
+    lr = {} if scale is None else _sets(folder, tree.lr.replace("{scale}", scale), layout.files)
+    hr = _sets(folder, tree.hr, layout.files)
+    shots = []
+    for shot in sorted(lr or hr):
+        side_car = None if tree.side_car is None else folder / tree.side_car.format(shot=shot)
+        shots.append(
+            Shot(
+                name=(folder.relative_to(search.root) / shot).as_posix(),
+                root=folder,
+                frames=lr.get(shot) or hr[shot],
+                hr=hr.get(shot) if lr else None,
+                layout=layout.name,
+                side_car=side_car if side_car is not None and side_car.is_file() else None,
+            )
+        )
+    return shots
+
+
+def _sets(folder: Path, template: str, buffers: tuple[str, ...]) -> dict[str, FrameSet]:
+    """Frame sets of one resolution of a data set, by shot."""
+    streams: dict[str, dict[str, Stream]] = {}
+    above = template.partition("{shot}")[0]
+    for buffer in buffers:
+        held = folder / above.format(buffer=buffer)
+        for child in sorted(held.iterdir()) if held.is_dir() else ():
+            path = folder / template.format(buffer=buffer, shot=child.name)
+            if not child.name.startswith(".") and path.is_dir():
+                found = _streams(path, prefix=f"{buffer}/")
+                streams.setdefault(child.name, {}).update(found)
+    root = folder / template.partition("{buffer}")[0].partition("{shot}")[0]
+    return {shot: FrameSet(root=root, streams=s) for shot, s in streams.items() if s}
+
+
+def _chosen_scale(
+    folder: Path, tree: Tree, buffers: tuple[str, ...], wanted: int | None
+) -> str | None:
+    """Which of the LR resolutions of a data set to read, as its folder writes it; None if none.
+
+    Raises:
+        FrameFolderError: there are several and none is the wanted or usual one, or only such
+            as are no whole multiple.
+    """
+    first = tree.lr.partition("/")[0]
+    before, _, after = first.partition("{scale}")
+    names = [c.name for c in folder.iterdir() if c.name.startswith(before) and c.is_dir()]
+    held = [n.removeprefix(before).removesuffix(after) for n in names if n.endswith(after)]
+    there = sorted(s for s in held if SCALE.fullmatch(s) and _is_lr(folder, tree, buffers, s))
+    if not there:
+        return None
+    whole = [s for s in there if "_" not in s]
+    if wanted is not None and str(wanted) in whole:
+        return str(wanted)
+    if wanted is None and len(whole) == 1:
+        return whole[0]
+    if wanted is None and USUAL_SCALE in whole:
+        return USUAL_SCALE
+    listed = ", ".join(f"'{first.format(scale=s)}'" for s in there)
+    remedy = f"choose one with --scale ({', '.join(whole)})" if whole else "render another ratio"
+    raise FrameFolderError(
+        f"{folder}: of the LR folders {listed}, none has the scale "
+        f"{'that is wanted' if wanted is None else wanted}; only whole scales can be "
+        f"reconstructed: {remedy}"
+    )
+
+
+def _is_lr(folder: Path, tree: Tree, buffers: tuple[str, ...], scale: str) -> bool:
+    return bool(_sets(folder, tree.lr.replace("{scale}", scale), buffers))

@@ -11,16 +11,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.errors import FrameFolderError, RtsrError, did_you_mean
+from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import SpecularWorkflow
-from rtsr_cli.core.io.capture import CameraRow, Capture
+from rtsr_cli.core.io.binding import Binding
+from rtsr_cli.core.io.capture import Capture
 from rtsr_cli.core.io.exr import ExrHeader, Window, read_header
-from rtsr_cli.core.io.layouts import LAYOUTS, Binding, Layout, bind, detect
+from rtsr_cli.core.io.layout_files import choose_layout
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.shots import FrameSet
+from rtsr_cli.core.io.side_cars import CameraRow
 
 WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
 """Standard OpenEXR attributes, row-vector matrices."""
@@ -38,17 +40,6 @@ class MissingPolicy(StrEnum):
     ERROR = "error"
     SKIP = "skip"
     HOLD = "hold"
-
-
-def layout_named(name: str) -> Layout:
-    """Return a preset.
-
-    Raises:
-        FrameFolderError: there is no such preset; suggests one.
-    """
-    if name not in LAYOUTS:
-        raise FrameFolderError(f"no layout is called '{name}'{did_you_mean(name, LAYOUTS)}")
-    return LAYOUTS[name]
 
 
 Headers = Mapping[str, Mapping[int, ExrHeader]]
@@ -70,7 +61,7 @@ def open_frames(
     Args:
         frames: the files.
         headers: of all of them, if they are read already.
-        layout: name of a preset; capture.toml's, or the best match, if None.
+        layout: preset or layout file; capture.toml's, or the best match, if None.
         capture: what the user declares.
         side_car: camera rows by frame number; their matrices replace the headers'.
         on_missing: what to do about holes in the numbering.
@@ -82,7 +73,7 @@ def open_frames(
     headers = headers if headers is not None else read_headers(frames)
     first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
     streams = {key: header.channels - header.subsampled for key, header in first.items()}
-    chosen, binding = _choose(layout or capture.layout, streams, str(frames.root))
+    chosen, binding = choose_layout(layout or capture.layout, capture, streams, str(frames.root))
     if capture.specular is SpecularWorkflow.F0:
         # base colour is then the diffuse colour already, and no metal takes from it
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
@@ -127,22 +118,6 @@ def read_headers(frames: FrameSet) -> Headers:
             key: dict(zip(stream.files, pool.map(read_header, stream.files.values()), strict=True))
             for key, stream in frames.streams.items()
         }
-
-
-def _choose(
-    name: str | None, streams: Mapping[str, Collection[str]], where: str
-) -> tuple[Layout, Binding]:
-    try:
-        if name is None:
-            return detect(streams, LAYOUTS.values(), where)
-        chosen = layout_named(name)
-        binding = bind(chosen, streams)
-    except RtsrError as error:
-        prefix = "" if str(error).startswith(where) else f"{where}: "
-        raise FrameFolderError(f"{prefix}{error}") from error
-    if not binding:
-        raise FrameFolderError(f"{where}: layout '{name}' matches no channel of these files")
-    return chosen, binding
 
 
 def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> None:

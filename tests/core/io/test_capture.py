@@ -17,7 +17,8 @@ from rtsr_cli.core.frames.conventions import (
     SpecularWorkflow,
 )
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
-from rtsr_cli.core.io.capture import Capture, read_cameras, read_capture
+from rtsr_cli.core.io.capture import Capture, read_capture
+from rtsr_cli.core.io.side_cars import read_cameras
 
 COMPLETE = """
 layout = "blender"
@@ -171,7 +172,7 @@ def test_an_unknown_key_gets_a_suggestion(
 
 def test_a_key_unlike_any_gets_the_list(tmp_path: Path) -> None:
     message = refusal(tmp_path, "[normal]\nqqqq = 1")
-    assert "normal.qqqq: no such field (there are: space, packed)" in message
+    assert "normal.qqqq: no such field (there are: space, packed, sky)" in message
 
 
 @pytest.mark.parametrize("text", ["layout = ", "[motion", 'layout = "a"\nlayout = "b"'])
@@ -203,9 +204,9 @@ CELL = " ".join(str(i) for i in range(16))
 def test_a_csv_of_cameras_has_a_row_a_frame(tmp_path: Path) -> None:
     path = tmp_path / "camera.csv"
     path.write_text(
-        "frame, worldToCamera, worldToNDC, jitter_px, pre_exposure, cut, note\n"
-        f"1, {CELL}, {CELL.replace(' ', ';')}, 0.25 -0.5, 2.0, true, first\n"
-        f"2, {CELL}, {CELL}, , , ,\n",
+        "frame, worldToCamera, worldToNDC, jitter_px, pre_exposure, cut\n"
+        f"1, {CELL}, {CELL.replace(' ', ';')}, 0.25 -0.5, 2.0, true\n"
+        f"2, {CELL}, {CELL}, , ,\n",
         encoding="utf-8",
     )
     first, second = (read_cameras(path)[n].metadata() for n in (1, 2))

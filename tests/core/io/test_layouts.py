@@ -8,8 +8,10 @@ import pytest
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.io.binding import bind, detect
 from rtsr_cli.core.io.exr import write_exr
-from rtsr_cli.core.io.layouts import LAYOUTS, Component, Layout, bind, detect, named
+from rtsr_cli.core.io.layouts import Component, Layout, Place, named
+from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
 
 LAYER = "View Layer 1"
@@ -134,7 +136,7 @@ def test_patterns_of_a_component_are_tried_in_order() -> None:
     layout = Layout(
         name="own",
         description="",
-        buffers={Buffer.DEPTH: (Component(channels=("Z", "depth.*")),)},
+        buffers={Buffer.DEPTH: (Component(places=(Place(channel="Z"), Place(channel="depth.*"))),)},
     )
     assert bind(layout, {"f": ["depth.V", "Z"]})[Buffer.DEPTH][0].channel == "Z"
     assert bind(layout, {"f": ["depth.V"]})[Buffer.DEPTH][0].channel == "depth.V"
@@ -144,15 +146,16 @@ def test_a_component_takes_its_stream_by_pattern() -> None:
     layout = Layout(
         name="own",
         description="",
-        buffers={Buffer.DEPTH: (Component(channels=("R",), stream="SceneDepth/*"),)},
+        buffers={Buffer.DEPTH: (Component(places=(Place(channel="R", file="SceneDepth/*"),)),)},
     )
     binding = bind(layout, {"BaseColor/": ["R"], "SceneDepth/": ["R"]})
     assert binding[Buffer.DEPTH][0].stream == "SceneDepth/"
 
 
 def test_names_of_components_join_prefix_and_letter() -> None:
-    assert [c.channels for c in named(Buffer.MOTION, "mv", "")] == [("mv.X", "X"), ("mv.Y", "Y")]
-    assert named(Buffer.NOV, "nov")[0].channels == ("nov",)
+    channels = [tuple(p.channel for p in c.places) for c in named(Buffer.MOTION, "mv", "")]
+    assert channels == [("mv.X", "X"), ("mv.Y", "Y")]
+    assert [p.channel for p in named(Buffer.NOV, "nov")[0].places] == ["nov"]
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)

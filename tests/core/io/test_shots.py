@@ -118,12 +118,33 @@ def test_a_dash_is_a_sign_where_other_frames_of_that_name_have_none(tmp_path: Pa
     assert numbers(tmp_path) == {"img": [-2, -1, 0, 1]}
 
 
-def test_a_folder_that_is_named_like_a_frame_is_no_frame(tmp_path: Path) -> None:
-    touch(tmp_path, "f.0001.exr", "f.0003.exr")
-    (tmp_path / "f.0002.exr").mkdir()
-    shots = find_shots(tmp_path)
-    assert [s.name for s in shots] == ["."]
-    assert shots[0].frames.numbers == (1, 3)
+def test_a_folder_that_is_named_like_a_frame_is_refused(tmp_path: Path) -> None:
+    touch(tmp_path, "f.0001.exr", "f.0002.exr")
+    (tmp_path / "f.0003.exr").mkdir()
+    with pytest.raises(
+        FrameFolderError, match=r"f\.0003\.exr: is a folder .* like a frame; rename"
+    ):
+        find_shots(tmp_path)
+
+
+def test_a_link_that_leads_nowhere_is_refused_with_its_target(tmp_path: Path) -> None:
+    touch(tmp_path, "f.0001.exr")
+    (tmp_path / "f.0002.exr").symlink_to(tmp_path / "gone" / "f.0002.exr")
+    with pytest.raises(FrameFolderError, match=r"f\.0002\.exr: is a link to .*gone.*mount or copy"):
+        find_shots(tmp_path)
+
+
+def test_an_empty_lr_folder_beside_hr_frames_is_what_the_refusal_speaks_of(tmp_path: Path) -> None:
+    touch(tmp_path / "lr")
+    touch(tmp_path / "hr", "0001.exr")
+    with pytest.raises(FrameFolderError, match=r"/lr: no numbered EXR frames .* LR frames"):
+        find_shots(tmp_path)
+
+
+def test_shots_below_lr_and_hr_are_found_as_before(tmp_path: Path) -> None:
+    touch(tmp_path / "lr" / "a", "0001.exr")
+    touch(tmp_path / "hr" / "a", "0001.exr")
+    assert [s.name for s in find_shots(tmp_path)] == ["hr/a", "lr/a"]
 
 
 def test_files_without_a_number_and_other_types_are_left_aside(tmp_path: Path) -> None:

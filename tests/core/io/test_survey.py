@@ -10,10 +10,11 @@ import torch
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
-from rtsr_cli.core.io.capture import CameraRow
 from rtsr_cli.core.io.exr import Window, write_exr
+from rtsr_cli.core.io.layout_files import layout_named
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.survey import MissingPolicy, layout_named, ranges
+from rtsr_cli.core.io.side_cars import CameraRow
+from rtsr_cli.core.io.survey import MissingPolicy, ranges
 
 Write = Callable[..., Path]
 Open = Callable[..., FrameReader]

@@ -1,0 +1,121 @@
+"""Camera side-cars: a CSV or JSON file with a row a frame, for engines whose headers carry none."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import torch
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from rtsr_cli.core.errors import ConfigError, did_you_mean
+from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.io.capture import Capture, JitterPx, field_names, validated
+from rtsr_cli.core.io.nss_cameras import NssClip, is_nss
+
+
+def _numbers(value: object) -> object:
+    """Let a cell of a CSV, or a nested list, be a flat list of numbers."""
+    if isinstance(value, str):
+        return value.replace(",", " ").replace(";", " ").split()
+    if isinstance(value, Sequence) and value and isinstance(value[0], Sequence):
+        return [number for row in value for number in row]
+    return value
+
+
+Matrix = Annotated[list[float], Field(min_length=16, max_length=16), BeforeValidator(_numbers)]
+
+
+class CameraRow(BaseModel):
+    """One frame of a camera side-car; matrices are row-vector, 16 numbers, row by row."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    frame: int
+    world_to_camera: Matrix | None = Field(default=None, alias="worldToCamera")
+    world_to_ndc: Matrix | None = Field(default=None, alias="worldToNDC")
+    jitter_px: Annotated[JitterPx, BeforeValidator(_numbers)] | None = None
+    pre_exposure: float = Field(default=1.0, gt=0.0)
+    cut: bool = False
+
+    def metadata(self) -> CameraMetadata:
+        """The row as camera metadata."""
+        return CameraMetadata(
+            world_to_camera=_tensor(self.world_to_camera),
+            world_to_ndc=_tensor(self.world_to_ndc),
+            jitter_px=self.jitter_px or (0.0, 0.0),
+            pre_exposure=self.pre_exposure,
+            cut=self.cut,
+        )
+
+
+def _tensor(values: list[float] | None) -> torch.Tensor | None:
+    return None if values is None else torch.tensor(values, dtype=torch.float64).view(4, 4)
+
+
+def read_cameras(path: Path) -> dict[int, CameraRow]:
+    """Read a camera side-car, CSV or JSON, a row a frame.
+
+    Raises:
+        ConfigError: unreadable, or wrong fields; lists every one with its row.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        rows = _json_rows(text, path) if path.suffix.lower() == ".json" else _csv_rows(text)
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: the camera side-car cannot be read ({error.strerror})"
+        ) from error
+    except (ValueError, csv.Error) as error:
+        raise ConfigError(f"{path}: is not a camera side-car: {error}") from error
+    _check_columns(rows, path)
+    cameras = validated(list[CameraRow], rows, path)
+    repeated = sorted(n for n, count in Counter(c.frame for c in cameras).items() if count > 1)
+    if repeated:
+        raise ConfigError(f"{path}: frames {', '.join(map(str, repeated))} have more than one row")
+    return {row.frame: row for row in cameras}
+
+
+def with_reversed(capture: Capture, cameras: Path) -> Capture:
+    """Return a capture with the sense of device depth that a side-car states, if none is declared.
+
+    Raises:
+        ConfigError: the side-car cannot be read.
+    """
+    if capture.depth.reversed is not None or cameras.suffix.lower() != ".json":
+        return capture
+    try:
+        content = json.loads(cameras.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{cameras}: is not a camera side-car: {error}") from error
+    if not is_nss(content) or not isinstance(content.get("ReverseZ"), bool):
+        return capture
+    depth = capture.depth.model_copy(update={"reversed": content["ReverseZ"]})
+    return capture.model_copy(update={"depth": depth})
+
+
+def _json_rows(text: str, path: Path) -> object:
+    content = json.loads(text)
+    if is_nss(content):
+        return [frame.row() for frame in validated(NssClip, content, path).frames]
+    return content.get("frames", content) if isinstance(content, Mapping) else content
+
+
+def _csv_rows(text: str) -> list[dict[str, str]]:
+    rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    return [{k: v for k, v in row.items() if k and v} for row in rows]
+
+
+def _check_columns(rows: object, path: Path) -> None:
+    """Raise where a row has columns that nobody reads: a misspelt one would be lost silently."""
+    listed = rows if isinstance(rows, list) else []
+    known = list(field_names(CameraRow))
+    used = dict.fromkeys(key for row in listed if isinstance(row, Mapping) for key in row)
+    unknown = [key for key in used if key not in {*known, *CameraRow.model_fields}]
+    if unknown:
+        lines = (f"no column is called '{key}'{did_you_mean(str(key), known)}" for key in unknown)
+        raise ConfigError(f"{path}: " + "; ".join(lines))
