@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -268,7 +269,7 @@ def _statistics(
     damaged = []
     for number in numbers:
         try:
-            stored = reader.read_stored(number, reader.stored)
+            stored = reader.read_raw(number, reader.stored)
         except RtsrError as error:
             damaged.append(str(error))
             continue
@@ -312,10 +313,12 @@ def _motion_step_px(reader: FrameReader) -> float:
     if not convention.zero or Buffer.MOTION not in reader.binding:
         return 0.0
     component = reader.binding[Buffer.MOTION][0]
-    header = read_header(reader.path(reader.numbers[0], component.stream))
-    if header.types.get(component.channel) != "half":
+    place = (component.stream, component.channel)
+    if reader.read_stored(reader.numbers[0], [place])[place].dtype != np.float16:
         return 0.0
-    return HALF_STEP * convention.zero * 2.0 * max(map(abs, convention.factors(reader.view.display)))
+    return (
+        HALF_STEP * convention.zero * 2.0 * max(map(abs, convention.factors(reader.view.display)))
+    )
 
 
 def _readiness(system: System, main: SetInspection, hr: SetInspection | None) -> Readiness:
@@ -331,5 +334,9 @@ def _readiness(system: System, main: SetInspection, hr: SetInspection | None) ->
         sources.append(
             ("--simulate-lr S", SimulatedPairs(capture=main.reader, simulation=simulation))
         )
-    ways = [Readiness(ready=not m, missing=m, how=how) for how, s in sources for m in [s.missing(inputs)]]
+    ways = [
+        Readiness(ready=not m, missing=m, how=how)
+        for how, s in sources
+        for m in [s.missing(inputs)]
+    ]
     return min(ways, key=lambda way: len(way.missing))

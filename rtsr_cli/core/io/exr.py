@@ -6,6 +6,7 @@ channel's type in the file. Writes go to a hidden file beside the target and are
 
 from __future__ import annotations
 
+import io
 from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -259,6 +260,11 @@ def read_channels(path: Path, wanted: Collection[str]) -> dict[str, Plane]:
     Raises:
         FrameFolderError: the file cannot be read, or lacks a channel; names file and channel.
     """
+    return read_window(path, wanted)[0]
+
+
+def read_window(path: Path, wanted: Collection[str]) -> tuple[dict[str, Plane], Window]:
+    """`read_channels`, and the data window that the pixels lie in."""
     header = read_header(path)
     lacking = sorted(set(wanted) - header.channels)
     if lacking:
@@ -279,7 +285,7 @@ def read_channels(path: Path, wanted: Collection[str]) -> dict[str, Plane]:
     # pixels that cannot be decoded end in a part without any, and in no exception
     if len(found) < len(set(wanted)) or any(plane.shape != shape for plane in found.values()):
         raise _unreadable(path, "its pixels are damaged, or the file ends too early")
-    return found
+    return found, header.data_window
 
 
 def write_exr(
@@ -314,7 +320,14 @@ def write_exr(
         "displayWindow": _box(display_window or data),
     }
     contiguous = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
-    write_atomically(path, lambda part: OpenEXR.File(header, contiguous).write(str(part)))
+
+    def write(part: Path) -> None:
+        # compressed in memory first: Python then says by number why a disk refuses the file
+        encoded = io.BytesIO()
+        OpenEXR.File(header, contiguous).write(encoded)
+        part.write_bytes(encoded.getbuffer())
+
+    write_atomically(path, write)
 
 
 def _box(window: Window) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

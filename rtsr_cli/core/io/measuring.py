@@ -135,7 +135,7 @@ def _read(reader: FrameReader, numbers: Sequence[int]) -> dict[int, Mapping[Buff
     wanted = {Buffer.MOTION, Buffer.FORWARD, Buffer.DEPTH, Buffer.OBJECT_ID, *PICTURES}
     buffers = wanted & reader.stored
     try:
-        return {n: reader.read_stored(n, buffers) for n in numbers}
+        return {n: reader.read_raw(n, buffers) for n in numbers}
     except RtsrError:
         return {}
 

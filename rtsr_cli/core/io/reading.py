@@ -16,7 +16,7 @@ from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.binding import Binding, BoundComponent
-from rtsr_cli.core.io.exr import Plane, Window, read_channels, read_header
+from rtsr_cli.core.io.exr import Plane, Window, read_window
 from rtsr_cli.core.io.layouts import Layout
 from rtsr_cli.core.io.shots import FrameSet
 
@@ -165,7 +165,11 @@ class FrameReader:
         tensors = {}
         for buffer in buffers:
             components = self.binding[buffer]
-            tensors[buffer] = conv.to_memory(buffer, _stack(components, planes), stored)
+            image = _stack(components, planes)
+            # a number that is none would turn into some number: it stays, and is counted as bad
+            is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
+            spoilt = is_number and not bool(torch.isfinite(image).all())
+            tensors[buffer] = image if spoilt else conv.to_memory(buffer, image, stored)
             # what is converted is let go, so that a frame is in memory once and a half, not twice
             uses.subtract((c.stream, c.channel) for c in components)
             for key in [k for k in planes if uses[k] <= 0]:
@@ -177,7 +181,7 @@ class FrameReader:
             view=self.view,
         )
 
-    def read_stored(self, number: int, buffers: Collection[Buffer]) -> dict[Buffer, Tensor]:
+    def read_raw(self, number: int, buffers: Collection[Buffer]) -> dict[Buffer, Tensor]:
         """Read the named buffers of a frame as the files hold them, factors applied.
 
         Raises:
@@ -197,16 +201,25 @@ class FrameReader:
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]
     ) -> dict[tuple[str, str], Plane]:
-        wanted: dict[str, set[str]] = defaultdict(set)
-        for buffer in buffers:
-            for component in self.binding[buffer]:
-                wanted[component.stream].add(component.channel)
+        wanted = {(c.stream, c.channel) for buffer in buffers for c in self.binding[buffer]}
+        return self.read_stored(number, wanted)
+
+    def read_stored(
+        self, number: int, wanted: Iterable[tuple[str, str]]
+    ) -> dict[tuple[str, str], Plane]:
+        """Read channels, named with the stream that holds them, as they are stored.
+
+        Raises:
+            FrameFolderError: a file is damaged, or lacks a channel.
+        """
+        streams: dict[str, set[str]] = defaultdict(set)
+        for stream, channel in wanted:
+            streams[stream].add(channel)
         depths = {(c.stream, c.channel) for c in self.binding.get(Buffer.DEPTH, ())}
         planes: dict[tuple[str, str], Plane] = {}
-        for stream, channels in wanted.items():
-            path = self.path(number, stream)
-            window = read_header(path).data_window
-            for channel, plane in read_channels(path, channels).items():
+        for stream, channels in streams.items():
+            found, window = read_window(self.path(number, stream), channels)
+            for channel, plane in found.items():
                 fill = np.inf if (stream, channel) in depths else 0
                 planes[stream, channel] = _place(plane, window, self.region, fill)
         return planes

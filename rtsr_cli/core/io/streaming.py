@@ -89,6 +89,15 @@ class BackgroundWriter(Generic[K]):
             key, future = self._pending.popleft()
             yield key, future.exception()
 
+    def drop(self) -> Iterator[tuple[K, BaseException | None]]:
+        """Forget what is only queued, and yield the rest as it ends."""
+        for _, future in self._pending:
+            future.cancel()
+        started = [(key, future) for key, future in self._pending if not future.cancelled()]
+        self._pending.clear()
+        for key, future in started:
+            yield key, future.exception()
+
     def __enter__(self) -> Self:
         """Return the writer."""
         return self
