@@ -133,14 +133,6 @@ def test_sky_is_never_missing() -> None:
     assert needs([Buffer.SKY], [], has_camera=False, config=BRDF).missing == ()
 
 
-def test_sky_is_where_depth_or_a_zero_normal_says_so() -> None:
-    depth = torch.tensor([1.0, SKY_DEPTH_M, 1.0, SKY_DEPTH_M]).view(1, 1, 1, 4)
-    normal = torch.zeros(1, 3, 1, 4)
-    normal[:, 1, :, :2] = 1.0
-    sky = derive_sky(GBuffer({Buffer.DEPTH: depth, Buffer.NORMAL: normal}))
-    assert sky.flatten().tolist() == [0.0, 1.0, 1.0, 1.0]
-
-
 def test_sky_comes_from_depth_then_from_zero_normals_then_there_is_none(
     buffers: dict[Buffer, torch.Tensor],
 ) -> None:

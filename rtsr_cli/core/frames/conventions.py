@@ -102,7 +102,7 @@ class NormalConvention:
     Attributes:
         space: their axes.
         packed: (n + 1) / 2 is stored.
-        sky: stored vector that marks sky; such a normal is zero in memory.
+        sky: stored vector that marks sky; such a normal is zero in memory, and its depth sky.
     """
 
     space: NormalSpace = NormalSpace.WORLD

@@ -101,6 +101,11 @@ def test_extranets_sky_is_known_by_its_normal(tmp_path: Path) -> None:
     frame = reader.read(1, reader.stored)
     assert frame.gbuffer[Buffer.NORMAL][0, :, 0, 1].tolist() == [0.0, 0.0, 0.0]
     assert derive_sky(frame.gbuffer)[0, 0].tolist() == [[0.0, 1.0, 0.0, 0.0]] * HEIGHT
+    # whoever reads depth alone knows it too, and depends on both files
+    alone = reader.read(1, (Buffer.DEPTH,))
+    assert set(alone.gbuffer) == {Buffer.DEPTH}
+    assert alone.gbuffer[Buffer.DEPTH][0, 0, 0].tolist() == [50.0, SKY_DEPTH_M, 50.0, 50.0]
+    assert len(reader.files(1, (Buffer.DEPTH,))) == 2
 
 
 def test_two_scenes_in_one_folder_are_refused_by_name(tmp_path: Path) -> None:
