@@ -155,13 +155,13 @@ def _resolve_all(
 
 
 def derive_sky(gbuffer: GBuffer) -> Mask:
-    """1 = sky: where depth says so, or normals are zero; nowhere if neither is there."""
-    sky = torch.zeros(1, 1, *gbuffer.size)
+    """1 = sky: by depth; by zero normals where there is no depth; nowhere if neither is there."""
     if Buffer.DEPTH in gbuffer:
-        sky = sky_mask(gbuffer[Buffer.DEPTH])
+        return sky_mask(gbuffer[Buffer.DEPTH])
     if Buffer.NORMAL in gbuffer:
-        sky = torch.maximum(sky, (gbuffer[Buffer.NORMAL] == 0).all(1, keepdim=True).to(sky))
-    return sky
+        normal = gbuffer[Buffer.NORMAL]
+        return (normal == 0).all(1, keepdim=True).to(normal.dtype)
+    return torch.zeros(1, 1, *gbuffer.size)
 
 
 def derive_nov(frame: Frame) -> Plane:

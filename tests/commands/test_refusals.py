@@ -262,3 +262,22 @@ def test_a_selection_of_nothing_is_said(rtsr: Run, shot: Path, tmp_path: Path) -
     result = rtsr("upscale", shot, tmp_path / "out", "--frames", "50-60")
     assert result.exit_code == 0
     assert "nothing selected, its frames are 1-4" in result.stderr
+
+
+def test_a_layout_file_that_is_wrong_is_one_message(rtsr: Run, shot: Path, tmp_path: Path) -> None:
+    path = tmp_path / "my.toml"
+    path.write_text('[buffers]\ncolour = "RGB"')
+    message = refusal(rtsr("upscale", shot, tmp_path / "out", "--layout", path))
+    assert f"{path}: buffers.colour: no such buffer, did you mean 'color'?" in message
+
+
+def test_a_layout_file_that_is_not_there(rtsr: Run, shot: Path, tmp_path: Path) -> None:
+    message = refusal(rtsr("upscale", shot, tmp_path / "out", "--layout", tmp_path / "no.toml"))
+    assert "no.toml: the layout cannot be read" in message
+
+
+def test_a_layout_that_does_not_exist_gets_a_suggestion(
+    rtsr: Run, shot: Path, tmp_path: Path
+) -> None:
+    result = rtsr("upscale", shot, tmp_path / "out", "--layout", "extranett")
+    assert "did you mean 'extranet'?" in refusal(result, USAGE)

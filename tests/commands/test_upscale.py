@@ -308,3 +308,20 @@ def test_verbose_names_channels_and_quiet_says_nothing(
     verbose = rtsr("upscale", small_shot, tmp_path / "a", "-v", "--frames", 1)
     assert "motion = frame: motion.X, frame: motion.Y" in verbose.output
     assert rtsr("upscale", small_shot, tmp_path / "b", "-q", "--frames", 1).output == ""
+
+
+def test_frames_with_other_channel_names_are_upscaled_by_a_layout_file(
+    rtsr: Run, small_capture: Path, changed: Callable[..., Path], tmp_path: Path, load_rgb: Any
+) -> None:
+    renamed = changed(
+        small_capture,
+        lambda planes, _: planes.update({f"mine.{c}": planes.pop(c) for c in "RGB"}),
+    )
+    layout = tmp_path / "my.toml"
+    layout.write_text('[buffers]\ncolor = "mine.RGB"')
+    options = ("--simulate-lr", 4, "--system", "bicubic")
+    assert rtsr("upscale", small_capture, tmp_path / "a", *options).exit_code == 0
+    result = rtsr("upscale", renamed, tmp_path / "b", *options, "--layout", layout)
+    assert result.exit_code == 0, result.output
+    for path in sorted((tmp_path / "a").iterdir()):
+        assert np.array_equal(load_rgb(path), load_rgb(tmp_path / "b" / path.name))

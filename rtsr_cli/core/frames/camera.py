@@ -156,13 +156,31 @@ def device_to_planar_depth(
         d = (P22 z + P32) / (P23 z + P33)   =>   z = (P32 - d P33) / (d P23 - P22),  depth = -z
 
     A file may hold 1 - d of its own matrix: `reversed_depth` says that far is 0; a matrix whose
-    far limit P22 / P23 is 1 stores far as 1, and the value is turned round before use.
+    far limit P22 / P23 is 1 stores far as 1, and the value is turned round before use. Sky is what
+    the buffer was cleared to, 1 (or 0), at a finite far plane too.
     """
     p = projection.double()
-    far = float(p[2, 2] / p[2, 3])
-    matrix_reversed = abs(far) < abs(1.0 - far)
+    matrix_reversed = _reversed(projection)
     d = device_depth.double()
     d = d if matrix_reversed == reversed_depth else 1.0 - d
     depth = -(p[3, 2] - d * p[3, 3]) / (d * p[2, 3] - p[2, 2])
-    beyond = ~torch.isfinite(depth) | (depth < 0) | (depth >= SKY_DEPTH_M)
+    cleared = d <= 0.0 if matrix_reversed else d >= 1.0
+    beyond = cleared | ~torch.isfinite(depth) | (depth < 0) | (depth >= SKY_DEPTH_M)
     return torch.where(beyond, torch.full_like(depth, SKY_DEPTH_M), depth).float()
+
+
+def planar_to_device_depth(depth_m: Plane, projection: Tensor, *, reversed_depth: bool) -> Plane:
+    """Invert `device_to_planar_depth`: d = (P32 - P22 depth) / (P33 - P23 depth), sky = cleared."""
+    p = projection.double()
+    matrix_reversed = _reversed(projection)
+    depth = depth_m.double()
+    d = (p[3, 2] - p[2, 2] * depth) / (p[3, 3] - p[2, 3] * depth)
+    clear = torch.full_like(d, 0.0 if matrix_reversed else 1.0)
+    d = torch.where(depth >= SKY_DEPTH_M, clear, d)
+    return (d if matrix_reversed == reversed_depth else 1.0 - d).float()
+
+
+def _reversed(projection: Tensor) -> bool:
+    """Tell whether a projection's far limit is 0."""
+    far = float(projection[2, 2] / projection[2, 3])
+    return abs(far) < abs(1.0 - far)

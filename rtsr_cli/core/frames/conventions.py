@@ -11,7 +11,13 @@ from torch import Tensor
 
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
-from rtsr_cli.core.frames.camera import CameraMetadata, View, device_to_planar_depth, ray_axes
+from rtsr_cli.core.frames.camera import (
+    CameraMetadata,
+    View,
+    device_to_planar_depth,
+    planar_to_device_depth,
+    ray_axes,
+)
 from rtsr_cli.core.frames.motion import (
     Jitter,
     MotionConvention,
@@ -96,7 +102,7 @@ class NormalConvention:
     Attributes:
         space: their axes.
         packed: (n + 1) / 2 is stored.
-        sky: stored vector that marks sky; such a normal is zero in memory.
+        sky: stored vector that marks sky; such a normal is zero in memory, and its depth sky.
     """
 
     space: NormalSpace = NormalSpace.WORLD
@@ -155,6 +161,30 @@ def depth_to_metres(
     return torch.where(sky, torch.full_like(metres, SKY_DEPTH_M), metres.clamp(max=SKY_DEPTH_M))
 
 
+def depth_from_metres(
+    depth_m: Plane, convention: DepthConvention, camera: CameraMetadata, view: View, *, where: str
+) -> Plane:
+    """Invert `depth_to_metres`; sky is stored as `convention.sky`, or the value of memory.
+
+    Raises:
+        MissingBufferError: ray or device depth without camera matrices.
+    """
+    if convention.kind is DepthKind.DEVICE:
+        projection = camera.projection
+        if projection is None:
+            raise MissingBufferError(_needs_camera(where, "device depth"))
+        return planar_to_device_depth(depth_m, projection, reversed_depth=convention.reversed)
+    stored = depth_m / convention.unit_m
+    if convention.kind is DepthKind.RAY:
+        size = (depth_m.shape[-2], depth_m.shape[-1])
+        axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
+        if axes is None:
+            raise MissingBufferError(_needs_camera(where, "ray distance"))
+        stored = stored * (1.0 + axes[0] ** 2 + axes[1] ** 2).sqrt()
+    sky = SKY_DEPTH_M if convention.sky is None else convention.sky
+    return torch.where(depth_m >= SKY_DEPTH_M, torch.full_like(stored, sky), stored)
+
+
 def normal_to_world(
     stored: Vector3, convention: NormalConvention, camera: CameraMetadata, *, where: str
 ) -> Vector3:
@@ -176,11 +206,39 @@ def normal_to_world(
     return normalized(normal).masked_fill(sky, 0.0)
 
 
+def normal_from_world(
+    normal: Vector3, convention: NormalConvention, camera: CameraMetadata, *, where: str
+) -> Vector3:
+    """Invert `normal_to_world`; a zero normal is stored as the marker of sky.
+
+    Raises:
+        MissingBufferError: view-space normals without a camera matrix.
+    """
+    stored = normal
+    if convention.space is NormalSpace.VIEW:
+        if camera.world_to_camera is None:
+            raise MissingBufferError(_needs_camera(where, "view-space normals"))
+        rotation = torch.linalg.inv(camera.world_to_camera[:3, :3]).to(normal)
+        stored = torch.einsum("nchw,dc->ndhw", normal, rotation)
+    stored = (stored + 1.0) / 2.0 if convention.packed else stored
+    if convention.sky is None:
+        return stored
+    marker = torch.tensor(convention.sky, dtype=normal.dtype).view(1, 3, 1, 1)
+    return torch.where((normal == 0).all(1, keepdim=True), marker, stored)
+
+
 def roughness_to_perceptual(stored: Plane, kind: RoughnessKind) -> Plane:
     """Perceptual roughness r, of which GGX alpha is the square."""
     if kind is RoughnessKind.ALPHA:
         return stored.clamp(min=0.0).sqrt()
     return 1.0 - stored if kind is RoughnessKind.SMOOTHNESS else stored
+
+
+def roughness_from_perceptual(roughness: Plane, kind: RoughnessKind) -> Plane:
+    """Invert `roughness_to_perceptual`."""
+    if kind is RoughnessKind.ALPHA:
+        return roughness.square()
+    return 1.0 - roughness if kind is RoughnessKind.SMOOTHNESS else roughness
 
 
 def _needs_camera(where: str, what: str) -> str:

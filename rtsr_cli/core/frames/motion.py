@@ -150,3 +150,19 @@ def motion_to_pixels(
     sign = -1.0 if convention.jitter_inverted else 1.0
     shift = [sign * (before - now) for before, now in zip(jitter_px_prev, jitter_px, strict=True)]
     return motion_px + torch.tensor(shift, dtype=stored.dtype).view(1, 2, 1, 1)
+
+
+def motion_from_pixels(
+    motion_px: MotionPx,
+    convention: MotionConvention,
+    *,
+    screen: Size | None = None,
+    jitter_px: Jitter = (0.0, 0.0),
+    jitter_px_prev: Jitter = (0.0, 0.0),
+) -> MotionPx:
+    """Invert `motion_to_pixels`: what a file of this convention stores."""
+    x, y = convention.factors(screen or (motion_px.shape[-2], motion_px.shape[-1]))
+    if convention.jittered:
+        shift = [jitter_px_prev[0] - jitter_px[0], jitter_px_prev[1] - jitter_px[1]]
+        motion_px = motion_px - torch.tensor(shift, dtype=motion_px.dtype).view(1, 2, 1, 1)
+    return motion_px / torch.tensor([x, y], dtype=motion_px.dtype).view(1, 2, 1, 1)

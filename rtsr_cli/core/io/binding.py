@@ -157,13 +157,13 @@ def bind(layout: Layout, streams: Streams) -> Binding:
     """
     found = match(layout, streams)
     if found.ambiguous:
-        raise _refusal(found.ambiguous)
+        raise FrameFolderError(_refusal(found.ambiguous))
     return found.binding
 
 
-def _refusal(ambiguous: Mapping[Buffer, tuple[str, ...]]) -> FrameFolderError:
+def _refusal(ambiguous: Mapping[Buffer, tuple[str, ...]]) -> str:
     buffer, holders = next(iter(ambiguous.items()))
-    return FrameFolderError(
+    return (
         f"buffer '{buffer}' is in {len(holders)} file sequences of one folder "
         f"({', '.join(repr(h) for h in holders)}); keep one sequence a folder, or say which file "
         "in [buffers] of capture.toml"
@@ -191,7 +191,7 @@ def detect(streams: Streams, candidates: Iterable[Layout], where: str) -> tuple[
     best = max((len(m.binding) for _, m in clear), default=0)
     guess = max((m for _, m in found if m.ambiguous), key=lambda m: m.explained, default=None)
     if guess is not None and guess.explained > best:
-        raise _refusal(guess.ambiguous)
+        raise FrameFolderError(f"{where}: {_refusal(guess.ambiguous)}")
     if best == 0:
         raise FrameFolderError(
             f"{where}: no layout knows these channels ({listed_channels(streams)}); name one with "

@@ -140,20 +140,24 @@ def check_declared(
     Raises:
         FrameFolderError: one is in none; names buffer, channel, and the channels there are.
     """
-    streams = {f"{i}/{key}": names for i, held in enumerate(sets) for key, names in held.items()}
     for buffer, components in declared.items():
-        probes = [Layout(name="", description="", buffers={buffer: components})]
-        if any(match(probe, held).explained for probe in probes for held in sets):
+        if any(_held({buffer: components}, streams) for streams in sets):
             continue
-        for c in components:
-            alone = Layout(name="", description="", buffers={buffer: (c,)})
-            if not any(match(alone, held).explained for held in sets):
-                place = c.places[0]
-                files = sorted({k.partition("/")[2] for k in streams})
-                known = sorted({n for names in streams.values() for n in names})
-                spec = place.channel if place.file == "*" else f"{place.file}:{place.channel}"
-                raise FrameFolderError(
-                    f"{where}: buffer '{buffer}': no channel is called '{spec}'"
-                    f"{did_you_mean(place.channel, known)}; file sequences: "
-                    f"{', '.join(repr(f) for f in files)}"
-                )
+        for component in components:
+            if not any(_held({buffer: (component,)}, streams) for streams in sets):
+                raise FrameFolderError(f"{where}: {_not_there(buffer, component, sets)}")
+
+
+def _held(buffers: Mapping[Buffer, tuple[Component, ...]], streams: Streams) -> bool:
+    return match(Layout(name="", description="", buffers=buffers), streams).explained > 0
+
+
+def _not_there(buffer: Buffer, component: Component, sets: Sequence[Streams]) -> str:
+    place = component.places[0]
+    spec = place.channel if place.file == "*" else f"{place.file}:{place.channel}"
+    channels = sorted({c for streams in sets for names in streams.values() for c in names})
+    files = sorted({key for streams in sets for key in streams})
+    return (
+        f"buffer '{buffer}': no channel is called '{spec}'"
+        f"{did_you_mean(place.channel, channels)}; file sequences: {', '.join(map(repr, files))}"
+    )

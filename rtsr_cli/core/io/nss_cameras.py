@@ -16,7 +16,7 @@ is V = ViewProjection . P^-1, which is affine for one reading only: that one is 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Annotated, Any
 
@@ -24,10 +24,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 
+from rtsr_cli.core.frames.sequence import Frame
+
 Matrix4 = NDArray[np.float64]
 
 INFINITE_FAR = -1.0
 """Far plane that stands for none."""
+
+NO_FAR_PLANE = 1e-9
+"""Smaller slopes of device depth are rounding: near / far of a plane that is not there."""
+
+SPECIFICATION = "1.0.1"
+"""Version of the specification that is written."""
 
 MAX_AFFINE_ERROR = 0.05
 """Largest entry by which a view may differ from an affine one: float32 of a world 10 km wide."""
@@ -128,3 +136,59 @@ def _view_and_projection(frame: NssFrame) -> tuple[Matrix4, Matrix4]:
         )
     view[:, 3] = (0.0, 0.0, 0.0, 1.0)
     return view, projection
+
+
+def clip_json(
+    frames: Sequence[Frame], *, scale: int, fps: int, reversed_depth: bool
+) -> dict[str, Any]:
+    """Return a clip's side-car, strictly as the specification has it.
+
+    Raises:
+        ValueError: there is no frame, or one has no perspective camera.
+    """
+    if not frames:
+        raise ValueError("there are no frames")
+    height, width = frames[0].view.display
+    return {
+        "Version": SPECIFICATION,
+        "EmulatedFramerate": fps,
+        "TargetResolution": {"X": width * scale, "Y": height * scale},
+        "Samples": {"Sequence": "Unknown", "Count": len(frames), "Quantized": False},
+        "Frames": [_frame_json(frame) for frame in frames],
+        "ReverseZ": reversed_depth,
+        "UpscalingRatiosIndices": {f"x{scale}_index": 0},
+    }
+
+
+def _frame_json(frame: Frame) -> dict[str, Any]:
+    camera, (height, width) = frame.camera, frame.view.display
+    if camera.projection is None or camera.world_to_ndc is None:
+        raise ValueError(f"frame {frame.number} has no camera matrices")
+    p = camera.projection.numpy()
+    near, far = _planes(p)
+    return {
+        "Frame": frame.number,
+        "FovX": 2.0 * math.atan(1.0 / p[0, 0]),
+        "FovY": 2.0 * math.atan(1.0 / p[1, 1]),
+        "CameraNearPlane": near,
+        "CameraFarPlane": far,
+        # column-major: of the matrix that acts on columns, which is this one read by rows
+        "ViewProjection": camera.world_to_ndc.flatten().tolist(),
+        "Jitter": {"X": camera.jitter_px[0], "Y": camera.jitter_px[1]},
+        "NormalizedPerRatioJitter": [
+            {"X": camera.jitter_px[0] / width, "Y": camera.jitter_px[1] / height}
+        ],
+        "Exposure": 1.0,
+        "CameraCut": camera.cut,
+    }
+
+
+def _planes(p: Matrix4) -> tuple[float, float]:
+    """Near and far plane (-1: none) of a projection with d = -P22 + P32 / depth.
+
+    d is 0 and 1 on the planes, whichever is which: depths P32 / P22 and P32 / (1 + P22).
+    """
+    a, b = -float(p[2, 2]), float(p[3, 2])
+    limits = (a, a - 1.0)
+    near, far = sorted(-b / x if abs(x) > NO_FAR_PLANE else math.inf for x in limits)
+    return near, far if math.isfinite(far) else INFINITE_FAR

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.frames import conventions as conv
-from rtsr_cli.core.frames.buffers import Buffer, GBuffer
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.binding import Binding, BoundComponent
@@ -137,10 +137,10 @@ class FrameReader:
 
     def files(self, number: int, buffers: Iterable[Buffer]) -> tuple[Path, ...]:
         """Files that hold the named buffers of a frame."""
-        wanted = [b for b in buffers if b in self.binding]
-        paths = {self.path(number, c.stream) for b in wanted for c in self.binding[b]}
+        needed = self._needed(tuple(b for b in buffers if b in self.binding))
+        paths = {self.path(number, c.stream) for b in needed for c in self.binding[b]}
         other = self._motion_number(number)
-        if Buffer.MOTION in wanted and other not in {None, number}:
+        if Buffer.MOTION in needed and other not in {None, number}:
             paths |= {self.path(int(other or 0), c.stream) for c in self.binding[Buffer.MOTION]}
         return tuple(sorted(paths))
 
@@ -150,8 +150,9 @@ class FrameReader:
         Raises:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
-        planes = self._read_planes(number, buffers)
-        if Buffer.MOTION in buffers and self._motion_number(number) != number:
+        needed = self._needed(tuple(buffers))
+        planes = self._read_planes(number, needed)
+        if Buffer.MOTION in needed and self._motion_number(number) != number:
             planes |= self._moved_planes(number)
         camera = self.cameras[number]
         stored = conv.Stored(
@@ -161,9 +162,9 @@ class FrameReader:
             jitter_px_prev=self.cameras.get(number - self.step, camera).jitter_px,
             where=self.where(number),
         )
-        uses = Counter((c.stream, c.channel) for b in buffers for c in self.binding[b])
+        uses = Counter((c.stream, c.channel) for b in needed for c in self.binding[b])
         tensors = {}
-        for buffer in buffers:
+        for buffer in needed:
             components = self.binding[buffer]
             image = _stack(components, planes)
             # a number that is none would turn into some number: it stays, and is counted as bad
@@ -174,9 +175,12 @@ class FrameReader:
             uses.subtract((c.stream, c.channel) for c in components)
             for key in [k for k in planes if uses[k] <= 0]:
                 del planes[key]
+        if self._sky_in_normals and Buffer.DEPTH in tensors:
+            sky = (tensors[Buffer.NORMAL] == 0).all(1, keepdim=True)
+            tensors[Buffer.DEPTH] = tensors[Buffer.DEPTH].masked_fill(sky, SKY_DEPTH_M)
         return Frame(
             number=number,
-            gbuffer=GBuffer(tensors, self.where(number)),
+            gbuffer=GBuffer(tensors, self.where(number)).only(buffers),
             camera=camera,
             view=self.view,
         )
@@ -197,6 +201,16 @@ class FrameReader:
             return self._read_planes(other, (Buffer.MOTION,))
         still = np.full(self.size, self.conventions.motion.zero, np.float32)
         return {(c.stream, c.channel): still for c in self.binding[Buffer.MOTION]}
+
+    @property
+    def _sky_in_normals(self) -> bool:
+        """Tell whether normals mark sky, which depth then takes from them."""
+        return self.conventions.normal.sky is not None and Buffer.NORMAL in self.binding
+
+    def _needed(self, buffers: tuple[Buffer, ...]) -> tuple[Buffer, ...]:
+        """Buffers to read for the ones asked for."""
+        lacking = Buffer.DEPTH in buffers and Buffer.NORMAL not in buffers
+        return (*buffers, Buffer.NORMAL) if lacking and self._sky_in_normals else buffers
 
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -117,8 +118,9 @@ def _in_order(files: Mapping[int, Path], base: str) -> dict[int, Path]:
 def _claimed(folder: Path, buffer_folders: Iterable[str]) -> list[Path]:
     """Subfolders that are named like buffers."""
     patterns = tuple(buffer_folders)
-    children = sorted(c for c in folder.iterdir() if not c.name.startswith(".")) if patterns else []
-    return [c for c in children if any(fnmatchcase(c.name, p) for p in patterns) and c.is_dir()]
+    with os.scandir(folder) as entries:
+        names = sorted(e.name for e in entries if e.is_dir() and not e.name.startswith("."))
+    return [folder / n for n in names if any(fnmatchcase(n, p) for p in patterns)]
 
 
 def frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | None:
@@ -127,12 +129,12 @@ def frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | No
     Args:
         folder: where the frames are.
         buffer_folders: patterns of subfolders that each hold one buffer; if more than one such
-            is there, they are the frames.
+            has frames, they belong together, and to those of the folder itself.
     """
-    claimed = _claimed(folder, buffer_folders)
-    parts = {sub: _streams(sub, prefix=f"{sub.name}/") for sub in claimed}
-    held = {key: stream for part in parts.values() for key, stream in part.items()}
-    streams = held if sum(map(bool, parts.values())) > 1 else _streams(folder)
+    claimed = [_streams(sub, f"{sub.name}/") for sub in _claimed(folder, buffer_folders)]
+    streams = _streams(folder)
+    if sum(map(bool, claimed)) > 1:
+        streams |= {key: stream for part in claimed for key, stream in part.items()}
     return FrameSet(root=folder, streams=streams) if streams else None
 
 
@@ -257,7 +259,8 @@ def _tree_shots(folder: Path, layout: Layout, search: _Search) -> list[Shot]:
         return []
     scale = _chosen_scale(folder, tree, layout.files, search.scale)
     lr = {} if scale is None else _sets(folder, tree.lr.replace("{scale}", scale), layout.files)
-    hr = _sets(folder, tree.hr, layout.files)
+    # names of LR's buffers are common ones: without LR, only HR's own tell the data set
+    hr = _sets(folder, tree.hr, layout.files if lr else tree.hr_buffers)
     shots = []
     for shot in sorted(lr or hr):
         side_car = None if tree.side_car is None else folder / tree.side_car.format(shot=shot)
@@ -300,9 +303,9 @@ def _chosen_scale(
     """
     first = tree.lr.partition("/")[0]
     before, _, after = first.partition("{scale}")
-    names = [c.name for c in folder.iterdir() if c.name.startswith(before) and c.is_dir()]
-    held = [n.removeprefix(before).removesuffix(after) for n in names if n.endswith(after)]
-    there = sorted(s for s in held if SCALE.fullmatch(s) and _is_lr(folder, tree, buffers, s))
+    names = (c.name for c in folder.iterdir() if c.name.startswith(before))
+    scales = (n.removeprefix(before).removesuffix(after) for n in names if n.endswith(after))
+    there = sorted(s for s in scales if SCALE.fullmatch(s) and _is_lr(folder, tree, buffers, s))
     if not there:
         return None
     whole = [s for s in there if "_" not in s]

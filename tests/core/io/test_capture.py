@@ -262,3 +262,22 @@ def test_a_side_car_that_makes_no_sense_is_refused_by_name(
 def test_a_side_car_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.csv: the camera side-car cannot be read"):
         read_cameras(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("camera.csv", "frame,worldToCamra,jitterpx\n1,2,3\n"),
+        ("camera.json", '[{"frame": 1, "worldToCamra": [], "jitterpx": [0, 0]}]'),
+    ],
+)
+def test_unknown_columns_of_a_camera_side_car_are_refused_with_a_suggestion(
+    tmp_path: Path, name: str, text: str
+) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        read_cameras(path)
+    message = str(caught.value)
+    assert "no column is called 'worldToCamra', did you mean 'worldToCamera'?" in message
+    assert "no column is called 'jitterpx', did you mean 'jitter_px'?" in message

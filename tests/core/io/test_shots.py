@@ -159,6 +159,14 @@ def test_folders_of_one_buffer_each_are_one_shot(tmp_path: Path) -> None:
     assert set(shot.frames.streams) == {"BaseColor/", "SceneDepth/"}
 
 
+def test_frames_beside_folders_of_one_buffer_each_belong_to_them(tmp_path: Path) -> None:
+    touch(tmp_path, "beauty.0001.exr")
+    for name in ("SceneDepth", "BunkerMetallic"):
+        touch(tmp_path / name, "0001.exr")
+    (shot,) = find_shots(tmp_path, buffer_folders=("*SceneDepth", "*Metallic"))
+    assert set(shot.frames.streams) == {"beauty", "SceneDepth/", "BunkerMetallic/"}
+
+
 def test_one_folder_with_a_buffers_name_is_a_shot_of_its_own(tmp_path: Path) -> None:
     touch(tmp_path / "BaseColor", "0001.exr")
     (shot,) = find_shots(tmp_path, buffer_folders=("BaseColor", "SceneDepth"))
