@@ -16,6 +16,7 @@ from rtsr_cli import __version__
 from rtsr_cli.core.errors import RtsrError, did_you_mean
 
 COMMANDS = {
+    "inspect": "Say what a folder of frames holds, and find out how its motion is stored.",
     "precompute-lut": "Write the split-sum BRDF table (A and B over NoV and roughness).",
     "demodulate": "Divide radiance into lighting and material, or multiply back.",
     "upscale": "Reconstruct high-resolution frames from low-resolution ones.",

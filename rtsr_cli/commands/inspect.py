@@ -1,0 +1,37 @@
+"""`rtsr inspect`: what a folder holds, how it is stored, what can run on it, what is wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from rtsr_cli.commands import options as opt
+
+
+@click.command("inspect")
+@opt.input_folder
+@click.option(
+    "--write", is_flag=True, help="Put what was found down as capture.toml in each shot's folder."
+)
+@click.option("--overwrite", is_flag=True, help="Let --write replace a capture.toml.")
+@click.option(
+    "--all", "every", is_flag=True, help="Look at the pixels of every frame, not of 64 at most."
+)
+@opt.quiet
+@opt.verbose
+@opt.as_json
+@opt.capture
+@opt.layout
+@click.pass_context
+def command(ctx: click.Context, /, **chosen: Any) -> None:
+    """Say what rtsr understands of the frames in IN, and what it needs to be told.
+
+    Finds out which way the motion vectors run by warping neighbouring frames under every reading
+    of them, which kind of depth and normals there are, what is missing for which system, and what
+    is wrong with which frame. Channels that it does not know can be declared in capture.toml:
+    --write makes one to start from.
+    """
+    from rtsr_cli.commands.run_inspect import run_inspect
+
+    ctx.exit(run_inspect(chosen))

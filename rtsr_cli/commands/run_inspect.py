@@ -1,0 +1,206 @@
+"""`rtsr inspect` after parsing: a report to read or JSON, and capture.toml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from rtsr_cli.commands.inspection_text import report
+from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.running import LOG
+from rtsr_cli.core.errors import OutputError, RtsrError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.geometry_finder import DepthFinding
+from rtsr_cli.core.imaging.jitter_finder import JitterFinding
+from rtsr_cli.core.imaging.motion_finder import Candidate
+from rtsr_cli.core.inspecting import SetInspection, ShotInspection, Statistics, inspect_shot
+from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture
+from rtsr_cli.core.io.capture_writing import capture_toml
+from rtsr_cli.core.io.opening import ReadOptions, declared, shots_of
+from rtsr_cli.core.io.shots import Shot
+from rtsr_cli.core.io.survey import MissingPolicy
+from rtsr_cli.models import load_system, system_names
+
+REFUSED = 3
+"""Exit code where the frames of some shot cannot be read as they are."""
+
+
+def run_inspect(chosen: Mapping[str, Any]) -> int:
+    """Inspect every shot; return the exit code."""
+    root = chosen["in_folder"]
+    options = ReadOptions(
+        layout=chosen["layout"], capture=chosen["capture_file"], on_missing=MissingPolicy.SKIP
+    )
+    systems = [load_system(name) for name in system_names()]
+    found: dict[str, ShotInspection] = {}
+    shots = shots_of(root, options)
+    for shot in tqdm(shots, unit="shot", disable=None if len(shots) > 1 else True):
+        inspection = inspect_shot(shot, root, options, systems=systems, every=chosen["every"])
+        found[shot.name] = inspection
+        if not chosen["as_json"]:
+            for line in report(inspection):
+                LOG.info("%s", line)
+        if chosen["write"]:
+            _write(shot, inspection, chosen, options)
+    if chosen["as_json"]:
+        facts = {name: shot_facts(inspection) for name, inspection in found.items()}
+        emit(next(iter(facts.values())) if len(facts) == 1 else {"shots": facts})
+    refused = any(i.main.settled is None or i.main.settled.undecided for i in found.values())
+    return REFUSED if refused else 0
+
+
+def _write(
+    shot: Shot, inspection: ShotInspection, chosen: Mapping[str, Any], options: ReadOptions
+) -> None:
+    path = shot.root / CAPTURE_FILE
+    if path.exists() and not chosen["overwrite"]:
+        raise OutputError(f"{path} exists; give --overwrite to replace it")
+    try:
+        known = declared(shot, chosen["in_folder"], options).capture
+    except RtsrError:
+        known = Capture()
+    text = capture_toml(inspection.main.settled, known, inspection.main.guessed)
+    write_atomically(path, partial(_put, text))
+    click.echo(f"{path}: written", err=chosen["as_json"])
+
+
+def _put(text: str, path: Path) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def shot_facts(inspection: ShotInspection) -> dict[str, Any]:
+    """Return the inspection as the plain values of `--json`."""
+    facts = set_facts(inspection.main)
+    facts["shot"] = inspection.name
+    facts["systems"] = {
+        name: {"ready": r.ready, "missing": list(r.missing), "how": r.how}
+        for name, r in inspection.systems.items()
+    }
+    if inspection.hr is not None:
+        facts["hr"] = set_facts(inspection.hr)
+    return facts
+
+
+def set_facts(found: SetInspection) -> dict[str, Any]:
+    """Return one resolution as plain values."""
+    reader = found.reader
+    return {
+        "root": str(found.root),
+        "layout": None if reader is None else reader.layout.name,
+        "verified": None if reader is None else reader.layout.verified,
+        "frames": list(found.numbers),
+        "missing": found.missing,
+        "size": None if reader is None else [reader.size[1], reader.size[0]],
+        "channels": {key: list(names) for key, names in found.channels.items()},
+        "unknown": {key: list(names) for key, names in found.unknown.items()},
+        "guesses": {buffer.value: list(places) for buffer, places in found.guessed.items()},
+        "buffers": {b.value: _buffer_facts(found, b, s) for b, s in found.statistics.items()},
+        "camera": reader is not None and reader.has_camera,
+        "motion": _motion_facts(found),
+        "depth": _depth_facts(found),
+        "normal": _normal_facts(found),
+        "nonfinite": {
+            buffer.value: statistics.nonfinite
+            for buffer, statistics in found.statistics.items()
+            if statistics.nonfinite
+        },
+        "problems": list(found.problems),
+        "notes": [] if found.settled is None else list(found.settled.notes),
+    }
+
+
+def _buffer_facts(found: SetInspection, buffer: Buffer, statistics: Statistics) -> dict[str, Any]:
+    binding = found.reader.binding[buffer] if found.reader is not None else ()
+    return {
+        "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in binding],
+        "min": statistics.low,
+        "max": statistics.high,
+        "median": statistics.median,
+        "zero_frames": list(statistics.zero),
+    }
+
+
+def _candidate_facts(candidate: Candidate) -> dict[str, Any]:
+    convention = candidate.convention
+    return {
+        "unit": convention.unit.value,
+        "direction": convention.direction.value,
+        "y_axis": convention.y_axis.value,
+        "axes": convention.axes.value,
+        "scale": convention.scale,
+        "zero": convention.zero,
+        "file_offset": convention.file_offset,
+        "error": round(candidate.error, 5),
+        "margin": round(candidate.margin, 4),
+        "significance": round(candidate.significance, 2),
+        "tied": candidate.tied,
+    }
+
+
+def _motion_facts(found: SetInspection) -> dict[str, Any] | None:
+    """`best` is the reading that stands alone; `used` is what commands will read by."""
+    reader, settled = found.reader, found.settled
+    if reader is None or settled is None or not {Buffer.MOTION, Buffer.FORWARD} & reader.stored:
+        return None
+    measured = settled.measured
+    finding = measured.motion
+    candidates = finding.candidates if finding is not None else ()
+    best = measured.best
+    jitter = measured.jitter
+    others = [c for c in candidates if best is None or c.convention != best.convention]
+    used = reader.conventions.motion
+    return {
+        "best": None if best is None else _with_jitter(best, jitter),
+        "margin": round(others[0].margin, 4) if best is not None and others else None,
+        "by_geometry": measured.by_geometry is not None,
+        "ties": [str(c.convention) for c in finding.ties] if finding is not None else [],
+        "candidates": [_candidate_facts(c) for c in candidates],
+        "unmoved_error": None if finding is None else round(finding.unmoved_error, 5),
+        "moving": None if finding is None else round(finding.moving, 5),
+        "jitter": None
+        if jitter is None
+        else {"verdict": jitter.verdict.value, "spread_px": round(jitter.spread_px, 3)},
+        "used": str(used),
+        "undecided": settled.undecided or None,
+    }
+
+
+def _with_jitter(best: Candidate, jitter: JitterFinding | None) -> dict[str, Any]:
+    return _candidate_facts(best) | {"jittered": None if jitter is None else jitter.in_vectors}
+
+
+def _depth_facts(found: SetInspection) -> dict[str, Any] | None:
+    reader, settled = found.reader, found.settled
+    if reader is None or settled is None or Buffer.DEPTH not in reader.stored:
+        return None
+    used = reader.conventions.depth
+    finding: DepthFinding = settled.measured.depth
+    return {
+        "kind": used.kind.value,
+        "reversed": used.reversed,
+        "unit_m": used.unit_m,
+        "measured": finding.best is not None,
+        "margin": round(finding.margin, 4),
+        "error": None if finding.best is None else finding.best.error,
+        "measure": finding.measure,
+    }
+
+
+def _normal_facts(found: SetInspection) -> dict[str, Any] | None:
+    reader, settled = found.reader, found.settled
+    if reader is None or settled is None or Buffer.NORMAL not in reader.stored:
+        return None
+    used = reader.conventions.normal
+    finding = settled.measured.normal
+    return {
+        "space": used.space.value,
+        "packed": used.packed,
+        "measured": finding is not None and finding.packed is not None,
+        "facing": {} if finding is None else finding.facing,
+    }

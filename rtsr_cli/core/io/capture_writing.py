@@ -1,0 +1,125 @@
+"""Writing `capture.toml`: what was declared, measured or presumed, spelled out for the next run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import Conventions
+from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.io.capture import Capture
+from rtsr_cli.core.io.settling import Settled
+
+HEADING = "# What the frames beside this file hold, as rtsr understood it; correct what is wrong."
+
+ALWAYS = frozenset({"unit", "direction", "y_axis", "jittered"})
+"""Fields of [motion] that are written even where they are what memory has."""
+
+
+def capture_toml(
+    settled: Settled | None, capture: Capture, guessed: Mapping[Buffer, tuple[str, ...]]
+) -> str:
+    """Return the text of a capture.toml.
+
+    Args:
+        settled: how the frames are read, None if they cannot be.
+        capture: what was declared already; it is kept.
+        guessed: suggestions for unknown channels, written as comments.
+    """
+    lines = [HEADING]
+    if settled is not None:
+        lines += _general(settled, capture)
+        lines += _conventions(settled)
+    lines += _buffers(capture, guessed)
+    return "\n".join(lines) + "\n"
+
+
+def toml_value(value: object) -> str:
+    """Write a string, number, boolean, or a list or table of such."""
+    if isinstance(value, Mapping):
+        pairs = ", ".join(f"{_key(k)} = {toml_value(v)}" for k, v in value.items())
+        return f"{{{pairs}}}"
+    if isinstance(value, list | tuple | frozenset):
+        items = sorted(value) if isinstance(value, frozenset) else value
+        return f"[{', '.join(toml_value(item) for item in items)}]"
+    if isinstance(value, bool) or value is None:
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    return json.dumps(str(value), ensure_ascii=False)
+
+
+def _key(key: object) -> str:
+    text = str(key)
+    plain = text.replace("_", "").replace("-", "").isalnum() and text.isascii()
+    return text if plain else json.dumps(text, ensure_ascii=False)
+
+
+def _general(settled: Settled, capture: Capture) -> list[str]:
+    preset = settled.reader.layout.name.partition(" + ")[0]
+    named = capture.layout or (preset if preset != "capture.toml" else None)
+    lines = [f"layout = {toml_value(named)}"] if named else []
+    conventions = settled.reader.conventions
+    lines.append(f"roughness = {toml_value(conventions.roughness)}")
+    lines.append(f"specular = {toml_value(conventions.specular)}")
+    declared = capture.model_dump(
+        mode="json",
+        include={"scale", "frame_step", "camera_cuts", "camera", "jitter_px", "colorspace"},
+        exclude_defaults=True,
+    )
+    return lines + [f"{name} = {toml_value(value)}" for name, value in declared.items()]
+
+
+def _conventions(settled: Settled) -> list[str]:
+    conventions: Conventions = settled.reader.conventions
+    stored = settled.reader.stored
+    lines = []
+    if stored & {Buffer.MOTION, Buffer.FORWARD}:
+        comment = "# " if settled.undecided else ""
+        if settled.undecided:
+            lines += ["", f"# undecided: {settled.undecided}"]
+        lines += ["[motion]" if not settled.undecided else "# [motion]"]
+        lines += [comment + line for line in _motion(conventions.motion)]
+    if Buffer.DEPTH in stored:
+        depth = conventions.depth
+        lines += ["[depth]", f"kind = {toml_value(depth.kind)}"]
+        lines += [f"reversed = {toml_value(depth.reversed)}"] if depth.reversed else []
+        lines += [f"unit = {toml_value(depth.unit_m)}    # metres"]
+        lines += [f"sky = {toml_value(depth.sky)}"] if depth.sky is not None else []
+    if Buffer.NORMAL in stored:
+        normal = conventions.normal
+        lines += ["[normal]", f"space = {toml_value(normal.space)}"]
+        lines += [f"packed = {toml_value(normal.packed)}"]
+        lines += [f"sky = {toml_value(normal.sky)}"] if normal.sky is not None else []
+    if Buffer.POSITION in stored:
+        lines += ["[position]", f"unit = {toml_value(conventions.metres_per_position)}    # metres"]
+    return lines
+
+
+def _motion(convention: MotionConvention) -> list[str]:
+    plain = asdict(MotionConvention())
+    return [
+        f"{name} = {toml_value(value)}"
+        for name, value in asdict(convention).items()
+        if name in ALWAYS or value != plain[name]
+    ]
+
+
+def _buffers(capture: Capture, guessed: Mapping[Buffer, tuple[str, ...]]) -> list[str]:
+    own = capture.model_dump(mode="json", include={"buffers"}, exclude_defaults=True)
+    lines = [f"{_key(b)} = {toml_value(_specs(s))}" for b, s in own.get("buffers", {}).items()]
+    if guessed:
+        lines.append("# channels that no buffer takes; take away the # where the guess is right:")
+        lines += [f"# {b} = {toml_value(places)}" for b, places in guessed.items()]
+    return ["[buffers]", *lines] if lines else []
+
+
+def _specs(specs: object) -> object:
+    """Leave out the fields of a channel that say nothing."""
+    if isinstance(specs, list):
+        return [_specs(spec) for spec in specs]
+    if isinstance(specs, dict):
+        return {k: v for k, v in specs.items() if v is not None}
+    return specs
