@@ -9,7 +9,13 @@ from typing import Any
 
 import torch
 
-from rtsr_cli.core.derive import DerivationConfig, derive_material, derive_sky, needs
+from rtsr_cli.core.derive import (
+    STRIP_PIXELS,
+    DerivationConfig,
+    derive_material,
+    derive_sky,
+    needs,
+)
 from rtsr_cli.core.errors import FrameFolderError, OutputBlockedError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -33,7 +39,7 @@ from rtsr_cli.core.io.provenance import FileDigests, color_tag, config_digest, d
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
-from rtsr_cli.core.shapes import Color, Mask
+from rtsr_cli.core.shapes import Color, Image, Mask, Size
 
 COMMAND = "demodulate"
 
@@ -295,23 +301,53 @@ def _divided(
 
     Only the quotient's own rounding is then left in the recomposed radiance.
     """
-    full = options.full
-    radiance = frame.gbuffer[Buffer.COLOR]
-    parts = divide(frame, options.derivation, full=full)
-    lighting = as_stored(parts.lighting, full=full)
-    recomposed = dm.remodulate(lighting, parts.material, parts.emission)
-    channels = {
-        **buffer_channels(Buffer.LIGHTING, lighting, full=full),
-        **buffer_channels(Buffer.MATERIAL, parts.material, full=full),
-        "mask": buffer_channels(Buffer.LIGHTING_MASK, parts.mask)[Buffer.LIGHTING_MASK.value],
-    }
-    if parts.emission is not None:
-        channels |= buffer_channels(Buffer.EMISSION, parts.emission, full=full)
-    return replace(
-        report,
-        error=dm.recomposition_error(radiance, recomposed),
-        undivided=float(1.0 - parts.mask.mean()),
-    ), channels
+    layers: dict[Buffer, torch.Tensor] = {}
+    error, divided = 0.0, 0.0
+    for top, strip in strips(frame):
+        parts = divide(strip, options.derivation, full=options.full)
+        lighting = as_stored(parts.lighting, full=options.full)
+        recomposed = dm.remodulate(lighting, parts.material, parts.emission)
+        error = max(error, dm.recomposition_error(strip.gbuffer[Buffer.COLOR], recomposed))
+        divided += float(parts.mask.sum(dtype=torch.float64))
+        for buffer, image in (
+            (Buffer.LIGHTING, lighting),
+            (Buffer.MATERIAL, parts.material),
+            (Buffer.LIGHTING_MASK, parts.mask),
+            (Buffer.EMISSION, parts.emission),
+        ):
+            if image is not None:
+                full = options.full and buffer is not Buffer.LIGHTING_MASK
+                _lay(layers, buffer, image, top, frame.size, full=full)
+    channels: dict[str, Any] = {}
+    for buffer, image in layers.items():
+        channels |= buffer_channels(buffer, image, full=image.dtype == torch.float32)
+    channels["mask"] = channels.pop(Buffer.LIGHTING_MASK.value)
+    height, width = frame.size
+    return replace(report, error=error, undivided=1.0 - divided / (height * width)), channels
+
+
+def strips(frame: Frame) -> Iterator[tuple[int, Frame]]:
+    """Cut a frame into strips of rows whose intermediates stay in the cache; with their tops."""
+    height, width = frame.size
+    rows = max(1, STRIP_PIXELS // width)
+    for top in range(0, height, rows):
+        yield top, frame.crop(top, 0, (min(rows, height - top), width))
+
+
+def _lay(
+    layers: dict[Buffer, torch.Tensor],
+    buffer: Buffer,
+    strip: Image,
+    top: int,
+    size: Size,
+    *,
+    full: bool,
+) -> None:
+    """Put a strip where it belongs in a picture of the whole frame, as the file stores it."""
+    if buffer not in layers:
+        dtype = torch.float32 if full else torch.float16
+        layers[buffer] = torch.empty(1, strip.shape[1], *size, dtype=dtype)
+    layers[buffer][:, :, top : top + strip.shape[2]].copy_(strip)
 
 
 def divide(frame: Frame, config: DerivationConfig, *, full: bool) -> dm.Demodulated:
@@ -320,14 +356,14 @@ def divide(frame: Frame, config: DerivationConfig, *, full: bool) -> dm.Demodula
     material = as_stored(derive_material(frame, config), full=full)
     sky: Mask = torch.zeros_like(material[:, :1]) if softplus else derive_sky(frame.gbuffer)
     emission = None if softplus else frame.gbuffer.buffers.get(Buffer.EMISSION)
-    radiance = frame.gbuffer[Buffer.COLOR]
-    parts = dm.demodulate(radiance, material, sky=sky, emission=emission, epsilon=config.epsilon)
-    if parts.emission is None:
-        return parts
-    stored = as_stored(parts.emission, full=full)
-    reflected = (radiance - stored).clamp(min=0.0)
-    # where rounding lifts emission above radiance the difference is below the file's precision
-    return replace(parts, emission=stored, lighting=reflected / parts.material)
+    return dm.demodulate(
+        frame.gbuffer[Buffer.COLOR],
+        material,
+        sky=sky,
+        emission=emission,
+        epsilon=config.epsilon,
+        stored=lambda image: as_stored(image, full=full),
+    )
 
 
 def _recomposed(

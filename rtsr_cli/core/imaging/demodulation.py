@@ -9,6 +9,7 @@ radiance and material is 1, so that the same product recomposes every pixel.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -103,6 +104,7 @@ def demodulate(
     sky: Mask,
     emission: Color | None = None,
     epsilon: float = MATERIAL_EPSILON,
+    stored: Callable[[Color], Color] | None = None,
 ) -> Demodulated:
     """Divide radiance, less its emission, by the material term where that is safe.
 
@@ -119,13 +121,19 @@ def demodulate(
         sky: 1 = sky.
         emission: part of the radiance that no light and no material explains.
         epsilon: smallest divisor.
+        stored: rounding that emission will undergo; done here, lighting makes up for it. Where it
+            lifts emission above radiance the difference is below the file's precision.
     """
     bounded = None if emission is None else torch.minimum(emission.clamp(min=0.0), radiance)
-    reflected = radiance if bounded is None else (radiance - bounded).clamp(min=0.0)
-    safe = (material > epsilon).all(1, keepdim=True) & (sky < 0.5)
-    representable = (reflected <= MAX_HALF * material).all(1, keepdim=True)
-    divisible = safe & representable & torch.isfinite(radiance).all(1, keepdim=True)
-    divisor = torch.where(divisible, material, torch.ones_like(material))
+    if bounded is not None and stored is not None:
+        bounded = stored(bounded)
+    reflected = radiance if bounded is None else (radiance - bounded).clamp_(min=0.0)
+    divisible = (material.amin(1, keepdim=True) > epsilon) & (sky < 0.5)
+    divisible &= (reflected <= MAX_HALF * material).all(1, keepdim=True)
+    # a sum that is finite has finite terms only, and costs one fast pass
+    if not bool(torch.isfinite(radiance.sum())):
+        divisible &= torch.isfinite(radiance).all(1, keepdim=True)
+    divisor = torch.where(divisible, material, 1.0)
     return Demodulated(
         lighting=reflected / divisor,
         material=divisor,
@@ -154,6 +162,9 @@ def lighting_scale(lighting: Color, mask: Mask) -> float:
 
 def recomposition_error(radiance: Color, recomposed: Color) -> float:
     """Largest |difference| relative to max(|radiance|, 1e-3) over finite pixels."""
+    difference = (recomposed - radiance).abs_().div_(radiance.abs().clamp_(min=1e-3))
+    largest = float(difference.max())
+    if math.isfinite(largest):
+        return largest
     finite = torch.isfinite(radiance) & torch.isfinite(recomposed)
-    difference = (recomposed - radiance).abs() / radiance.abs().clamp(min=1e-3)
     return float(torch.where(finite, difference, torch.zeros_like(difference)).max())

@@ -156,13 +156,14 @@ def image_channels(
     Args:
         prefix: layer name.
         image: 1 x c x h x w.
-        components: one letter a channel.
+        components: one letter a channel; none if the layer's name is the channel's.
         full: store float instead of half.
     """
-    planes = image[0].float()
+    planes = image[0] if image.dtype == torch.float16 and not full else image[0].float()
+    names = [f"{prefix}.{c}" if prefix else c for c in components] or [prefix]
     return {
-        f"{prefix}.{c}" if prefix else c: planes[i].cpu().numpy() if full else to_half(planes[i])
-        for i, c in enumerate(components)
+        name: planes[i].cpu().numpy() if full else to_half(planes[i])
+        for i, name in enumerate(names)
     }
 
 
@@ -181,8 +182,4 @@ def debug_channels(pictures: Mapping[str, Image]) -> dict[str, NDArray[Any]]:
 
 def buffer_channels(buffer: Buffer, image: Image, *, full: bool = False) -> dict[str, Any]:
     """Name a buffer's planes as the canonical layout does."""
-    components = BUFFER_SPECS[buffer].components
-    if not components:
-        plane = image[0, 0].float()
-        return {buffer.value: plane.cpu().numpy() if full else to_half(plane)}
-    return image_channels(buffer.value, image, components, full=full)
+    return image_channels(buffer.value, image, BUFFER_SPECS[buffer].components, full=full)
