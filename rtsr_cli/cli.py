@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 from importlib import import_module
+from types import FrameType
 from typing import NoReturn
 
 import click
@@ -23,6 +25,13 @@ COMMANDS = {
 
 EXIT_REFUSED = 3
 """Exit code of an input that is refused; usage errors are click's 2, failed frames 1."""
+
+
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+"""Signals that end a run in good order."""
+
+SIGNALLED = 128
+"""Plus the signal's number: the exit code that shells use."""
 
 
 class LazyGroup(click.Group):
@@ -64,6 +73,10 @@ class LazyGroup(click.Group):
         except RtsrError as error:
             click.echo(f"Error: {error}", err=True)
             ctx.exit(EXIT_REFUSED)
+        except KeyboardInterrupt as interrupt:
+            number = interrupt.args[0] if interrupt.args else signal.SIGINT
+            click.echo("Interrupted: what is finished is kept; run again for the rest", err=True)
+            ctx.exit(SIGNALLED + number)
         except BrokenPipeError:
             # the reader of a pipe went away; nothing is left to tell it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -92,7 +105,16 @@ def group() -> None:
     logger.setLevel(logging.INFO)
 
 
+def _interrupt(number: int, _: FrameType | None) -> None:
+    """Unwind, so that files being written are finished; a second signal changes nothing."""
+    for other in STOPPING:
+        signal.signal(other, signal.SIG_IGN)
+    raise KeyboardInterrupt(number)
+
+
 def main() -> NoReturn:
     """Entry point of `rtsr`."""
+    for number in STOPPING:
+        signal.signal(number, _interrupt)
     group(prog_name="rtsr")
     raise AssertionError("click ends the process")

@@ -86,6 +86,20 @@ class LayoutChoice(Named):
         return super().convert(value, param, ctx)
 
 
+class TileSide(click.ParamType[int]):
+    """Side of a tile: 0 for none, or large enough that its rim is not most of the work."""
+
+    name = "PX"
+    smallest = 16
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Parse, and refuse tiles that are mostly rim."""
+        side = click.INT.convert(value, param, ctx)
+        if side != 0 and side < self.smallest:
+            self.fail(f"{side} is too small; write {self.smallest} or more, or 0", param, ctx)
+        return int(side)
+
+
 FOLDER = click.Path(path_type=Path)
 
 input_folder = click.argument("in_folder", metavar="IN", type=FOLDER)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -13,8 +13,13 @@ from rtsr_cli.commands.running import (
     FAILED,
     LOG,
     log_binding,
+    log_estimate,
+    log_findings,
+    log_repairs,
+    log_stopped,
     read_options,
     selection,
+    skipped,
     warn_if_nothing,
 )
 from rtsr_cli.core import demodulating
@@ -49,26 +54,47 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
         for name, reader in found
     ]
     for plan in plans:
-        _announce(chosen, plan)
+        _announce(chosen, plan, options)
     if chosen["dry_run"]:
         return 0
     for plan in plans:
         check_writable(plan.folder)
     reports: list[FrameReport] = []
-    with tqdm(total=sum(len(p.pending) for p in plans), unit="frame", disable=None) as bar:
-        for plan in plans:
-            for report in demodulating.run_frames(plan, options):
-                reports.append(report)
-                bar.update(not report.kept)
-                _tell(chosen, report)
-    return _summary(chosen, reports, options)
+    pending = sum(len(plan.pending) for plan in plans)
+    with tqdm(total=pending, unit="frame", disable=None) as bar:
+        for report in _reports(plans, options):
+            reports.append(report)
+            bar.update(not report.kept)
+            _tell(chosen, report)
+    code = _summary(chosen, reports, options)
+    if any(r.stops for r in reports):
+        log_stopped(sum(not r.kept and not r.failed for r in reports), pending)
+    return code
 
 
-def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan) -> None:
+def _reports(plans: list[DemodulatePlan], options: DemodulateOptions) -> Iterator[FrameReport]:
+    for plan in plans:
+        for report in demodulating.run_frames(plan, options):
+            yield report
+            if report.stops:
+                return
+
+
+def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan, options: DemodulateOptions) -> None:
     reader = plan.reader
+    facts = {
+        "shot": plan.name,
+        "layout": reader.layout.name,
+        "frames": len(plan.selected),
+        "pending": len(plan.pending),
+        "skipped": skipped(reader, plan.selected, plan.pending),
+        "read_bytes": plan.read_bytes,
+        "write_bytes_at_most": plan.write_bytes(options),
+        "warnings": list(reader.warnings),
+        "notes": list(reader.notes),
+    }
     if chosen["as_json"]:
-        facts = {"shot": plan.name, "layout": reader.layout.name, "frames": len(plan.selected)}
-        emit({"event": "plan", **facts, "pending": len(plan.pending)})
+        emit({"event": "plan", **facts})
         return
     LOG.info(
         "%s: layout %s, frames %s; %d to write, %d done already",
@@ -78,6 +104,9 @@ def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan) -> None:
         len(plan.pending),
         len(plan.selected) - len(plan.pending),
     )
+    log_findings(reader)
+    if chosen["dry_run"]:
+        log_estimate(facts)
     log_binding(reader)
     warn_if_nothing(reader, plan.selected)
 
@@ -100,6 +129,8 @@ def _summary(
         "failed": failed,
         "error": max((r.error for r in fresh), default=0.0),
         "undivided": sum(r.undivided for r in fresh) / max(len(fresh), 1),
+        "nonfinite": sum(r.nonfinite for r in fresh),
+        "stopped": any(r.stops for r in reports),
     }
     if chosen["as_json"]:
         emit({"event": "done", **facts})
@@ -111,6 +142,7 @@ def _summary(
         facts["kept"],
         failed,
     )
+    log_repairs({r.path.name: r.nonfinite for r in fresh if r.nonfinite})
     if fresh and not options.inverse:
         LOG.info(
             "largest recomposition error %.2e of max(|c|, 1e-3); %.2f %% of the pixels not divided",

@@ -16,11 +16,16 @@ from rtsr_cli.commands.running import (
     LOG,
     device_named,
     log_binding,
+    log_estimate,
+    log_findings,
+    log_repairs,
+    log_stopped,
     read_options,
     selection,
+    skipped,
     warn_if_nothing,
 )
-from rtsr_cli.core import planning, upscaling
+from rtsr_cli.core import planning, tiling, upscaling
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_pairs
@@ -57,10 +62,11 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
             inputs=planning.system_inputs(system, base),
             folder=chosen["out_folder"] / name,
             options=options,
-            config=_stamped(chosen, system),
+            config=_stamped(chosen, system, source),
+            passthrough=chosen["passthrough"],
         )
         jobs.append((plan, network))
-        _announce(chosen, plan)
+        _announce(chosen, plan, options)
     if chosen["dry_run"]:
         return 0
     for plan, _ in jobs:
@@ -97,8 +103,10 @@ def _system(name: str | None, source: PairSource, base: Inputs) -> System:
     return systems[-1]
 
 
-def _stamped(chosen: Mapping[str, Any], system: System) -> object:
+def _stamped(chosen: Mapping[str, Any], system: System, source: PairSource) -> object:
     """Choices that change the outputs' bytes."""
+    requested = upscaling.requested_tile(tile=chosen["tile"], debug=chosen["debug_buffers"])
+    side = tiling.tile_side(system, source.lr_size, source.scale, requested)
     names = (
         "simulate_lr",
         "samples_per_pixel",
@@ -106,13 +114,12 @@ def _stamped(chosen: Mapping[str, Any], system: System) -> object:
         "lr_filter",
         "precision",
         "on_nonfinite",
-        "tile",
-        "debug_buffers",
+        "passthrough",
     )
-    return [asdict(system.config()), asdict(system.derivation), [chosen[n] for n in names]]
+    return [asdict(system.config()), asdict(system.derivation), side, [chosen[n] for n in names]]
 
 
-def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
+def _announce(chosen: Mapping[str, Any], plan: ShotPlan, options: UpscaleOptions) -> None:
     source, system = plan.source, plan.system
     height, width = source.lr_size
     scale = source.scale
@@ -125,6 +132,11 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
         "layout": source.reader.layout.name,
         "frames": len(plan.selected),
         "pending": len(plan.pending),
+        "warnings": [text for reader in source.readers for text in reader.warnings],
+        "notes": [text for reader in source.readers for text in reader.notes],
+        "skipped": skipped(source.reader, plan.selected, plan.pending),
+        "read_bytes": plan.read_bytes,
+        "write_bytes_at_most": plan.write_bytes(options),
     }
     if chosen["as_json"]:
         emit({"event": "plan", **facts})
@@ -144,6 +156,10 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan) -> None:
         len(plan.pending),
         len(plan.selected) - len(plan.pending),
     )
+    for reader in source.readers:
+        log_findings(reader)
+    if chosen["dry_run"]:
+        log_estimate(facts)
     log_binding(source.reader)
     warn_if_nothing(source.reader, plan.selected)
 
@@ -152,16 +168,24 @@ def _events(
     jobs: list[tuple[ShotPlan, nn.Module]], options: UpscaleOptions
 ) -> Iterator[FrameEvent]:
     for plan, network in jobs:
-        yield from upscaling.run_shot(plan, network, options)
+        for event in upscaling.run_shot(plan, network, options):
+            yield event
+            if event.stops:
+                return
 
 
 def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: int) -> int:
     """Show progress, print the summary, return the exit code."""
     counts = dict.fromkeys(Status, 0)
+    repaired: dict[str, int] = {}
+    stopped = False
     started = time.perf_counter()
     with tqdm(total=pending, unit="frame", disable=None) as bar:
         for event in events:
             counts[event.status] += 1
+            stopped = event.stops
+            if event.nonfinite:
+                repaired[event.path.name] = event.nonfinite
             if event.status is not Status.KEPT:
                 bar.update()
             if chosen["as_json"]:
@@ -171,8 +195,12 @@ def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: in
     seconds = time.perf_counter() - started
     totals = {status.value: count for status, count in counts.items()}
     if chosen["as_json"]:
-        emit({"event": "done", "seconds": round(seconds, 3), **totals})
+        found = {"nonfinite": sum(repaired.values()), "stopped": stopped}
+        emit({"event": "done", "seconds": round(seconds, 3), **totals, **found})
     else:
         listed = ", ".join(f"{count} {status}" for status, count in totals.items())
         LOG.info("%s: %s, %.1f s", chosen["out_folder"], listed, seconds)
+        log_repairs(repaired)
+    if stopped:
+        log_stopped(counts[Status.WRITTEN], pending)
     return FAILED if counts[Status.FAILED] else 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -17,6 +17,10 @@ from rtsr_cli.core.io.survey import MissingPolicy
 LOG = logging.getLogger("rtsr")
 """What is said to a person; `-q` and `-v` set its level, `--json` takes its place."""
 
+MIB = 1 << 20
+MAX_LISTED = 10
+"""Frames that a summary names; the rest is counted."""
+
 FAILED = 1
 """Exit code where some frames failed and the rest are done."""
 
@@ -28,6 +32,7 @@ def read_options(chosen: Mapping[str, Any]) -> ReadOptions:
         capture=chosen["capture_file"],
         on_missing=MissingPolicy(chosen["on_missing"]),
         output=chosen["out_folder"],
+        sharded=chosen["shard"] is not None,
     )
 
 
@@ -62,6 +67,73 @@ def warn_if_nothing(reader: FrameReader, selected: Sequence[int]) -> None:
         LOG.warning(
             "%s: nothing selected, its frames are %s", reader.frames.root, ranges(reader.numbers)
         )
+
+
+def log_findings(reader: FrameReader) -> None:
+    """Say what measurement contradicts, and what it decided."""
+    for text in reader.warnings:
+        LOG.warning("Warning: %s: %s", reader.frames.root, text)
+    for text in reader.notes:
+        LOG.info("    %s", text)
+
+
+def skipped(
+    reader: FrameReader, selected: Sequence[int], pending: Collection[int]
+) -> dict[str, str]:
+    """Say which frames of a shot are not written, or are not themselves, and why; as ranges."""
+    there = set(reader.frames.numbers)
+    expected = there | set(range(min(there), max(there) + 1, reader.step))
+    reasons = {
+        "done": set(selected) - set(pending),
+        "not_selected": set(reader.numbers) - set(selected),
+        "missing": expected - set(reader.numbers),
+        "held": set(reader.held) & set(selected),
+    }
+    return {reason: ranges(numbers) for reason, numbers in reasons.items() if numbers}
+
+
+REASONS = {
+    "done": "done already",
+    "not_selected": "not selected",
+    "missing": "missing",
+    "held": "missing, the frame before stands in",
+}
+"""How a person reads the reasons of `skipped`."""
+
+
+def log_estimate(facts: Mapping[str, Any]) -> None:
+    """Say what a run would read and write, and what it would leave out (`--dry-run`)."""
+    LOG.info(
+        "    reads %.1f MiB of files, writes at most %.1f MiB (without compression)",
+        facts["read_bytes"] / MIB,
+        facts["write_bytes_at_most"] / MIB,
+    )
+    for reason, frames in facts["skipped"].items():
+        LOG.info("    frames %s: %s", frames, REASONS[reason])
+
+
+def log_repairs(repaired: Mapping[str, int]) -> None:
+    """Say how many NaN and Inf were repaired, by frame."""
+    if not repaired:
+        return
+    listed = [f"{name}: {count}" for name, count in repaired.items()]
+    more = f" and {len(listed) - MAX_LISTED} more" if len(listed) > MAX_LISTED else ""
+    LOG.info(
+        "repaired %d NaN or Inf in %d frames (%s%s)",
+        sum(repaired.values()),
+        len(repaired),
+        ", ".join(listed[:MAX_LISTED]),
+        more,
+    )
+
+
+def log_stopped(done: int, planned: int) -> None:
+    """Say how to go on after a run that a full disk ended."""
+    LOG.error(
+        "Stopped: %d of %d frames are done; the same command writes the rest, once there is space",
+        done,
+        planned,
+    )
 
 
 def log_binding(reader: FrameReader) -> None:

@@ -54,9 +54,16 @@ from rtsr_cli.models import system_names
 @click.option("--preview", "previews", is_flag=True, help="A PNG beside each EXR.")
 @click.option(
     "--tile",
-    type=click.IntRange(min=0),
+    type=opt.TileSide(),
     metavar="PX",
-    help="Side of tiles in LR pixels; 0 = never; by the frame's size by default.",
+    help="Side of tiles in LR pixels, 16 or more; 0 = never; by the frame's size by default.",
+)
+@click.option(
+    "--passthrough",
+    metavar="GLOB",
+    multiple=True,
+    help="Copy input channels of these names to the output: as HR holds them (never its "
+    "radiance), else LR's with each pixel repeated. Repeatable; not for R G B A.",
 )
 @click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @click.option(

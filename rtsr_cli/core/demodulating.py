@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from rtsr_cli.core.derive import DerivationConfig, derive_material, derive_sky, needs
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, OutputBlockedError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
@@ -18,6 +18,9 @@ from rtsr_cli.core.io.atomic import remove_leftovers
 from rtsr_cli.core.io.exr import read_header, write_exr
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.outputs import (
+    FLOAT_BYTES,
+    HALF_BYTES,
+    HEADER_BYTES,
     OutputState,
     buffer_channels,
     image_channels,
@@ -67,6 +70,8 @@ class FrameReport:
         undivided: share of the pixels with mask 0.
         kept: True if the output was there already.
         failed: message, empty if all went well.
+        nonfinite: NaN and Inf that were repaired in the input.
+        stops: True if no other frame could be written either, so that the run ended.
     """
 
     shot: str
@@ -76,6 +81,8 @@ class FrameReport:
     undivided: float = 0.0
     kept: bool = False
     failed: str = ""
+    nonfinite: int = 0
+    stops: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,9 +102,26 @@ class DemodulatePlan:
         """Return the output of a frame."""
         return self.folder / output_name(self.reader, number)
 
+    def files(self, number: int) -> tuple[Path, ...]:
+        """Every file that is read for a frame."""
+        return self.reader.files(number, self.read)
+
+    @property
+    def read_bytes(self) -> int:
+        """Size of the files that the run will read."""
+        return self.digests.bytes_of(path for n in self.pending for path in self.files(n))
+
+    def write_bytes(self, options: DemodulateOptions) -> int:
+        """Return what the run writes at most: its pixels without compression."""
+        height, width = self.reader.size
+        sample = FLOAT_BYTES if options.full else HALF_BYTES
+        layers = 1 if options.inverse else 3 if Buffer.EMISSION in self.read else 2
+        a_pixel = layers * 3 * sample + (0 if options.inverse else HALF_BYTES)
+        return len(self.pending) * (height * width * a_pixel + HEADER_BYTES)
+
     def stamp(self, number: int) -> str:
         """Return the stamp of an output."""
-        content = self.digests.of_all(self.reader.files(number, self.read))
+        content = self.digests.of_all(self.files(number))
         return digest(self.config_hash, content, self.reader.camera_values(number))
 
 
@@ -146,77 +170,117 @@ def plan_frames(
     if not options.overwrite:
         foreign = [plan.path(n) for n, s in states.items() if s is OutputState.FOREIGN]
         refuse_foreign(foreign, f"rtsr {COMMAND}")
-    return replace(plan, pending=tuple(n for n, s in states.items() if s is not OutputState.DONE))
+    pending = tuple(n for n, s in states.items() if s is not OutputState.DONE)
+    for number in pending:
+        plan.digests.note(plan.files(number))
+    return replace(plan, pending=pending)
 
 
 def _state(plan: DemodulatePlan, number: int) -> OutputState:
     """State of one output; inputs are hashed only where it is there."""
     path = plan.path(number)
-    return output_state(path, plan.stamp(number)) if path.exists() else OutputState.ABSENT
+    if not path.exists():
+        return OutputState.ABSENT
+    try:
+        return output_state(path, plan.stamp(number))
+    except FrameFolderError:
+        # an input that cannot be read now is said when its frame's turn comes
+        return OutputState.FOREIGN
 
 
 def run_frames(plan: DemodulatePlan, options: DemodulateOptions) -> Iterator[FrameReport]:
-    """Compute and write what is pending; yield a report for every selected frame."""
+    """Compute and write what is pending; yield a report for every selected frame.
+
+    A disk that is full ends the run with the report that `stops`.
+    """
     for number in set(plan.selected) - set(plan.pending):
         yield FrameReport(shot=plan.name, number=number, path=plan.path(number), kept=True)
     if not plan.pending:
         return
     remove_leftovers(plan.folder)
-
-    def work(number: int) -> tuple[FrameReport, Mapping[str, Any]]:
-        frame, _ = checked(plan.reader.read(number, plan.read), options.on_nonfinite)
-        report = FrameReport(shot=plan.name, number=number, path=plan.path(number))
-        return (
-            _recomposed(frame, report, options)
-            if options.inverse
-            else _divided(frame, report, options)
-        )
-
     ahead = read_ahead(options.jobs, plan.reader.frame_bytes)
     with BackgroundWriter[FrameReport](options.jobs) as writer:
-        for number, future in prefetch(work, plan.pending, ahead):
-            error = future.exception()
-            if isinstance(error, FrameFolderError):
-                yield FrameReport(
-                    shot=plan.name, number=number, path=plan.path(number), failed=str(error)
-                )
-                continue
-            report, channels = future.result()
-            writer.submit(report, _write(plan, number, channels))
-            yield from _written(writer, wait=False)
-        yield from _written(writer, wait=True)
+        for report in _stream(plan, options, writer, ahead):
+            yield report
+            if report.stops:
+                return
 
 
-def _written(writer: BackgroundWriter[FrameReport], *, wait: bool) -> Iterator[FrameReport]:
-    for report, error in writer.done(wait=wait):
-        if error is not None:
-            raise error
-        yield report
+def _stream(
+    plan: DemodulatePlan,
+    options: DemodulateOptions,
+    writer: BackgroundWriter[FrameReport],
+    ahead: int,
+) -> Iterator[FrameReport]:
+    """Compute the frames in the threads that read them, and queue them for writing."""
+
+    def work(number: int) -> tuple[FrameReport, Callable[[], None]]:
+        return _computed(plan, number, options)
+
+    for number, future in prefetch(work, plan.pending, ahead):
+        try:
+            report, write = future.result()
+        except RtsrError as error:
+            failed = FrameReport(shot=plan.name, number=number, path=plan.path(number))
+            yield replace(failed, failed=str(error))
+            continue
+        writer.submit(report, write)
+        yield from _written(writer, wait=False)
+    yield from _written(writer, wait=True)
 
 
-def _write(plan: DemodulatePlan, number: int, channels: Mapping[str, Any]) -> Any:
+def _computed(
+    plan: DemodulatePlan, number: int, options: DemodulateOptions
+) -> tuple[FrameReport, Callable[[], None]]:
+    """Read and divide a frame; return its report and the call that writes it.
+
+    Raises:
+        RtsrError: the frame cannot be read, or is not what it was when the run was planned.
+    """
     source = plan.reader.path(number)
-    attributes = {
-        **read_header(source).attributes,
-        **provenance(
-            command=COMMAND,
-            config_hash=plan.config_hash,
-            source=source,
-            stamp=plan.stamp(number),
-            extra=color_tag(plan.reader.conventions),
-        ),
-    }
+    with plan.digests.unchanged(plan.files(number)):
+        stamp = plan.stamp(number)
+        attributes = read_header(source).attributes
+        frame = plan.reader.read(number, plan.read)
+    frame, fixed = checked(frame, options.on_nonfinite)
+    report = FrameReport(shot=plan.name, number=number, path=plan.path(number), nonfinite=fixed)
+    transform = _recomposed if options.inverse else _divided
+    report, channels = transform(frame, report, options)
+    known = provenance(
+        command=COMMAND,
+        config_hash=plan.config_hash,
+        source=source,
+        stamp=stamp,
+        extra={"rtsr:nonfinite": fixed, **color_tag(plan.reader.conventions)},
+    )
 
     def write() -> None:
         write_exr(
-            plan.path(number),
+            report.path,
             channels,
-            attributes=attributes,
+            attributes={**attributes, **known},
             data_window=plan.reader.region,
             display_window=plan.reader.display,
         )
 
-    return write
+    return report, write
+
+
+def _written(writer: BackgroundWriter[FrameReport], *, wait: bool) -> Iterator[FrameReport]:
+    """Reports of finished writes; after one that blocks the others, only of those that succeed."""
+    for report, error in writer.done(wait=wait):
+        if error is None:
+            yield report
+            continue
+        if not isinstance(error, RtsrError):
+            raise error
+        failure = replace(report, failed=str(error))
+        if not isinstance(error, OutputBlockedError):
+            yield failure
+            continue
+        yield from (late for late, worse in writer.drop() if worse is None)
+        yield replace(failure, stops=True)
+        return
 
 
 def as_stored(image: Color, *, full: bool) -> Color:

@@ -17,6 +17,10 @@ class FrameFolderError(RtsrError):
     """A folder, sequence or file that cannot be used as it is."""
 
 
+class InputChangedError(FrameFolderError):
+    """A file that is no longer what it was when the run was planned."""
+
+
 class MissingBufferError(RtsrError):
     """A buffer that a system needs and a frame does not hold."""
 
@@ -31,6 +35,10 @@ class ConfigError(RtsrError):
 
 class OutputError(RtsrError):
     """An output that cannot be written, or that rtsr did not write and must not replace."""
+
+
+class OutputBlockedError(OutputError):
+    """A disk that is full or a folder that takes no more files: every other write fails alike."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

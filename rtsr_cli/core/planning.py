@@ -17,20 +17,29 @@ from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.io.outputs import (
+    FLOAT_BYTES,
+    HALF_BYTES,
+    HEADER_BYTES,
     PREVIEW_SUFFIX,
     OutputState,
+    debug_path,
     output_name,
     output_state,
     refuse_foreign,
     refuse_inputs,
 )
 from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.io.passing import Passed, find_passed
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
+from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import System
 
 COMMAND = "upscale"
+
+UNREADABLE = "unreadable"
+"""Stands in the stamps for the content of a file that could not be read."""
 
 
 class Precision(StrEnum):
@@ -86,6 +95,7 @@ class ShotPlan:
         config_hash: of system, config, weights and everything that was declared or chosen.
         starts: for each selected number the first one whose input its output depends on.
         digests: of the input files.
+        passed: channels that are only handed through.
     """
 
     name: str
@@ -100,10 +110,36 @@ class ShotPlan:
     config_hash: str
     starts: Mapping[int, int]
     digests: FileDigests
+    passed: tuple[Passed, ...] = ()
 
     def path(self, number: int) -> Path:
         """Return the output of a frame."""
         return self.folder / output_name(self.source.reader, number)
+
+    def files(self, number: int) -> tuple[Path, ...]:
+        """Every file that is read for a frame."""
+        passed = (path for part in self.passed for path in part.files(number))
+        return tuple(dict.fromkeys((*self.source.files(number, self.inputs), *passed)))
+
+    @property
+    def output_size(self) -> Size:
+        """(height, width) of the outputs."""
+        height, width = self.source.lr_size
+        return height * self.source.scale, width * self.source.scale
+
+    @property
+    def read_bytes(self) -> int:
+        """Size of the files that the run will read, history included."""
+        return self.digests.bytes_of(path for n in self.order for path in self.files(n))
+
+    def write_bytes(self, options: UpscaleOptions) -> int:
+        """Return what the run writes at most without debug files: pixels without compression."""
+        height, width = self.output_size
+        layers = len("RGBA" if Buffer.ALPHA in self.source.reader.stored else "RGB")
+        passed = sum(len(part.channels) for part in self.passed)
+        picture = len("RGB") if options.previews else 0
+        a_pixel = layers * HALF_BYTES + passed * FLOAT_BYTES + picture
+        return len(self.pending) * (height * width * a_pixel + HEADER_BYTES)
 
 
 def system_inputs(system: System, base: Inputs) -> Inputs:
@@ -154,6 +190,7 @@ def plan_shot(
     folder: Path,
     options: UpscaleOptions,
     config: object,
+    passthrough: Sequence[str] = (),
 ) -> ShotPlan:
     """Check one shot and find out what is left to do.
 
@@ -165,6 +202,7 @@ def plan_shot(
         folder: where outputs go.
         options: how to run.
         config: plain values that, beside the inputs' bytes, decide the outputs' bytes.
+        passthrough: patterns of channels that are handed through.
 
     Raises:
         RtsrError: an input is missing, an output is in the way; nothing has been computed.
@@ -191,6 +229,7 @@ def plan_shot(
         config_hash=config_digest(system.name, config, reader.declaration, source.scale),
         starts=_starts(sequence, system, selected, sharded=options.selection.shard is not None),
         digests=FileDigests(),
+        passed=find_passed(source, passthrough),
     )
     refuse_inputs([plan.path(n) for n in selected], source.readers)
     states = _states(plan, options)
@@ -200,7 +239,10 @@ def plan_shot(
             f"rtsr {COMMAND}",
         )
     pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
-    return replace(plan, pending=pending, order=_order(plan, pending))
+    plan = replace(plan, pending=pending, order=_order(plan, pending))
+    for number in plan.order:
+        plan.digests.note(plan.files(number))
+    return plan
 
 
 def _states(plan: ShotPlan, options: UpscaleOptions) -> dict[int, OutputState]:
@@ -212,9 +254,11 @@ def _states(plan: ShotPlan, options: UpscaleOptions) -> dict[int, OutputState]:
         if not path.exists():
             states[number] = OutputState.ABSENT
             continue
-        state = output_state(path, stamps.of(number))
+        stamp = stamps.of(number)
+        state = output_state(path, stamp)
         lacks_preview = options.previews and not path.with_suffix(PREVIEW_SUFFIX).exists()
-        absent = state is OutputState.DONE and lacks_preview
+        lacks_debug = options.debug and output_state(debug_path(path), stamp) is not state
+        absent = state is OutputState.DONE and (lacks_preview or lacks_debug)
         states[number] = OutputState.ABSENT if absent else state
     return states
 
@@ -279,10 +323,14 @@ class Stamps:
     def input_digest(self, number: int) -> str:
         """Hash a frame's files and camera; a file that cannot be read hashes as such."""
         if number not in self._inputs:
-            source = self._plan.source
+            camera = self._plan.source.reader.camera_values(number)
             try:
-                content = self._plan.digests.of_all(source.files(number, self._plan.inputs))
+                content = self._plan.digests.of_all(self._plan.files(number))
             except RtsrError:
-                content = "unreadable"
-            self._inputs[number] = digest(content, source.reader.camera_values(number))
+                content = UNREADABLE
+            self._inputs[number] = digest(content, camera)
         return self._inputs[number]
+
+    def spoil(self, number: int) -> None:
+        """Count a frame that changed under the run as unreadable, whatever it holds by now."""
+        self._inputs[number] = digest(UNREADABLE, number)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -13,12 +13,17 @@ import torch
 from torch import nn
 
 from rtsr_cli.core import tiling
-from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.errors import (
+    FrameFolderError,
+    InputChangedError,
+    OutputBlockedError,
+    RtsrError,
+)
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
 from rtsr_cli.core.io.atomic import remove_leftovers
-from rtsr_cli.core.io.exr import read_header
+from rtsr_cli.core.io.exr import Plane, read_header
 from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import color_tag, provenance
@@ -37,7 +42,18 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class FrameEvent:
-    """One output frame's end."""
+    """One output frame's end.
+
+    Attributes:
+        shot: path relative to IN.
+        number: of the frame.
+        status: written now, there already, or failed.
+        path: of the output.
+        message: why it failed.
+        seconds: from reading's end to the writer's hands.
+        nonfinite: NaN and Inf that were repaired in its inputs.
+        stops: True if no other frame could be written either, so that the run ended.
+    """
 
     shot: str
     number: int
@@ -45,6 +61,17 @@ class FrameEvent:
     path: Path
     message: str = ""
     seconds: float = 0.0
+    nonfinite: int = 0
+    stops: bool = False
+
+
+@dataclass(frozen=True)
+class _Written:
+    """What is known of a frame whose files are being written."""
+
+    number: int
+    seconds: float
+    nonfinite: int
 
 
 Predictor = Callable[[Window, State], Prediction]
@@ -53,7 +80,8 @@ Predictor = Callable[[Window, State], Prediction]
 def run_shot(plan: ShotPlan, network: nn.Module, options: UpscaleOptions) -> Iterator[FrameEvent]:
     """Compute and write what is pending; yield an event for every selected frame.
 
-    A frame whose pixels turn out to be bad fails alone: history restarts after it.
+    A frame whose pixels turn out to be bad, or whose input is not what it was, fails alone:
+    history restarts after it. A disk that is full ends the run with the event that `stops`.
     """
     for number in plan.selected:
         if number not in plan.pending:
@@ -61,44 +89,68 @@ def run_shot(plan: ShotPlan, network: nn.Module, options: UpscaleOptions) -> Ite
     if not plan.order:
         return
     remove_leftovers(plan.folder)
-    with BackgroundWriter[tuple[int, float]](options.jobs) as writer:
-        yield from _stream(plan, network, options, writer)
-        yield from _written(plan, writer, wait=True)
+    with BackgroundWriter[_Written](options.jobs) as writer:
+        for event in _stream(plan, network, options, writer):
+            yield event
+            if event.stops:
+                return
 
 
 def _stream(
     plan: ShotPlan,
     network: nn.Module,
     options: UpscaleOptions,
-    writer: BackgroundWriter[tuple[int, float]],
+    writer: BackgroundWriter[_Written],
 ) -> Iterator[FrameEvent]:
     """Predict the frames in order and queue the pending ones for writing."""
     stamps = Stamps(plan)
     history = History(plan.sequence, plan.system, plan.source.scale)
     predict = _predictor(plan.system, network, options)
 
-    def load(number: int) -> FramePair:
-        stamps.input_digest(number)
-        return plan.source.load(number, plan.inputs).to(options.device)
+    def load(number: int) -> tuple[FramePair, Mapping[str, Plane]]:
+        return _load(plan, stamps, number, options.device)
 
     ahead = read_ahead(options.jobs, plan.source.frame_bytes)
     for number, future in prefetch(load, plan.order, ahead):
         started = time.perf_counter()
         try:
-            pair = future.result()
+            pair, passed = future.result()
             prediction = history.advance(pair, predict)
+            if number in plan.pending:
+                frame = _output(plan, pair, prediction, stamps.of(number))
         except RtsrError as error:
             history.reset()
-            yield _event(plan, number, Status.FAILED, str(error))
+            if isinstance(error, InputChangedError):
+                stamps.spoil(number)
+            yield replace(_event(plan, number, Status.FAILED), message=str(error))
             continue
         if number in plan.pending:
-            frame = _output(plan, pair, prediction, stamps.of(number))
-            frame = replace(frame, previews=options.previews)
             debug = prediction.debug if options.debug else None
-            writer.submit(
-                (number, time.perf_counter() - started), replace(frame, debug=debug).write
-            )
+            frame = replace(frame, passed=passed, previews=options.previews, debug=debug)
+            seconds = time.perf_counter() - started
+            writer.submit(_Written(number, seconds, pair.fixed), frame.write)
         yield from _written(plan, writer, wait=False)
+    yield from _written(plan, writer, wait=True)
+
+
+def _load(
+    plan: ShotPlan, stamps: Stamps, number: int, device: str
+) -> tuple[FramePair, Mapping[str, Plane]]:
+    """Read a frame, and see to it that what was hashed is what was read.
+
+    Raises:
+        InputChangedError: a file is not the one that the run was planned with.
+        RtsrError: it cannot be read.
+    """
+    with plan.digests.unchanged(plan.files(number)):
+        stamps.input_digest(number)
+        pair = plan.source.load(number, plan.inputs).to(device)
+        passed = {
+            name: plane
+            for part in plan.passed
+            for name, plane in part.read(number, plan.output_size).items()
+        }
+    return pair, passed
 
 
 class History:
@@ -131,14 +183,18 @@ class History:
         return prediction
 
 
+def requested_tile(*, tile: int | None, debug: bool) -> int | None:
+    """Return the tiles that were asked for; a tile has no debug picture of the whole."""
+    return 0 if debug else tile
+
+
 def _predictor(system: System, network: nn.Module, options: UpscaleOptions) -> Predictor:
     has_weights = any(True for _ in network.parameters())
     cast = AUTOCAST.get(options.precision) if has_weights else None
     device = torch.device(options.device)
 
     def predict(window: Window, state: State) -> Prediction:
-        # a tile has no debug picture of the whole
-        requested = 0 if options.debug else options.tile
+        requested = requested_tile(tile=options.tile, debug=options.debug)
         side = tiling.tile_side(system, window.current.size, window.scale, requested)
         with torch.inference_mode(), torch.autocast(device.type, cast, enabled=cast is not None):
             return tiling.predict(system, network, window, state, side)
@@ -176,15 +232,28 @@ def _output(plan: ShotPlan, pair: FramePair, prediction: Prediction, stamp: str)
 
 
 def _written(
-    plan: ShotPlan, writer: BackgroundWriter[tuple[int, float]], *, wait: bool
+    plan: ShotPlan, writer: BackgroundWriter[_Written], *, wait: bool
 ) -> Iterator[FrameEvent]:
-    for (number, seconds), error in writer.done(wait=wait):
-        if error is not None:
+    """Events of finished writes; after one that blocks all others, only of those that went well."""
+    for done, error in writer.done(wait=wait):
+        if error is None:
+            yield _success(plan, done)
+            continue
+        if not isinstance(error, RtsrError):
             raise error
-        yield replace(_event(plan, number, Status.WRITTEN), seconds=seconds)
+        failure = replace(_event(plan, done.number, Status.FAILED), message=str(error))
+        if not isinstance(error, OutputBlockedError):
+            yield failure
+            continue
+        yield from (_success(plan, late) for late, worse in writer.drop() if worse is None)
+        yield replace(failure, stops=True)
+        return
 
 
-def _event(plan: ShotPlan, number: int, status: Status, message: str = "") -> FrameEvent:
-    return FrameEvent(
-        shot=plan.name, number=number, status=status, path=plan.path(number), message=message
-    )
+def _success(plan: ShotPlan, done: _Written) -> FrameEvent:
+    event = _event(plan, done.number, Status.WRITTEN)
+    return replace(event, seconds=done.seconds, nonfinite=done.nonfinite)
+
+
+def _event(plan: ShotPlan, number: int, status: Status) -> FrameEvent:
+    return FrameEvent(shot=plan.name, number=number, status=status, path=plan.path(number))

@@ -294,12 +294,14 @@ def _motion(stored: Tensor, frame: Stored) -> Tensor:
 
 
 def _forward(stored: Tensor, frame: Stored) -> Tensor:
-    """Forward vectors lead to the next frame in every layout; only unit and axis can differ."""
-    convention = replace(
-        frame.conventions.motion,
-        direction=MotionDirection.PREVIOUS_MINUS_CURRENT,
-        jittered=False,
-    )
+    """Forward vectors lead to the next frame, unless all that a file holds leads from it.
+
+    A layout that has both kinds of vectors declares the direction of `motion`; unit and axes are
+    those of both.
+    """
+    motion = frame.conventions.motion
+    direction = motion.direction if motion.direction.to_next else MotionDirection.NEXT_MINUS_CURRENT
+    convention = replace(motion, direction=direction, jittered=False)
     return motion_to_pixels(stored, convention, screen=frame.view.display)
 
 

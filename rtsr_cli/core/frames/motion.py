@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.shapes import MotionPx, Size
 
@@ -30,13 +31,33 @@ class MotionDirection(StrEnum):
 
     PREVIOUS_MINUS_CURRENT = "previous-minus-current"
     CURRENT_MINUS_PREVIOUS = "current-minus-previous"
+    NEXT_MINUS_CURRENT = "next-minus-current"
+    CURRENT_MINUS_NEXT = "current-minus-next"
+
+    @property
+    def to_next(self) -> bool:
+        """Tell whether the vectors are about the next frame, not the previous one."""
+        return self in {self.NEXT_MINUS_CURRENT, self.CURRENT_MINUS_NEXT}
+
+    @property
+    def sign(self) -> float:
+        """Factor that turns a stored vector into other frame minus current."""
+        away = {self.CURRENT_MINUS_PREVIOUS, self.CURRENT_MINUS_NEXT}
+        return -1.0 if self in away else 1.0
 
 
 class YAxis(StrEnum):
-    """Which way a positive second component points on the screen."""
+    """Which way a positive vertical component points on the screen."""
 
     DOWN = "down"
     UP = "up"
+
+
+class Axes(StrEnum):
+    """Which component is stored first."""
+
+    XY = "xy"
+    YX = "yx"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,29 +66,61 @@ class MotionConvention:
 
     Attributes:
         unit: pixels of the buffer's own size, share of the screen (uv), or -1..1 across it (ndc).
-        direction: whether the stored vector leads to the previous frame or from it.
-        y_axis: sense of the second component.
+        direction: where the stored vector leads; vectors to the next frame are `forward` buffers.
+        y_axis: sense of the vertical component.
+        axes: order of the components.
         jittered: True where the vectors contain the difference of the two frames' jitter.
+        jitter_inverted: True where they contain it with the opposite sign.
         scale: factor on both components, for what the fields above cannot say.
+        zero: stored value of no motion (0.5 in files that centre their vectors).
+        file_offset: the vectors of a frame are in the file this many frames later.
     """
 
     unit: MotionUnit = MotionUnit.PIXELS
     direction: MotionDirection = MotionDirection.PREVIOUS_MINUS_CURRENT
     y_axis: YAxis = YAxis.DOWN
+    axes: Axes = Axes.XY
     jittered: bool = False
+    jitter_inverted: bool = False
     scale: float = 1.0
+    zero: float = 0.0
+    file_offset: int = 0
 
     def factors(self, size: Size) -> tuple[float, float]:
-        """Factors (x, y) that turn a stored vector of an image of `size` into `motion_px`."""
+        """Factors (x, y) that turn a stored vector of an image of `size` into pixels.
+
+        The result leads to the previous frame, or to the next one where `direction` says so.
+        """
         height, width = size
         unit_x, unit_y = {
             MotionUnit.PIXELS: (1.0, 1.0),
             MotionUnit.UV: (float(width), float(height)),
             MotionUnit.NDC: (width / 2.0, height / 2.0),
         }[self.unit]
-        sign = 1.0 if self.direction is MotionDirection.PREVIOUS_MINUS_CURRENT else -1.0
+        sign = self.direction.sign
         sign_y = sign if self.y_axis is YAxis.DOWN else -sign
         return sign * unit_x * self.scale, sign_y * unit_y * self.scale
+
+    def pixels(self, stored: Tensor, size: Size, *, dim: int) -> Tensor:
+        """Apply order, zero, sign and unit to vectors whose components lie along `dim`."""
+        ordered = stored if self.axes is Axes.XY else stored.flip(dim)
+        shape = [1] * stored.ndim
+        shape[dim] = 2
+        factors = torch.tensor(self.factors(size), dtype=stored.dtype, device=stored.device)
+        return (ordered - self.zero) * factors.view(shape)
+
+    def __str__(self) -> str:
+        """Say it in words, the exceptional only where it holds."""
+        parts = [f"{self.direction}", f"{self.unit}", f"y {self.y_axis}"]
+        parts += [f"times {self.scale:g}"] if self.scale != 1.0 else []
+        parts += [f"centred at {self.zero:g}"] if self.zero else []
+        parts += ["components swapped (y, x)"] if self.axes is Axes.YX else []
+        inverted = " inverted" if self.jitter_inverted else ""
+        parts += [f"jitter included{inverted}"] if self.jittered else []
+        if self.file_offset:
+            where = "after" if self.file_offset > 0 else "before"
+            parts.append(f"stored {abs(self.file_offset)} file {where} its frame")
+        return ", ".join(parts)
 
 
 def motion_to_pixels(
@@ -91,11 +144,11 @@ def motion_to_pixels(
         jitter_px: jitter of this frame, pixels of the same resolution.
         jitter_px_prev: jitter of the previous frame.
     """
-    x, y = convention.factors(screen or (stored.shape[-2], stored.shape[-1]))
-    motion_px = stored * torch.tensor([x, y], dtype=stored.dtype).view(1, 2, 1, 1)
+    motion_px = convention.pixels(stored, screen or (stored.shape[-2], stored.shape[-1]), dim=1)
     if not convention.jittered:
         return motion_px
-    shift = [jitter_px_prev[0] - jitter_px[0], jitter_px_prev[1] - jitter_px[1]]
+    sign = -1.0 if convention.jitter_inverted else 1.0
+    shift = [sign * (before - now) for before, now in zip(jitter_px_prev, jitter_px, strict=True)]
     return motion_px + torch.tensor(shift, dtype=stored.dtype).view(1, 2, 1, 1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import platform
 import time
@@ -9,10 +10,19 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.errors import OutputBlockedError, OutputError
 
 TEMPORARY_SUFFIX = ".rtsr-part"
 """Ends the name of a file that is still being written; never a finished one."""
+
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO})
+"""The disk takes no more; an I/O error is what network drives say for it."""
+
+BLOCKING = FULL | {errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.ESTALE}
+"""What hits every file of a folder, not only the one that was being written."""
+
+REMEDIES = dict.fromkeys(FULL, "free some space, or choose another output folder")
+"""What helps, by error number."""
 
 ABANDONED_S = 24 * 3600.0
 """A part of another machine's that nobody has touched for so long belongs to a run that died."""
@@ -36,7 +46,8 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Call `write(temporary path)`, then rename; on failure leave nothing and keep what was there.
 
     Raises:
-        OutputError: the folder or disk refuses; names the target.
+        OutputBlockedError: the disk is full, or the folder takes no files; names the target.
+        OutputError: this file cannot be written; names it.
     """
     part = temporary_path(path)
     try:
@@ -44,12 +55,19 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         write(part)
         part.replace(path)
     except (OSError, RuntimeError, ValueError, TypeError) as error:
+        raise _refusal(path, error) from error
+    finally:
+        # after a rename there is none; a thread that is interrupted leaves none either
         with suppress(OSError):
             part.unlink(missing_ok=True)
-        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise OutputError(
-            f"{path}: cannot be written ({why}); check permissions and free space"
-        ) from error
+
+
+def _refusal(path: Path, error: Exception) -> OutputError:
+    code = error.errno if isinstance(error, OSError) else None
+    why = os.strerror(code) if code is not None else str(error)
+    remedy = REMEDIES.get(code or 0, "check permissions and free space")
+    kind = OutputBlockedError if code in BLOCKING else OutputError
+    return kind(f"{path}: cannot be written ({why}); {remedy}")
 
 
 def check_writable(folder: Path) -> None:

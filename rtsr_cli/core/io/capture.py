@@ -34,7 +34,7 @@ from rtsr_cli.core.frames.conventions import (
     RoughnessKind,
     SpecularWorkflow,
 )
-from rtsr_cli.core.frames.motion import Jitter, MotionDirection, MotionUnit, YAxis
+from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
 from rtsr_cli.core.io.channel_tables import BufferTable
 from rtsr_cli.core.io.layout_names import LAYOUT_SUFFIX
@@ -64,6 +64,10 @@ LengthUnit = Annotated[PositiveFloat, BeforeValidator(_metres)]
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    def declared(self) -> dict[str, Any]:
+        """Return the fields that the user gave."""
+        return {k: v for k, v in self.model_dump().items() if v is not None}
+
 
 class MotionCapture(_Strict):
     """`[motion]`: see `MotionConvention`; a field left out keeps the layout's value."""
@@ -71,8 +75,16 @@ class MotionCapture(_Strict):
     unit: MotionUnit | None = None
     direction: MotionDirection | None = None
     y_axis: YAxis | None = None
+    axes: Axes | None = None
     jittered: bool | None = None
+    jitter_inverted: bool | None = None
     scale: float | None = Field(default=None, allow_inf_nan=False)
+    zero: float | None = Field(default=None, allow_inf_nan=False)
+    file_offset: int | None = Field(default=None, ge=-1, le=1)
+
+    def decides(self) -> bool:
+        """Tell whether nothing about sense and size of the vectors is left open."""
+        return None not in {self.unit, self.direction, self.y_axis}
 
 
 class DepthCapture(_Strict):
@@ -160,13 +172,13 @@ class ConventionTables(_Strict):
 
     def conventions(self, preset: Conventions) -> Conventions:
         """Return a layout's conventions with the declared ones in their place."""
-        depth = _declared(self.depth)
+        depth = self.depth.declared()
         if "unit" in depth:
             depth["unit_m"] = depth.pop("unit")
         return Conventions(
-            motion=replace(preset.motion, **_declared(self.motion)),
+            motion=replace(preset.motion, **self.motion.declared()),
             depth=replace(preset.depth, **depth),
-            normal=replace(preset.normal, **_declared(self.normal)),
+            normal=replace(preset.normal, **self.normal.declared()),
             roughness=self.roughness or preset.roughness,
             specular=self.specular or preset.specular,
             colorspace=self.colorspace or preset.colorspace,
@@ -195,10 +207,6 @@ class Capture(ConventionTables):
         if isinstance(self.jitter_px, dict):
             return self.jitter_px.get(number)
         return self.jitter_px
-
-
-def _declared(model: BaseModel) -> dict[str, Any]:
-    return {k: v for k, v in model.model_dump().items() if v is not None}
 
 
 def read_capture(path: Path) -> Capture:

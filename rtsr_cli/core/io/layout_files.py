@@ -46,6 +46,7 @@ def read_layout(path: Path) -> Layout:
         buffers=components_of(file.buffers),
         conventions=file.conventions(Conventions()),
         folders=file.folders,
+        verified=file.motion.decides(),
     )
 
 
@@ -117,11 +118,17 @@ def _detected(own: Iterable[Buffer], streams: Streams) -> Layout | None:
 
 def _with_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component, ...]]) -> Layout:
     if layout is None:
-        return Layout(name=CAPTURE_FILE, description="[buffers] of capture.toml", buffers=own)
+        return Layout(
+            name=CAPTURE_FILE, description="[buffers] of capture.toml", buffers=own, verified=False
+        )
     if not own:
         return layout
     return replace(
-        layout, name=f"{layout.name} + {CAPTURE_FILE}", buffers={**layout.buffers, **own}
+        layout,
+        name=f"{layout.name} + {CAPTURE_FILE}",
+        buffers={**layout.buffers, **own},
+        # nothing is known of vectors that the preset did not find itself
+        verified=layout.verified and Buffer.MOTION not in own,
     )
 
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import grow_valid
 
@@ -46,8 +47,18 @@ def checked(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
             f"{frame.gbuffer.where}: {listed} are NaN or Inf; render the frame again, or choose "
             "--on-nonfinite zero|inpaint"
         )
-    fixed = {buffer: _repaired(frame.gbuffer[buffer], policy) for buffer in bad}
+    fixed = {
+        b: _numbered(frame.gbuffer[b])
+        if b is Buffer.OBJECT_ID
+        else _repaired(frame.gbuffer[b], policy)
+        for b in bad
+    }
     return replace(frame, gbuffer=frame.gbuffer.with_buffers(fixed)), sum(bad.values())
+
+
+def _numbered(ids: Tensor) -> Tensor:
+    """Whole object numbers; what is none becomes 0, no object, as no neighbour can tell it."""
+    return torch.where(torch.isfinite(ids), ids, torch.zeros_like(ids)).round().to(torch.int32)
 
 
 def _repaired(image: Tensor, policy: NonfinitePolicy) -> Tensor:

@@ -16,10 +16,11 @@ from rtsr_cli.core.io.layouts import SCOPE, Layout
 from rtsr_cli.core.io.pairs import PairSource, real_pairs, simulated_pairs
 from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.settling import Settled, decided, settle
 from rtsr_cli.core.io.shots import HR_FOLDER, LR_FOLDER, FrameSet, Shot, find_shots, frame_set
 from rtsr_cli.core.io.side_cars import CameraRow, read_cameras, with_reversed
 from rtsr_cli.core.io.simulation import Simulation
-from rtsr_cli.core.io.survey import MissingPolicy, open_frames
+from rtsr_cli.core.io.survey import Headers, MissingPolicy, open_frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,12 +32,14 @@ class ReadOptions:
         capture: file in place of each shot's capture.toml.
         on_missing: what holes in the numbering mean.
         output: folder that is not searched for shots, because it is written to.
+        sharded: whether other runs write other parts of the same shots.
     """
 
     layout: str | None = None
     capture: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
     output: Path | None = None
+    sharded: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,16 +136,43 @@ def _first_channels(frames: FrameSet) -> dict[str, frozenset[str]]:
 def open_set(
     frames: FrameSet, shot: Shot, root: Path, options: ReadOptions, *, jittered: bool
 ) -> FrameReader:
-    """Survey one resolution of a shot."""
+    """Survey one resolution of a shot, and settle how it is read.
+
+    Raises:
+        RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
+    """
+    return decided(
+        settled_set(frames, shot, root, options, jittered=jittered), sharded=options.sharded
+    )
+
+
+def settled_set(
+    frames: FrameSet,
+    shot: Shot,
+    root: Path,
+    options: ReadOptions,
+    *,
+    jittered: bool,
+    headers: Headers | None = None,
+) -> Settled:
+    """Survey one resolution of a shot, and measure how it is stored; nothing need be decided.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
     known = declared(shot, root, options)
-    return open_frames(
+    name = options.layout or known.capture.layout or shot.layout
+    reader = open_frames(
         frames,
-        layout=options.layout or known.capture.layout or shot.layout,
+        headers=headers,
+        layout=name,
         capture=known.capture,
         side_car=known.side_car,
         on_missing=options.on_missing,
         jittered=jittered,
     )
+    # of HR frames beside LR ones nobody reads the vectors
+    return settle(reader, known.capture, named=name is not None, motion=frames is not shot.hr)
 
 
 def open_radiance(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,16 @@ from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.imaging.color import MAX_HALF
-from rtsr_cli.core.io.exr import Window, write_exr
+from rtsr_cli.core.io.exr import Plane, Window, write_exr
 from rtsr_cli.core.io.preview import preview, write_png
 from rtsr_cli.core.io.provenance import stamp_of
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.shapes import Color, Image
 
 PREVIEW_SUFFIX = ".png"
+
+HALF_BYTES, FLOAT_BYTES, HEADER_BYTES = 2, 4, 1 << 14
+"""Sizes for estimates: of samples, and of all that is no pixel in a file, generously."""
 
 
 class OutputState(StrEnum):
@@ -40,6 +43,11 @@ def output_name(reader: FrameReader, number: int) -> str:
     width = len(stem[len(reader.base) :].lstrip("._- "))
     digits = f"{'-' if number < 0 else ''}{abs(number):0{width}d}"
     return f"{reader.base}.{digits}.exr" if reader.base else f"{digits}.exr"
+
+
+def debug_path(path: Path) -> Path:
+    """Return the file of an output's debug pictures."""
+    return path.parent / "debug" / path.name
 
 
 def output_state(path: Path, stamp: str) -> OutputState:
@@ -91,6 +99,7 @@ class OutputFrame:
         path: the EXR; a preview goes beside it.
         color: linear radiance.
         alpha: coverage, written as `A`, or None.
+        passed: channels written as they are.
         attributes: of the header.
         windows: data and display window.
         colorspace: primaries of `color`, for pictures.
@@ -101,6 +110,7 @@ class OutputFrame:
     path: Path
     color: Color
     alpha: Image | None
+    passed: Mapping[str, Plane] = field(default_factory=dict)
     attributes: Mapping[str, Any]
     windows: tuple[Window, Window]
     colorspace: ColorSpace | None = None
@@ -116,11 +126,11 @@ class OutputFrame:
         if self.previews:
             write_png(self.path.with_suffix(PREVIEW_SUFFIX), preview(self.color, self.colorspace))
         if self.debug:
-            self._write(self.path.parent / "debug" / self.path.name, debug_channels(self.debug))
+            self._write(debug_path(self.path), debug_channels(self.debug))
         channels = image_channels("", self.color, "RGB")
         if self.alpha is not None:
             channels |= image_channels("", self.alpha, "A")
-        self._write(self.path, channels)
+        self._write(self.path, {**channels, **self.passed})
 
     def _write(self, path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
         height, width = next(iter(channels.values())).shape

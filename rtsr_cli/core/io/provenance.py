@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 from rtsr_cli import __version__
-from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.errors import FrameFolderError, InputChangedError, RtsrError
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.io.exr import read_header
 
@@ -18,6 +19,9 @@ STAMP = "rtsr:stamp"
 """Header attribute: hash of config, weights and inputs; no dates, no absolute paths."""
 
 DIGEST_BYTES = 16
+
+Signature = tuple[int, int]
+"""Size in bytes and time of the last change in ns: tells one content from another unread."""
 
 
 def digest(*parts: object) -> str:
@@ -32,12 +36,59 @@ def config_digest(*parts: object) -> str:
 
 
 class FileDigests:
-    """Content hashes of input files, each file read once a run."""
+    """Content hashes of input files, each file read once a run, and checked to stay as planned.
+
+    A stamp must only be given for what was read: files are looked at when the run is planned
+    (`note`), and again after each was hashed and decoded (`check`).
+    """
 
     def __init__(self) -> None:
         """Start with nothing known."""
         self._known: dict[Path, str] = {}
+        self._noted: dict[Path, Signature | None] = {}
         self._lock = Lock()
+
+    def note(self, paths: Iterable[Path]) -> None:
+        """Remember size and time of files; one that is not there is remembered as such."""
+        for path in paths:
+            if path not in self._noted:
+                self._noted[path] = _signature(path)
+
+    def bytes_of(self, paths: Iterable[Path]) -> int:
+        """Size of files as it was noted, each counted once."""
+        found = (self._noted.get(path) for path in set(paths))
+        return sum(signature[0] for signature in found if signature)
+
+    def check(self, paths: Iterable[Path]) -> None:
+        """Raise if a file is not the one that was noted any more.
+
+        Raises:
+            InputChangedError: names the file, and whether it vanished or changed.
+        """
+        for path in paths:
+            now = _signature(path)
+            if now is None:
+                raise InputChangedError(
+                    f"{path}: vanished since the run was planned; put it back and run again"
+                )
+            if self._noted.get(path, now) != now:
+                raise InputChangedError(
+                    f"{path}: changed since the run was planned; run again when it is finished"
+                )
+
+    @contextmanager
+    def unchanged(self, paths: Sequence[Path]) -> Iterator[None]:
+        """Check files before and after what is done inside, also where that fails.
+
+        Raises:
+            InputChangedError: a file vanished or changed.
+        """
+        self.check(paths)
+        try:
+            yield
+        finally:
+            # a file that changed meanwhile explains whatever went wrong inside
+            self.check(paths)
 
     def of(self, path: Path) -> str:
         """Hash a file's bytes.
@@ -49,6 +100,7 @@ class FileDigests:
             known = self._known.get(path)
         if known is not None:
             return known
+        self.note((path,))
         try:
             with path.open("rb") as file:
                 value = hashlib.file_digest(
@@ -63,6 +115,15 @@ class FileDigests:
     def of_all(self, paths: Sequence[Path]) -> str:
         """Hash several files as one."""
         return digest(*(self.of(path) for path in paths))
+
+
+def _signature(path: Path) -> Signature | None:
+    """Size and time of the last change of a file; None if it is not there."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_size, status.st_mtime_ns
 
 
 def provenance(

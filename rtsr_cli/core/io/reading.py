@@ -16,7 +16,7 @@ from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.binding import Binding, BoundComponent
-from rtsr_cli.core.io.exr import Plane, Window, read_channels, read_header
+from rtsr_cli.core.io.exr import Plane, Window, read_window
 from rtsr_cli.core.io.layouts import Layout
 from rtsr_cli.core.io.shots import FrameSet
 
@@ -38,6 +38,7 @@ class FrameReader:
         held: number -> number of the frame that stands in for it.
         cameras: per frame, header and side-car and capture.toml together.
         step: numbers that one motion vector spans.
+        warnings, notes: what was found out about the files, for the user.
     """
 
     frames: FrameSet
@@ -50,6 +51,8 @@ class FrameReader:
     held: Mapping[int, int]
     cameras: Mapping[int, CameraMetadata]
     step: int
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -77,9 +80,18 @@ class FrameReader:
 
     @property
     def resets(self) -> frozenset[int]:
-        """Frames before which history ends: declared cuts, and stand-ins on both sides."""
+        """Frames before which history ends: cuts, stand-ins on both sides, and lost vectors."""
         cuts = {n for n, camera in self.cameras.items() if camera.cut}
-        return frozenset(cuts | set(self.held) | {n + self.step for n in self.held})
+        lost = {n for n in self.numbers if self._motion_number(n) is None}
+        return frozenset(cuts | lost | set(self.held) | {n + self.step for n in self.held})
+
+    def _motion_number(self, number: int) -> int | None:
+        """Number of the file that holds a frame's vectors; None where the sequence ends before."""
+        offset = self.conventions.motion.file_offset
+        if not offset or Buffer.MOTION not in self.binding:
+            return number
+        other = number + offset * self.step
+        return other if other in self.numbers and other not in self.held else None
 
     @property
     def declaration(self) -> object:
@@ -126,8 +138,11 @@ class FrameReader:
     def files(self, number: int, buffers: Iterable[Buffer]) -> tuple[Path, ...]:
         """Files that hold the named buffers of a frame."""
         needed = self._needed(tuple(b for b in buffers if b in self.binding))
-        streams = {c.stream for b in needed for c in self.binding[b]}
-        return tuple(self.path(number, stream) for stream in sorted(streams))
+        paths = {self.path(number, c.stream) for b in needed for c in self.binding[b]}
+        other = self._motion_number(number)
+        if Buffer.MOTION in needed and other not in {None, number}:
+            paths |= {self.path(int(other or 0), c.stream) for c in self.binding[Buffer.MOTION]}
+        return tuple(sorted(paths))
 
     def read(self, number: int, buffers: Collection[Buffer]) -> Frame:
         """Read the named buffers of a frame, converted to memory's convention.
@@ -137,6 +152,8 @@ class FrameReader:
         """
         needed = self._needed(tuple(buffers))
         planes = self._read_planes(number, needed)
+        if Buffer.MOTION in needed and self._motion_number(number) != number:
+            planes |= self._moved_planes(number)
         camera = self.cameras[number]
         stored = conv.Stored(
             conventions=self.conventions,
@@ -149,7 +166,11 @@ class FrameReader:
         tensors = {}
         for buffer in needed:
             components = self.binding[buffer]
-            tensors[buffer] = conv.to_memory(buffer, _stack(components, planes), stored)
+            image = _stack(components, planes)
+            # a number that is none would turn into some number: it stays, and is counted as bad
+            is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
+            spoilt = is_number and not bool(torch.isfinite(image).all())
+            tensors[buffer] = image if spoilt else conv.to_memory(buffer, image, stored)
             # what is converted is let go, so that a frame is in memory once and a half, not twice
             uses.subtract((c.stream, c.channel) for c in components)
             for key in [k for k in planes if uses[k] <= 0]:
@@ -164,6 +185,23 @@ class FrameReader:
             view=self.view,
         )
 
+    def read_raw(self, number: int, buffers: Collection[Buffer]) -> dict[Buffer, Tensor]:
+        """Read the named buffers of a frame as the files hold them, factors applied.
+
+        Raises:
+            FrameFolderError: a file is damaged, or has changed since the survey.
+        """
+        planes = self._read_planes(number, buffers)
+        return {buffer: _stack(self.binding[buffer], planes) for buffer in buffers}
+
+    def _moved_planes(self, number: int) -> dict[tuple[str, str], Plane]:
+        """Vectors of a frame that lie in another frame's file; none where there is no such file."""
+        other = self._motion_number(number)
+        if other is not None:
+            return self._read_planes(other, (Buffer.MOTION,))
+        still = np.full(self.size, self.conventions.motion.zero, np.float32)
+        return {(c.stream, c.channel): still for c in self.binding[Buffer.MOTION]}
+
     @property
     def _sky_in_normals(self) -> bool:
         """Tell whether normals mark sky, which depth then takes from them."""
@@ -177,16 +215,25 @@ class FrameReader:
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]
     ) -> dict[tuple[str, str], Plane]:
-        wanted: dict[str, set[str]] = defaultdict(set)
-        for buffer in buffers:
-            for component in self.binding[buffer]:
-                wanted[component.stream].add(component.channel)
+        wanted = {(c.stream, c.channel) for buffer in buffers for c in self.binding[buffer]}
+        return self.read_stored(number, wanted)
+
+    def read_stored(
+        self, number: int, wanted: Iterable[tuple[str, str]]
+    ) -> dict[tuple[str, str], Plane]:
+        """Read channels, named with the stream that holds them, as they are stored.
+
+        Raises:
+            FrameFolderError: a file is damaged, or lacks a channel.
+        """
+        streams: dict[str, set[str]] = defaultdict(set)
+        for stream, channel in wanted:
+            streams[stream].add(channel)
         depths = {(c.stream, c.channel) for c in self.binding.get(Buffer.DEPTH, ())}
         planes: dict[tuple[str, str], Plane] = {}
-        for stream, channels in wanted.items():
-            path = self.path(number, stream)
-            window = read_header(path).data_window
-            for channel, plane in read_channels(path, channels).items():
+        for stream, channels in streams.items():
+            found, window = read_window(self.path(number, stream), channels)
+            for channel, plane in found.items():
                 fill = np.inf if (stream, channel) in depths else 0
                 planes[stream, channel] = _place(plane, window, self.region, fill)
         return planes

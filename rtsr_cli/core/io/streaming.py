@@ -49,6 +49,17 @@ def prefetch(load: Callable[[K], V], items: Iterable[K], jobs: int) -> Iterator[
                 future.cancel()
 
 
+def single_threaded(work: Callable[[], V]) -> V:
+    """Run many small tensor operations with one torch thread, whatever the process uses.
+
+    Threads that wait for each other after every small operation stall on busy cores.
+    """
+    with ThreadPoolExecutor(
+        1, "rtsr-measure", initializer=torch.set_num_threads, initargs=(1,)
+    ) as pool:
+        return pool.submit(work).result()
+
+
 def _finished(loaded: Loaded[K, V]) -> Loaded[K, V]:
     loaded[1].exception()
     return loaded
@@ -76,6 +87,15 @@ class BackgroundWriter(Generic[K]):
             wait or len(self._pending) >= self._limit or self._pending[0][1].done()
         ):
             key, future = self._pending.popleft()
+            yield key, future.exception()
+
+    def drop(self) -> Iterator[tuple[K, BaseException | None]]:
+        """Forget what is only queued, and yield the rest as it ends."""
+        for _, future in self._pending:
+            future.cancel()
+        started = [(key, future) for key, future in self._pending if not future.cancelled()]
+        self._pending.clear()
+        for key, future in started:
             yield key, future.exception()
 
     def __enter__(self) -> Self:

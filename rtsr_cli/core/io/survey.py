@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from enum import StrEnum
@@ -42,9 +42,14 @@ class MissingPolicy(StrEnum):
     HOLD = "hold"
 
 
+Headers = Mapping[str, Mapping[int, ExrHeader]]
+"""Per file sequence and frame number, what the file says of itself."""
+
+
 def open_frames(
     frames: FrameSet,
     *,
+    headers: Headers | None = None,
     layout: str | None,
     capture: Capture,
     side_car: Mapping[int, CameraRow],
@@ -55,6 +60,7 @@ def open_frames(
 
     Args:
         frames: the files.
+        headers: of all of them, if they are read already.
         layout: preset or layout file; capture.toml's, or the best match, if None.
         capture: what the user declares.
         side_car: camera rows by frame number; their matrices replace the headers'.
@@ -64,7 +70,7 @@ def open_frames(
     Raises:
         FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ.
     """
-    headers = _survey(frames)
+    headers = headers if headers is not None else read_headers(frames)
     first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
     streams = {key: header.channels - header.subsampled for key, header in first.items()}
     chosen, binding = choose_layout(layout or capture.layout, capture, streams, str(frames.root))
@@ -101,7 +107,12 @@ def open_frames(
     return replace(reader, cameras=cameras)
 
 
-def _survey(frames: FrameSet) -> dict[str, dict[int, ExrHeader]]:
+def read_headers(frames: FrameSet) -> Headers:
+    """Read the header of every file.
+
+    Raises:
+        FrameFolderError: one is no readable EXR; names it.
+    """
     with ThreadPoolExecutor(SURVEY_THREADS) as pool:
         return {
             key: dict(zip(stream.files, pool.map(read_header, stream.files.values()), strict=True))
@@ -109,9 +120,7 @@ def _survey(frames: FrameSet) -> dict[str, dict[int, ExrHeader]]:
         }
 
 
-def _check_channels(
-    frames: FrameSet, headers: Mapping[str, Mapping[int, ExrHeader]], binding: Binding
-) -> None:
+def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> None:
     for buffer, components in binding.items():
         for c in components:
             lacking = [n for n, h in headers[c.stream].items() if c.channel not in h.channels]
@@ -127,14 +136,9 @@ def _numbers(
     frames: FrameSet, used: list[str], step: int, policy: MissingPolicy
 ) -> tuple[tuple[int, ...], dict[int, int]]:
     """Frames that every used stream has, and stand-ins for the others where they are held."""
-    present = [frozenset(frames.streams[key].files) for key in used]
-    union, complete = frozenset.union(*present), frozenset.intersection(*present)
-    expected = sorted(union | set(range(min(union), max(union) + 1, step)))
-    missing = {
-        key: sorted(set(expected) - files)
-        for key, files in zip(used, present, strict=True)
-        if set(expected) - files
-    }
+    complete = frozenset.intersection(*(frozenset(frames.streams[key].files) for key in used))
+    expected = _expected(frames, used, step)
+    missing = missing_frames(frames, used, step)
     if missing and policy is MissingPolicy.ERROR:
         listed = "; ".join(f"'{key}' lacks {ranges(m)}" for key, m in missing.items())
         raise FrameFolderError(
@@ -151,9 +155,20 @@ def _numbers(
     return tuple(sorted(complete | set(held))), held
 
 
-def _regions(
-    frames: FrameSet, headers: Mapping[str, Mapping[int, ExrHeader]]
-) -> tuple[Window, Window]:
+def _expected(frames: FrameSet, used: Collection[str], step: int) -> list[int]:
+    """Numbers that any stream has, and those between them in steps."""
+    union = {number for key in used for number in frames.streams[key].files}
+    return sorted(union | set(range(min(union), max(union) + 1, step)))
+
+
+def missing_frames(frames: FrameSet, used: Collection[str], step: int) -> dict[str, list[int]]:
+    """For each of the streams the numbers that it lacks; streams that lack none are left out."""
+    expected = _expected(frames, used, step)
+    lacking = {key: sorted(set(expected) - set(frames.streams[key].files)) for key in used}
+    return {key: numbers for key, numbers in lacking.items() if numbers}
+
+
+def _regions(frames: FrameSet, headers: Headers) -> tuple[Window, Window]:
     """Return the pixels to read and the image plane, the same for every frame and stream."""
     displays: dict[Window, str] = {}
     data: set[Window] = set()

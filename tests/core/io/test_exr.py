@@ -72,28 +72,43 @@ def write_parts(path: Path, *parts: tuple[str, dict[str, np.ndarray]]) -> None:
     OpenEXR.File(written).write(str(path))
 
 
-def test_channels_of_several_parts_are_read_by_their_own_names(tmp_path: Path) -> None:
+def test_parts_after_the_first_lead_their_channels_names(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     write_parts(
         path,
         ("beauty", {"R": ramp(np.float16)}),
-        ("gbuffer", {"depth.Z": ramp(np.float32), "objectid": ramp(np.uint32)}),
+        ("normal", {c: ramp(np.float16) + i for i, c in enumerate("XYZ")}),
+        ("objectid", {"objectid": ramp(np.uint32)}),
+        ("depth", {"depth.Z": ramp(np.float32)}),
     )
-    assert read_header(path).channels == {"R", "depth.Z", "objectid"}
-    found = read_channels(path, ["R", "objectid"])
+    expected = {"R", "normal.X", "normal.Y", "normal.Z", "objectid", "depth.Z"}
+    assert read_header(path).channels == expected
+    found = read_channels(path, ["R", "objectid", "normal.Z"])
     assert (found["R"].dtype, found["objectid"].dtype) == (np.float16, np.uint32)
+    assert float(found["normal.Z"][0, 1]) == 3.0
 
 
-def test_a_name_that_two_parts_share_takes_the_name_of_its_part(tmp_path: Path) -> None:
+def test_a_name_that_is_then_there_twice_takes_the_name_of_its_part(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     write_parts(
         path,
-        ("left", {"R": ramp(np.float16), "Z": ramp(np.float32)}),
-        ("right", {"R": ramp(np.float16) + 100}),
+        ("main", {"normal.X": ramp(np.float16), "Z": ramp(np.float32)}),
+        ("normal", {"X": ramp(np.float16) + 100}),
     )
-    assert read_header(path).channels == {"left.R", "right.R", "Z"}
-    found = read_channels(path, ["left.R", "right.R"])
-    assert (float(found["left.R"][0, 1]), float(found["right.R"][0, 1])) == (1.0, 101.0)
+    assert read_header(path).channels == {"main.normal.X", "normal.X", "Z"}
+    found = read_channels(path, ["main.normal.X", "normal.X"])
+    assert (float(found["main.normal.X"][0, 1]), float(found["normal.X"][0, 1])) == (1.0, 101.0)
+
+
+def test_two_views_in_one_file_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    parts = [
+        OpenEXR.Part({"view": view}, {"R": ramp(np.float16)}, f"rgb.{view}")
+        for view in ("left", "right")
+    ]
+    OpenEXR.File(parts).write(str(path))
+    with pytest.raises(FrameFolderError, match=r"a\.exr: holds the views left, right"):
+        read_header(path)
 
 
 def test_parts_of_different_windows_are_refused(tmp_path: Path) -> None:

@@ -1,0 +1,332 @@
+"""Finding how a dump stores depth and normals, by geometry that only the right reading satisfies.
+
+Depth: surface points of the right depth, carried into the previous camera, move as the motion
+vectors say (or lie where the position buffer says). Normals: what is seen faces the camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.errors import MissingBufferError
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
+from rtsr_cli.core.frames.camera import CameraMetadata, View, ray_axes, view_cosine_from_camera
+from rtsr_cli.core.frames.conventions import (
+    DepthConvention,
+    DepthKind,
+    NormalConvention,
+    NormalSpace,
+    depth_to_metres,
+    normal_to_world,
+)
+from rtsr_cli.core.frames.vectors import length
+from rtsr_cli.core.imaging.resampling import decimate
+from rtsr_cli.core.shapes import MotionPx, Plane, Size, Vector3
+
+DEPTH_UNITS_M = (1.0, 0.01, 0.001, 100.0, 1000.0, 0.3048, 0.0254)
+"""Metres, centimetres, millimetres, 100 m (centimetres times 1e-4), kilometres, feet, inches."""
+
+MOST_PIXELS = 1 << 16
+"""Larger frames are looked at in every k-th pixel."""
+
+LEAST_POINTS = 64
+
+LEAST_PARALLAX_PX = 0.05
+"""Depth is not measured where all readings move points alike, to this many pixels."""
+
+UNIT_TOLERANCE = 0.1
+"""Unit normals: mean deviation of their length from 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry:
+    """Stored geometry of one frame, and the camera of this frame and the previous one.
+
+    Attributes:
+        depth: as stored, 1 x 1 x h x w.
+        motion_px: in memory's convention, or None.
+        position: world positions in metres, or None.
+        camera, previous: of both frames.
+        view: where the frame lies in the image plane.
+    """
+
+    depth: Plane
+    motion_px: MotionPx | None
+    position: Vector3 | None
+    camera: CameraMetadata
+    previous: CameraMetadata
+    view: View
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthCandidate:
+    """A reading of depth and its error: pixels of motion, or share of the distance."""
+
+    convention: DepthConvention
+    error: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthFinding:
+    """Ranked readings of depth; none where the files do not tell.
+
+    Attributes:
+        candidates: best first.
+        measure: what the errors are ("px of motion", "of the distance").
+    """
+
+    candidates: tuple[DepthCandidate, ...] = ()
+    measure: str = ""
+
+    @property
+    def best(self) -> DepthCandidate | None:
+        """The winner."""
+        return self.candidates[0] if self.candidates else None
+
+    @property
+    def margin(self) -> float:
+        """1 - error of the winner / error of the runner-up."""
+        if len(self.candidates) < 2 or self.candidates[1].error == 0.0:
+            return 0.0
+        return 1.0 - self.candidates[0].error / self.candidates[1].error
+
+    def of(self, convention: DepthConvention) -> DepthCandidate | None:
+        """Return what was measured about a reading; where sky begins is not part of it."""
+        plain = replace(convention, sky=None)
+        return next((c for c in self.candidates if c.convention == plain), None)
+
+
+def depth_hypotheses(declared: Sequence[DepthConvention] = ()) -> list[DepthConvention]:
+    """Every reading of depth, and the declared ones."""
+    readings = [
+        DepthConvention(kind=kind, unit_m=unit)
+        for kind in (DepthKind.PLANAR, DepthKind.RAY)
+        for unit in DEPTH_UNITS_M
+    ]
+    readings += [DepthConvention(kind=DepthKind.DEVICE, reversed=r) for r in (False, True)]
+    return list(dict.fromkeys([*(replace(c, sky=None) for c in declared), *readings]))
+
+
+def to_world(depth_m: Plane, camera: CameraMetadata, view: View) -> Tensor | None:
+    """World positions (1 x 3 x h x w) of planar depths; None without matrices.
+
+    x_cam = ray_x * depth, y_cam = ray_y * depth, z_cam = -depth, world = p_cam . inverse(M).
+    """
+    size = (depth_m.shape[-2], depth_m.shape[-1])
+    axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
+    if axes is None or camera.world_to_camera is None:
+        return None
+    x, y = axes
+    inverse = torch.linalg.inv(camera.world_to_camera).to(depth_m)
+    parts = (x * depth_m, y * depth_m, -depth_m)
+    rows = [
+        sum((p * inverse[j, i] for j, p in enumerate(parts)), start=inverse[3, i] + 0 * depth_m)
+        for i in range(3)
+    ]
+    return torch.cat(rows, dim=1)
+
+
+def projected(world: Vector3, camera: CameraMetadata, view: View) -> Tensor | None:
+    """Pixel positions (1 x 2 x h x w) of world points in the image that `view` describes.
+
+    q = [x y z 1] . world_to_ndc;  x = (q.x/q.w / 2 + 1/2) W,  y = (1/2 - q.y/q.w / 2) H
+    """
+    if camera.world_to_ndc is None:
+        return None
+    m = camera.world_to_ndc.to(world)
+    columns = [
+        sum((world[:, j : j + 1] * m[j, i] for j in range(3)), start=m[3, i]) for i in (0, 1, 3)
+    ]
+    height, width = view.display
+    w = torch.where(columns[2] > 1e-6, columns[2], torch.nan)
+    x = (columns[0] / w * 0.5 + 0.5) * width - view.left
+    y = (0.5 - columns[1] / w * 0.5) * height - view.top
+    return torch.cat([x, y], dim=1)
+
+
+def _thinned(geometry: Geometry) -> Geometry:
+    """Keep every k-th pixel of a large frame, as a frame of that size whose samples are shifted."""
+    height, width = geometry.depth.shape[-2:]
+    k = 1
+    while height * width > MOST_PIXELS * k * k:
+        k += 1
+    if k == 1:
+        return geometry
+    rows, columns = height // k * k, width // k * k
+
+    def thin(image: Tensor) -> Tensor:
+        return decimate(image[..., :rows, :columns], k, (k // 2, k // 2))
+
+    def shifted(camera: CameraMetadata) -> CameraMetadata:
+        x, y = ((j + k // 2 + 0.5) / k - 0.5 for j in camera.jitter_px)
+        return replace(camera, jitter_px=(x, y))
+
+    display = (geometry.view.display[0] / k, geometry.view.display[1] / k)
+    return replace(
+        geometry,
+        depth=thin(geometry.depth),
+        motion_px=None if geometry.motion_px is None else thin(geometry.motion_px) / k,
+        position=None if geometry.position is None else thin(geometry.position),
+        camera=shifted(geometry.camera),
+        previous=shifted(geometry.previous),
+        # a display of a whole number of thinned pixels would move the rays
+        view=View(display=display, top=geometry.view.top / k, left=geometry.view.left / k),  # type: ignore[arg-type]
+    )
+
+
+def find_position_unit(
+    position: Vector3, camera: CameraMetadata, view: View
+) -> tuple[float, float] | None:
+    """Metres in a unit of a position buffer, and its error: median pixels from where it was seen.
+
+    A point in the right unit projects onto its own pixel. None without matrices or points.
+    """
+    size = (position.shape[-2], position.shape[-1])
+    own = _own_positions(size, camera.jitter_px)
+    found = []
+    for unit in DEPTH_UNITS_M:
+        landed = projected(position * unit, camera, view)
+        valid = torch.isfinite(position).all(1, keepdim=True) & (length(position) > 0)
+        error = None if landed is None else _median(length(landed - own), valid)
+        if error is not None:
+            found.append((error, unit))
+    return (min(found)[1], min(found)[0]) if found else None
+
+
+def _own_positions(size: Size, jitter_px: tuple[float, float]) -> Tensor:
+    rows = torch.arange(size[0], dtype=torch.float32) + 0.5 + jitter_px[1]
+    columns = torch.arange(size[1], dtype=torch.float32) + 0.5 + jitter_px[0]
+    y, x = torch.meshgrid(rows, columns, indexing="ij")
+    return torch.stack([x, y])[None]
+
+
+def find_depth(
+    frames: Sequence[Geometry], declared: Sequence[DepthConvention] = ()
+) -> DepthFinding:
+    """Rank every reading of depth.
+
+    Args:
+        frames: with camera matrices; several, as one may stand still.
+        declared: readings that take part beside the usual ones.
+    """
+    thinned = [_thinned(f) for f in frames]
+    by_position = [f for f in thinned if f.position is not None]
+    by_motion = [f for f in thinned if f.motion_px is not None]
+    for measure, error, usable in (
+        ("of the distance", _position_error, by_position),
+        ("px of motion", _motion_error, by_motion),
+    ):
+        ranked = []
+        for reading in depth_hypotheses(declared):
+            errors = [e for f in usable if (e := error(f, reading)) is not None]
+            if errors:
+                ranked.append(DepthCandidate(convention=reading, error=sum(errors) / len(errors)))
+        ranked.sort(key=lambda candidate: candidate.error)
+        if ranked and not _alike(ranked, measure):
+            return DepthFinding(candidates=tuple(ranked), measure=measure)
+    return DepthFinding()
+
+
+def _alike(ranked: Sequence[DepthCandidate], measure: str) -> bool:
+    """Tell whether a camera that does not travel leaves every reading equally good."""
+    spread = ranked[len(ranked) // 2].error - ranked[0].error
+    return measure == "px of motion" and spread < LEAST_PARALLAX_PX
+
+
+def _metres(frame: Geometry, reading: DepthConvention) -> Tensor | None:
+    try:
+        return depth_to_metres(frame.depth, reading, frame.camera, frame.view, where="")
+    except MissingBufferError:
+        return None
+
+
+def _motion_error(frame: Geometry, reading: DepthConvention) -> float | None:
+    """Median distance between the motion that a reading predicts and the vectors, pixels."""
+    metres = _metres(frame, reading)
+    world = None if metres is None else to_world(metres, frame.camera, frame.view)
+    if metres is None or world is None or frame.motion_px is None:
+        return None
+    then = projected(world, frame.previous, frame.view)
+    if then is None:
+        return None
+    size = (metres.shape[-2], metres.shape[-1])
+    predicted = then - _own_positions(size, frame.camera.jitter_px)
+    return _median(length(predicted - frame.motion_px), _surface(frame, metres))
+
+
+def _position_error(frame: Geometry, reading: DepthConvention) -> float | None:
+    """Median distance between a reading's points and the position buffer, per distance."""
+    metres = _metres(frame, reading)
+    world = None if metres is None else to_world(metres, frame.camera, frame.view)
+    if metres is None or world is None or frame.position is None:
+        return None
+    where = frame.camera.position
+    if where is None:
+        return None
+    distance = length(frame.position - where.to(world).view(1, 3, 1, 1)).clamp(min=1e-6)
+    return _median(length(world - frame.position) / distance, _surface(frame, metres))
+
+
+def _surface(frame: Geometry, metres: Tensor) -> Tensor:
+    """Pixels that some reading may take for surfaces: finite, and not the largest value stored."""
+    stored = frame.depth
+    return torch.isfinite(stored) & (stored < stored.amax().clamp(max=SKY_DEPTH_M)) & (metres > 0)
+
+
+def _median(error: Tensor, valid: Tensor) -> float | None:
+    values = error[valid]
+    values = torch.where(torch.isfinite(values), values, torch.full_like(values, 1e9))
+    return float(values.median()) if values.numel() >= LEAST_POINTS else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalFinding:
+    """What the stored normals are; a part is None where the files do not tell.
+
+    Attributes:
+        packed: whether (n + 1) / 2 is stored.
+        space: axes.
+        facing: share of surfaces that face the camera, for each space that could be tried.
+        unit_error: mean deviation of the length from 1, as chosen.
+    """
+
+    packed: bool | None = None
+    space: NormalSpace | None = None
+    facing: dict[str, float]
+    unit_error: float = 0.0
+
+
+def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalFinding:
+    """Tell packed from plain by length, and world from view space by what faces the camera."""
+    plain, unpacked = stored, stored * 2.0 - 1.0
+    lengths = {False: length(plain), True: length(unpacked)}
+    there = {packed: size > 0.1 for packed, size in lengths.items()}
+    if min(int(mask.sum()) for mask in there.values()) < LEAST_POINTS:
+        return NormalFinding(facing={})
+    deviation = {p: float((lengths[p][there[p]] - 1.0).abs().mean()) for p in lengths}
+    packed = deviation[True] < deviation[False]
+    nonzero = there[packed]
+    if deviation[packed] > UNIT_TOLERANCE:
+        return NormalFinding(facing={}, unit_error=deviation[packed])
+    facing = {}
+    for space in NormalSpace:
+        convention = NormalConvention(space=space, packed=packed)
+        try:
+            world = normal_to_world(stored, convention, camera, where="")
+        except MissingBufferError:
+            continue
+        cosine = view_cosine_from_camera(world, camera, view, jitter_px=camera.jitter_px)
+        if cosine is not None:
+            facing[space.value] = float((cosine[nonzero] > 0).float().mean())
+    best = max(facing, key=lambda name: facing[name]) if facing else None
+    clear = len(facing) == 2 and max(facing.values()) - min(facing.values()) > 0.02
+    return NormalFinding(
+        packed=packed,
+        space=NormalSpace(best) if best is not None and clear else None,
+        facing=facing,
+        unit_error=deviation[packed],
+    )

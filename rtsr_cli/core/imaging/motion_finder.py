@@ -1,0 +1,322 @@
+"""Finding how a dump stores its motion vectors, by warping pictures under every hypothesis.
+
+The right reading of the vectors makes a frame look like its neighbour fetched along them; a wrong
+direction, sign, axis, unit or centre does not. Hypotheses are `MotionConvention`s.
+
+1. Screening: every hypothesis on some moving pixels of every triple of frames.
+2. Final: the best of them on many pixels, each with its best constant offset (jitter that is
+   in the vectors or the pictures shows as one), compared where all of them stay inside the frame.
+Differences are paired over blocks of the image, so that a margin comes with its significance.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.frames.motion import (
+    Axes,
+    Jitter,
+    MotionConvention,
+    MotionDirection,
+    MotionUnit,
+    YAxis,
+)
+from rtsr_cli.core.imaging.motion_trials import (
+    Evidence,
+    Samples,
+    Triple,
+    differences,
+    fitting_offset,
+    picture_of,
+)
+from rtsr_cli.core.shapes import Size
+
+PIXEL_SCALES = (1.0, 1 / 8, 1 / 6, 1 / 4, 1 / 3, 1 / 2, 2.0, 3.0, 4.0, 6.0, 8.0)
+"""Vectors in pixels of another resolution: the ratios of upscalers."""
+
+UV_SCALES = (1.0, 2.0)
+"""2: the encoding 0.5 + 0.5 v of a vector v that spans -1..1 over the whole screen."""
+
+CENTRES = (0.0, 0.5)
+"""Stored values that mean no motion."""
+
+STILL_PX = 1e-4
+"""A stored vector this close to its centre is no motion, whatever its unit."""
+
+SCREEN_PIXELS, FINAL_PIXELS, OFFSET_PIXELS = 768, 12288, 2048
+"""Pixels of a triple that are looked at."""
+
+SCREEN_BATCH = 32
+"""Hypotheses that are screened in one sweep."""
+
+FINALISTS = 12
+
+OFFSET_GAIN = 0.04
+"""An offset is taken for real where it lowers the error by this share; smaller gains are chance."""
+
+LEAST_INSIDE = 0.5
+"""A hypothesis that leads more than this share of the pixels out of the frame is not compared."""
+
+BLOCKS = 8
+"""Blocks of the image along each axis, over which differences are paired."""
+
+LEAST_BLOCK_PIXELS = 8
+
+EXPLAINS = 0.9
+"""The winner's error is below this share of that of taking everything for still, or it is none."""
+
+SIGNIFICANT_T = 3.0
+"""Standard errors by which a hypothesis must lie behind to be ruled out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """One hypothesis and what speaks for it.
+
+    Attributes:
+        convention: how the vectors would be stored.
+        error: mean difference to the neighbour fetched along them; 0 equal, 1 unrelated.
+        margin: 1 - best error / this error; 0 for the best.
+        significance: that difference in standard errors.
+        offsets_px: constant offset that fits best, for each triple.
+    """
+
+    convention: MotionConvention
+    error: float
+    margin: float
+    significance: float
+    offsets_px: tuple[Jitter, ...]
+
+    @property
+    def tied(self) -> bool:
+        """Tell whether the measurement cannot rule this hypothesis out."""
+        return self.significance < SIGNIFICANT_T
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionFinding:
+    """The ranked hypotheses; none where nothing moves or the pictures do not tell.
+
+    Attributes:
+        candidates: best first.
+        unmoved_error: error of taking everything for still, on the same pixels.
+        moving: share of the pixels that move.
+        triples: frames that were compared with both neighbours.
+    """
+
+    candidates: tuple[Candidate, ...]
+    unmoved_error: float
+    moving: float
+    triples: tuple[int, ...]
+
+    @property
+    def best(self) -> Candidate | None:
+        """The winner, None if there is none or it explains little more than standing still.
+
+        Of readings that tie, one whose vectors lie in their frame's own file comes first.
+        """
+        if not self.candidates or self.candidates[0].error > EXPLAINS * self.unmoved_error:
+            return None
+        return min(self.candidates, key=lambda c: (not c.tied, abs(c.convention.file_offset)))
+
+    @property
+    def ties(self) -> tuple[Candidate, ...]:
+        """The winner and those that cannot be told from it."""
+        return tuple(c for c in self.candidates if c.tied) if self.best else ()
+
+    def of(self, convention: MotionConvention) -> Candidate | None:
+        """Return what was measured about a convention; jitter is not part of the hypothesis."""
+        plain = replace(convention, jittered=False, jitter_inverted=False)
+        return next((c for c in self.candidates if c.convention == plain), None)
+
+
+def hypotheses(centre: float) -> list[MotionConvention]:
+    """Every reading of vectors that have this centre."""
+    units = [(MotionUnit.PIXELS, s) for s in PIXEL_SCALES]
+    units += [(MotionUnit.UV, s) for s in UV_SCALES] + [(MotionUnit.NDC, 1.0)]
+    timings = [(d, 0) for d in MotionDirection]
+    timings += [(d, o) for d in MotionDirection if not d.to_next for o in (1, -1)]
+    return [
+        MotionConvention(
+            unit=unit,
+            scale=scale,
+            direction=direction,
+            file_offset=offset,
+            y_axis=y_axis,
+            axes=axes,
+            zero=centre,
+        )
+        for (direction, offset), (unit, scale), y_axis, axes in itertools.product(
+            timings, units, YAxis, Axes
+        )
+    ]
+
+
+def centre_of(stored: Tensor) -> float:
+    """Stored value of no motion: 0.5 where everything lies in 0..1 and most of it near 0.5."""
+    low, high = float(stored.min()), float(stored.max())
+    middle = float((stored - 0.5).abs().median())
+    return 0.5 if low >= 0.0 and high <= 1.0 and middle < min(0.25, float(stored.median())) else 0.0
+
+
+def _triples(frames: Mapping[int, Evidence], centre: float, screen: Size) -> list[Triple]:
+    pictures = {n: picture_of(e) for n, e in frames.items()}
+    stored = {n: e.stored[0].flatten(1) for n, e in frames.items()}
+    jitter = {n: e.jitter_px for n, e in frames.items()}
+    triples = []
+    for number, picture in pictures.items():
+        if number - 1 not in pictures:
+            continue
+        moving = ((stored[number] - centre).abs().amax(0) > STILL_PX).nonzero()[:, 0]
+        if len(moving) == 0:
+            continue
+        chooser = torch.Generator().manual_seed(number)
+        index = moving[torch.randint(0, len(moving), (FINAL_PIXELS,), generator=chooser)]
+        width = picture.size[1]
+        samples = Samples(
+            (index % width).float(),
+            (index // width).float(),
+            picture.rows[index],
+            None if picture.ids is None else picture.ids[index],
+        )
+        size = picture.size
+        triples.append(Triple(number, pictures, stored, jitter, samples, index, size, screen))
+    # a frame with both neighbours answers every question; one with a single one only some
+    complete = [t for t in triples if t.number + 1 in pictures]
+    return complete or triples
+
+
+def _screened(
+    triples: Sequence[Triple], tried: Sequence[MotionConvention]
+) -> list[MotionConvention]:
+    """Sort hypotheses by their mean error on few pixels; those that lead outside come last."""
+    totals = torch.zeros(len(tried))
+    for triple, start in itertools.product(triples, range(0, len(tried), SCREEN_BATCH)):
+        batch = tried[start : start + SCREEN_BATCH]
+        few = triple.samples.first(SCREEN_PIXELS)
+        pictures, shifts = zip(*(triple.shift(h, SCREEN_PIXELS) for h in batch), strict=True)
+        for other in dict.fromkeys(pictures):
+            chosen = [i for i, picture in enumerate(pictures) if picture is other]
+            error, inside = differences(few, other, torch.stack([shifts[i] for i in chosen]))
+            count = inside.sum(1)
+            mean = (error * inside).sum(1) / count.clamp(min=1)
+            mean = torch.where(count > LEAST_INSIDE * SCREEN_PIXELS, mean, torch.ones_like(mean))
+            totals[[start + i for i in chosen]] += mean
+    return [tried[i] for i in totals.argsort(stable=True).tolist()]
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Errors of one hypothesis on the pixels of one triple."""
+
+    errors: Tensor
+    inside: Tensor
+    offset: Jitter
+
+
+def _try(triple: Triple, convention: MotionConvention) -> _Trial:
+    other, shift = triple.shift(convention, FINAL_PIXELS)
+    errors, inside = differences(triple.samples, other, shift)
+    few = triple.samples.first(OFFSET_PIXELS)
+    offset = fitting_offset(few, other, shift[:, :OFFSET_PIXELS])
+    moved, inside_moved = differences(triple.samples, other, shift + offset[:, None])
+    if float(moved.mean()) < (1.0 - OFFSET_GAIN) * float(errors.mean()):
+        return _Trial(moved, inside_moved, (float(offset[0]), float(offset[1])))
+    return _Trial(errors, inside, (0.0, 0.0))
+
+
+def _block_means(triple: Triple, trials: Sequence[_Trial], unmoved: Tensor) -> Tensor:
+    """Mean error of each hypothesis (and of standing still) a block, where all stay inside."""
+    height, width = triple.size
+    row = (triple.samples.y * BLOCKS / height).long()
+    column = (triple.samples.x * BLOCKS / width).long()
+    block = row * BLOCKS + column
+    near = [t for t in trials if float(t.inside.float().mean()) > LEAST_INSIDE]
+    common = torch.stack([t.inside for t in near]).all(0) if near else trials[0].inside
+    errors = torch.stack([t.errors for t in trials] + [unmoved])[:, common]
+    count = torch.zeros(BLOCKS * BLOCKS).index_add_(0, block[common], torch.ones(int(common.sum())))
+    sums = torch.zeros(len(errors), BLOCKS * BLOCKS).index_add_(1, block[common], errors)
+    return (sums / count)[:, count >= LEAST_BLOCK_PIXELS]
+
+
+def find_motion(
+    frames: Mapping[int, Evidence],
+    *,
+    screen: Size,
+    include: Sequence[MotionConvention] = (),
+) -> MotionFinding:
+    """Rank every reading of the stored vectors.
+
+    Args:
+        frames: consecutive frames by position in the sequence (0, 1, 2, ... or gaps between
+            groups); three in a row allow every question, two only those about the previous one.
+        screen: (height, width) that uv and ndc span; the images may be a part of it.
+        include: conventions that take part in the final whatever the screening says (a preset,
+            a declaration).
+    """
+    stored = torch.cat([e.stored.flatten() for e in frames.values()])
+    centre = centre_of(stored)
+    triples = _triples(frames, centre, screen)
+    moved = [((e.stored - centre).abs().amax(1) > STILL_PX).float().mean() for e in frames.values()]
+    moving = float(torch.stack(moved).mean())
+    numbers = tuple(t.number for t in triples)
+    if not triples:
+        return MotionFinding(candidates=(), unmoved_error=1.0, moving=moving, triples=numbers)
+    tried = [h for h in hypotheses(centre) if all(t.allows(h) for t in triples)]
+    screened = _screened(triples, tried)
+    finalists = list(dict.fromkeys([*screened[:FINALISTS], *_tryable(include, triples)]))
+    return _final(triples, finalists, moving=moving)
+
+
+def _tryable(
+    include: Sequence[MotionConvention], triples: Sequence[Triple]
+) -> list[MotionConvention]:
+    plain = [replace(c, jittered=False, jitter_inverted=False) for c in include]
+    return [c for c in plain if all(t.allows(c) for t in triples)]
+
+
+def _final(
+    triples: Sequence[Triple], finalists: Sequence[MotionConvention], *, moving: float
+) -> MotionFinding:
+    blocks, offsets = [], []
+    for triple in triples:
+        trials = [_try(triple, convention) for convention in finalists]
+        still = replace(finalists[0], scale=0.0)
+        other, shift = triple.shift(still, FINAL_PIXELS)
+        unmoved, _ = differences(triple.samples, other, shift)
+        blocks.append(_block_means(triple, trials, unmoved))
+        offsets.append([trial.offset for trial in trials])
+    errors = torch.cat(blocks, dim=1)
+    if errors.shape[1] == 0:
+        return MotionFinding(candidates=(), unmoved_error=1.0, moving=moving, triples=())
+    means = errors.mean(1)
+    best = int(means[:-1].argmin())
+    candidates = [
+        Candidate(
+            convention=convention,
+            error=float(means[i]),
+            margin=float(1.0 - means[best] / means[i].clamp(min=1e-9)),
+            significance=_significance(errors[i] - errors[best]),
+            offsets_px=tuple(by_triple[i] for by_triple in offsets),
+        )
+        for i, convention in enumerate(finalists)
+    ]
+    return MotionFinding(
+        candidates=tuple(sorted(candidates, key=lambda c: c.error)),
+        unmoved_error=float(means[-1]),
+        moving=moving,
+        triples=tuple(t.number for t in triples),
+    )
+
+
+def _significance(differences: Tensor) -> float:
+    """t = mean / standard error of paired differences; 0 where all are equal."""
+    if len(differences) < 2 or float(differences.abs().amax()) == 0.0:
+        return 0.0
+    spread = differences.std() / len(differences) ** 0.5
+    return float(differences.mean() / spread.clamp(min=1e-9))

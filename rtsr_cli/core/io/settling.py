@@ -1,0 +1,286 @@
+"""Settling how a dump is read: option > capture.toml > measured > preset.
+
+What is declared is obeyed, and a measurement that contradicts it is said. A preset gives way to a
+clear measurement. A preset that nobody has verified runs only when the measurement is clear, or
+when capture.toml names it and declares its motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import Conventions, NormalConvention
+from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.imaging.jitter_finder import JitterVerdict
+from rtsr_cli.core.imaging.motion_finder import Candidate
+from rtsr_cli.core.io.capture import Capture
+from rtsr_cli.core.io.measuring import Measured, measure
+from rtsr_cli.core.io.reading import FrameReader
+
+WIDE_MARGIN = 0.02
+WIDE_SIGNIFICANCE = 5.0
+"""A reading of motion whose error is this share above the best one's, by this many standard errors,
+is contradicted."""
+
+WIDE_DEPTH_MARGIN = 0.5
+"""A reading of depth is contradicted where another one has less than half its error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settled:
+    """A reader that knows how its files are to be read.
+
+    Attributes:
+        reader: with the settled conventions.
+        measured: what they rest on.
+        warnings: contradictions, for the user.
+        notes: what was measured instead of presumed, for the user.
+        by_measurement: names of conventions that neither the preset nor a declaration gave.
+        undecided: why the conventions are not settled, empty if they are.
+    """
+
+    reader: FrameReader
+    measured: Measured
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    by_measurement: tuple[str, ...] = ()
+    undecided: str = ""
+
+
+def settle(reader: FrameReader, capture: Capture, *, named: bool, motion: bool = True) -> Settled:
+    """Measure a few frames and decide; nothing is raised, what is not decided is said.
+
+    Args:
+        reader: as surveyed.
+        capture: what the user declares.
+        named: whether the user named the layout.
+        motion: whether vectors are of interest.
+    """
+    presumed = capture.conventions(reader.layout.conventions)
+    measured = measure(reader, presumed, motion=motion and Buffer.MOTION in reader.stored)
+    settled = Settled(reader=replace(reader, conventions=presumed), measured=measured)
+    if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
+        settled = replace(settled, undecided=_undocumented(reader))
+    for step in (_motion, _jitter, _depth, _position, _normal):
+        settled = step(settled, capture)
+    return replace(settled, reader=_bound(settled.reader))
+
+
+def _undocumented(reader: FrameReader) -> str:
+    name = reader.layout.name
+    return (
+        f"these channels look like layout '{name}', which is known from documentation only, and no "
+        f"motion vectors are there to check it by; name it to use it (capture.toml: layout = "
+        f'"{name}", or --layout {name})'
+    )
+
+
+def decided(settled: Settled, *, sharded: bool) -> FrameReader:
+    """Return the reader, or refuse one that nothing decides.
+
+    Raises:
+        FrameFolderError: the choices tie and nothing declares; or parts of a sharded run might
+            measure differently.
+    """
+    if settled.undecided:
+        raise FrameFolderError(f"{settled.reader.frames.root}: {settled.undecided}")
+    if sharded and settled.by_measurement:
+        raise FrameFolderError(
+            f"{settled.reader.frames.root}: {', '.join(settled.by_measurement)} is measured, not "
+            "declared, and --shard needs it declared so that all parts agree; run "
+            "'rtsr inspect --write' once"
+        )
+    return replace(settled.reader, warnings=settled.warnings, notes=settled.notes)
+
+
+def _contradicted(candidate: Candidate | None) -> bool:
+    return (
+        candidate is not None
+        and candidate.margin >= WIDE_MARGIN
+        and candidate.significance >= WIDE_SIGNIFICANCE
+    )
+
+
+def _motion(settled: Settled, capture: Capture) -> Settled:
+    reader, measured = settled.reader, settled.measured
+    if Buffer.MOTION not in reader.stored:
+        return settled
+    presumed = reader.conventions.motion
+    best = measured.best
+    against = measured.motion.of(presumed) if measured.motion is not None else None
+    agreed = best is not None and best.convention == _plain(presumed)
+    declared = capture.motion.declared()
+    if best is not None and not agreed and (_contradicted(against) or _unproven(settled, capture)):
+        # what is declared stays; what is not is taken from the measurement
+        chosen = replace(best.convention, **declared)
+        if _plain(chosen) != best.convention:
+            percent = against.margin if against is not None else 1.0
+            text = (
+                f"motion is declared as {presumed}, but the frames fit {best.convention} better "
+                f"(error {percent:.0%} lower); the declaration is obeyed. Correct it, or check "
+                "with 'rtsr inspect'"
+            )
+            return _warned(settled, text)
+        note = f"motion measured: {best.convention} (layout '{reader.layout.name}' says {presumed})"
+        return _measured(settled, "motion", note, motion=chosen)
+    if agreed or not _unproven(settled, capture):
+        return settled
+    return replace(settled, undecided=_undecided(settled))
+
+
+def _plain(convention: MotionConvention) -> MotionConvention:
+    return replace(convention, jittered=False, jitter_inverted=False)
+
+
+def _unproven(settled: Settled, capture: Capture) -> bool:
+    """Tell whether nothing but an unverified preset, or nothing at all, speaks for the vectors."""
+    return not settled.reader.layout.verified and not capture.motion.decides()
+
+
+def _undecided(settled: Settled) -> str:
+    finding = settled.measured.motion
+    name = settled.reader.layout.name
+    remedy = (
+        "declare [motion] unit, direction and y_axis in capture.toml ('rtsr inspect' shows what "
+        "is known)"
+    )
+    if finding is None or not finding.candidates:
+        return (
+            f"layout '{name}' does not say for certain how motion is stored, and it cannot be "
+            f"measured (nothing moves, or fewer than two frames); {remedy}"
+        )
+    if finding.best is None:
+        return f"no reading of the motion vectors fits the frames better than none; {remedy}"
+    choices = "; ".join(str(c.convention) for c in finding.ties)
+    return f"the motion vectors can be read in ways that fit equally well: {choices}. {remedy}"
+
+
+def _jitter(settled: Settled, capture: Capture) -> Settled:
+    finding = settled.measured.jitter
+    if finding is None or Buffer.MOTION not in settled.reader.stored:
+        return settled
+    convention = settled.reader.conventions.motion
+    if finding.verdict in {_as_declared(convention), JitterVerdict.UNKNOWN}:
+        return settled
+    inverted = finding.verdict is JitterVerdict.IN_VECTORS_INVERTED
+    if capture.motion.jittered is None and (
+        inverted or finding.verdict is JitterVerdict.IN_VECTORS
+    ):
+        changed = replace(convention, jittered=True, jitter_inverted=inverted)
+        note = f"jitter measured: {finding.verdict}; it is taken out"
+        return _measured(settled, "jitter", note, motion=changed)
+    text = _JITTER_WARNINGS.get(finding.verdict, "")
+    return _warned(settled, text.format(finding.spread_px)) if text else settled
+
+
+_JITTER_WARNINGS = {
+    JitterVerdict.UNDECLARED: "motion or frames contain a jitter of up to {:.2f} px that is not "
+    "declared; declare jitter_px (and [motion] jittered) in capture.toml",
+    JitterVerdict.WRONG_SIGN: "jitter_px has the wrong sign: the frames lie the other way by up "
+    "to {:.2f} px; negate it",
+    JitterVerdict.IN_VECTORS: "the vectors contain the jitter (up to {:.2f} px), which [motion] "
+    "jittered denies; the declaration is obeyed",
+    JitterVerdict.IN_VECTORS_INVERTED: "the vectors contain the jitter inverted (up to {:.2f} px), "
+    "against [motion] jittered; the declaration is obeyed",
+    JitterVerdict.CONSISTENT: "the vectors contain no jitter, though [motion] jittered says so; "
+    "the declaration is obeyed",
+}
+"""What is said where jitter is not as declared; a constant offset may have many reasons."""
+
+
+def _as_declared(convention: MotionConvention) -> JitterVerdict:
+    if not convention.jittered:
+        return JitterVerdict.CONSISTENT
+    inverted = convention.jitter_inverted
+    return JitterVerdict.IN_VECTORS_INVERTED if inverted else JitterVerdict.IN_VECTORS
+
+
+def _depth(settled: Settled, capture: Capture) -> Settled:
+    finding = settled.measured.depth
+    presumed = settled.reader.conventions.depth
+    against = finding.of(presumed)
+    best = finding.best
+    if best is None or against is None or best.convention == against.convention:
+        return settled
+    if best.error > (1.0 - WIDE_DEPTH_MARGIN) * against.error:
+        return settled
+    measured = best.convention
+    text = (
+        f"{measured.kind}{' reversed' if measured.reversed else ''}, {measured.unit_m:g} m a unit"
+    )
+    given = capture.depth.declared()
+    if {"kind", "unit", "reversed"} & set(given):
+        return _warned(
+            settled,
+            f"depth is declared as {presumed.kind}, {presumed.unit_m:g} m a unit, but the camera "
+            f"fits {text} ({best.error:.3g} against {against.error:.3g} {finding.measure}); "
+            "the declaration is obeyed",
+        )
+    chosen = replace(measured, sky=given.get("sky"))
+    note = (
+        f"depth measured: {text} ({best.error:.3g} against {against.error:.3g} {finding.measure}; "
+        f"layout '{settled.reader.layout.name}' says {presumed.kind}, {presumed.unit_m:g} m a unit)"
+    )
+    return _measured(settled, "depth", note, depth=chosen)
+
+
+def _position(settled: Settled, capture: Capture) -> Settled:
+    """Positions only stand in for missing cameras, so that a contradiction is no more than said."""
+    unit = settled.measured.position_unit_m
+    conventions = settled.reader.conventions
+    if unit is None or unit == conventions.metres_per_position:
+        return settled
+    if capture.position.unit is not None:
+        return _warned(
+            settled,
+            f"position is declared as {capture.position.unit:g} m a unit, but the camera fits "
+            f"{unit:g}; the declaration is obeyed",
+        )
+    note = f"position measured: {unit:g} m a unit"
+    return _measured(settled, "position", note, position_unit_m=unit)
+
+
+def _normal(settled: Settled, capture: Capture) -> Settled:
+    finding = settled.measured.normal
+    presumed = settled.reader.conventions.normal
+    if finding is None or finding.packed is None:
+        return settled
+    measured = NormalConvention(
+        space=finding.space or presumed.space, packed=finding.packed, sky=presumed.sky
+    )
+    if measured == presumed:
+        return settled
+    text = f"{measured.space} space{', packed' if measured.packed else ''}"
+    if capture.normal.declared():
+        return _warned(
+            settled,
+            f"normals are declared as {presumed.space} space"
+            f"{', packed' if presumed.packed else ''}, but they look like {text}; "
+            "the declaration is obeyed",
+        )
+    return _measured(settled, "normal", f"normals measured: {text}", normal=measured)
+
+
+def _warned(settled: Settled, text: str) -> Settled:
+    return replace(settled, warnings=(*settled.warnings, text))
+
+
+def _measured(settled: Settled, name: str, note: str, **changes: object) -> Settled:
+    conventions: Conventions = replace(settled.reader.conventions, **changes)  # type: ignore[arg-type]
+    return replace(
+        settled,
+        reader=replace(settled.reader, conventions=conventions),
+        notes=(*settled.notes, note),
+        by_measurement=(*settled.by_measurement, name),
+    )
+
+
+def _bound(reader: FrameReader) -> FrameReader:
+    """Bind vectors about the next frame as `forward`; those about the previous one are missing."""
+    if Buffer.MOTION not in reader.binding or not reader.conventions.motion.direction.to_next:
+        return reader
+    binding = dict(reader.binding)
+    binding[Buffer.FORWARD] = binding.pop(Buffer.MOTION)
+    return replace(reader, binding=binding)
