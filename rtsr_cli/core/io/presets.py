@@ -44,10 +44,10 @@ RTSR = Layout(
         Buffer.LIGHTING: named(Buffer.LIGHTING, "lighting"),
         Buffer.LIGHTING_MASK: single("mask"),
         Buffer.NORMAL: either(
-            named(Buffer.NORMAL, "normal", "N", "Normals", "bump_normals"),
+            named(Buffer.NORMAL, "normal", "normals", "Normals", "N", "bump_normals"),
             named(
                 Buffer.NORMAL,
-                *("normal", "N", "Normals", "VisibleNormals", "OptixNormals"),
+                *("normal", "normals", "Normals", "N", "VisibleNormals", "OptixNormals"),
                 letters="RGB",
             ),
             tuple(Component(places=(Place(channel=c),)) for c in ("NX", "NY", "NZ")),
