@@ -261,5 +261,6 @@ _CONVERSIONS: Mapping[Buffer, Callable[[Tensor, Stored], Tensor]] = {
     Buffer.METALLIC: _unit_interval,
     Buffer.ROUGHNESS: _roughness,
     Buffer.NORMAL: _normal,
+    Buffer.GEONORMAL: _normal,
     Buffer.POSITION: _position,
 }

@@ -95,6 +95,7 @@ RTSR = Layout(
         Buffer.LIGHTING: named(Buffer.LIGHTING, "lighting"),
         Buffer.LIGHTING_MASK: _single("mask"),
         Buffer.NORMAL: named(Buffer.NORMAL, "normal"),
+        Buffer.GEONORMAL: named(Buffer.GEONORMAL, "geonormal"),
         Buffer.DEPTH: _single("depth.Z", "depth"),
         Buffer.ROUGHNESS: _single("roughness"),
         Buffer.METALLIC: _single("metallic"),
