@@ -28,6 +28,7 @@ class Buffer(StrEnum):
     ALBEDO = "albedo"
     SPECULAR = "specular"
     NORMAL = "normal"
+    GEONORMAL = "geonormal"
     DEPTH = "depth"
     ROUGHNESS = "roughness"
     METALLIC = "metallic"
@@ -80,6 +81,9 @@ BUFFER_SPECS: Mapping[Buffer, BufferSpec] = MappingProxyType(
         Buffer.ALBEDO: BufferSpec(channels=3, unit="linear, 0..1", components="RGB"),
         Buffer.SPECULAR: BufferSpec(channels=3, unit="F0, 0..1", components="RGB"),
         Buffer.NORMAL: BufferSpec(channels=3, unit="world space, unit length", components="XYZ"),
+        Buffer.GEONORMAL: BufferSpec(
+            channels=3, unit="world space, unit length, without normal map", components="XYZ"
+        ),
         Buffer.DEPTH: BufferSpec(
             channels=1, unit="planar view distance, m", resampling=Resampling.SAMPLE
         ),
@@ -106,6 +110,9 @@ BUFFER_SPECS: Mapping[Buffer, BufferSpec] = MappingProxyType(
 
 VECTOR_BUFFERS = (Buffer.MOTION, Buffer.FORWARD)
 """Buffers measured in pixels of their own resolution: they change value when it changes."""
+
+NORMAL_BUFFERS = frozenset({Buffer.NORMAL, Buffer.GEONORMAL})
+"""Buffers of unit vectors: a mean of several is brought back to length 1."""
 
 RADIANCE_BUFFERS = frozenset(b for b, spec in BUFFER_SPECS.items() if spec.radiance)
 """What `upscale` must never read at high resolution."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import torch
@@ -21,7 +21,6 @@ from rtsr_cli.core.frames.camera import (
 from rtsr_cli.core.frames.motion import (
     Jitter,
     MotionConvention,
-    MotionDirection,
     motion_to_pixels,
 )
 from rtsr_cli.core.frames.vectors import normalized
@@ -294,15 +293,7 @@ def _motion(stored: Tensor, frame: Stored) -> Tensor:
 
 
 def _forward(stored: Tensor, frame: Stored) -> Tensor:
-    """Forward vectors lead to the next frame, unless all that a file holds leads from it.
-
-    A layout that has both kinds of vectors declares the direction of `motion`; unit and axes are
-    those of both.
-    """
-    motion = frame.conventions.motion
-    direction = motion.direction if motion.direction.to_next else MotionDirection.NEXT_MINUS_CURRENT
-    convention = replace(motion, direction=direction, jittered=False)
-    return motion_to_pixels(stored, convention, screen=frame.view.display)
+    return motion_to_pixels(stored, frame.conventions.motion.forward, screen=frame.view.display)
 
 
 def _object_id(stored: Tensor, _: Stored) -> Tensor:
@@ -342,5 +333,6 @@ _CONVERSIONS: Mapping[Buffer, Callable[[Tensor, Stored], Tensor]] = {
     Buffer.METALLIC: _unit_interval,
     Buffer.ROUGHNESS: _roughness,
     Buffer.NORMAL: _normal,
+    Buffer.GEONORMAL: _normal,
     Buffer.POSITION: _position,
 }

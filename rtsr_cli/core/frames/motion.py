@@ -6,7 +6,7 @@ current**, jitter excluded, so that `previous_position = position + motion_px`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import torch
@@ -85,6 +85,16 @@ class MotionConvention:
     scale: float = 1.0
     zero: float = 0.0
     file_offset: int = 0
+
+    @property
+    def forward(self) -> MotionConvention:
+        """How vectors to the next frame are stored beside these.
+
+        A file that holds one kind only declares its direction; where `direction` is about the
+        previous frame, forward vectors lead to the next one, in the same unit and axes.
+        """
+        direction = self.direction if self.direction.to_next else MotionDirection.NEXT_MINUS_CURRENT
+        return replace(self, direction=direction, jittered=False)
 
     def factors(self, size: Size) -> tuple[float, float]:
         """Factors (x, y) that turn a stored vector of an image of `size` into pixels.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from torch import Tensor
 
@@ -14,7 +13,7 @@ from rtsr_cli.core.frames.conventions import (
     normal_from_world,
     roughness_from_perceptual,
 )
-from rtsr_cli.core.frames.motion import MotionDirection, motion_from_pixels
+from rtsr_cli.core.frames.motion import motion_from_pixels
 
 
 def from_memory(buffer: Buffer, image: Tensor, frame: Stored) -> Tensor:
@@ -44,13 +43,7 @@ def _motion(image: Tensor, frame: Stored) -> Tensor:
 
 
 def _forward(image: Tensor, frame: Stored) -> Tensor:
-    """Forward vectors lead to the next frame in every layout; only unit and axis can differ."""
-    convention = replace(
-        frame.conventions.motion,
-        direction=MotionDirection.PREVIOUS_MINUS_CURRENT,
-        jittered=False,
-    )
-    return motion_from_pixels(image, convention, screen=frame.view.display)
+    return motion_from_pixels(image, frame.conventions.motion.forward, screen=frame.view.display)
 
 
 def _roughness(image: Tensor, frame: Stored) -> Tensor:
@@ -71,5 +64,6 @@ _CONVERSIONS: Mapping[Buffer, Callable[[Tensor, Stored], Tensor]] = {
     Buffer.FORWARD: _forward,
     Buffer.ROUGHNESS: _roughness,
     Buffer.NORMAL: _normal,
+    Buffer.GEONORMAL: _normal,
     Buffer.POSITION: _position,
 }

@@ -52,6 +52,7 @@ RTSR = Layout(
             ),
             tuple(Component(places=(Place(channel=c),)) for c in ("NX", "NY", "NZ")),
         ),
+        Buffer.GEONORMAL: named(Buffer.GEONORMAL, "geonormal"),
         Buffer.DEPTH: single("depth.Z", "depth", "Z", "depth.R", "depth.Y", "Depth.Z"),
         Buffer.ROUGHNESS: single("roughness", "roughness.R", "roughness.X", "roughness.Y"),
         Buffer.METALLIC: single("metallic", "metallic.R", "metallic.X", "metallic.Y"),

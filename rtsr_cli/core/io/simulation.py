@@ -12,7 +12,13 @@ from enum import StrEnum
 
 from torch import Tensor
 
-from rtsr_cli.core.frames.buffers import BUFFER_SPECS, VECTOR_BUFFERS, Buffer, Resampling
+from rtsr_cli.core.frames.buffers import (
+    BUFFER_SPECS,
+    NORMAL_BUFFERS,
+    VECTOR_BUFFERS,
+    Buffer,
+    Resampling,
+)
 from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.frames.vectors import normalized
@@ -97,7 +103,7 @@ def averaged(full: Frame, k: int) -> Frame:
             small = decimate(tensor, k, (k // 2, k // 2)).contiguous()
             return small / k if buffer in VECTOR_BUFFERS else small
         mean = box_mean(tensor, k)
-        return normalized(mean) if buffer is Buffer.NORMAL else mean
+        return normalized(mean) if buffer in NORMAL_BUFFERS else mean
 
     height, width = full.view.display
     view = View(display=(height // k, width // k), top=full.view.top // k, left=full.view.left // k)

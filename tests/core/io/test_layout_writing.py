@@ -12,14 +12,14 @@ import pytest
 import torch
 
 from rtsr_cli.core.errors import ConfigError
-from rtsr_cli.core.frames.buffers import BUFFER_SPECS, SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, NORMAL_BUFFERS, SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.exr import read_channels, read_header
 from rtsr_cli.core.io.layout_writing import FLOAT_BUFFERS, Role, write_frame, write_side_car
 from rtsr_cli.core.io.layouts import Layout
-from rtsr_cli.core.io.opening import ReadOptions, declared, open_set, shots_of
+from rtsr_cli.core.io.opening import ReadOptions, declared, settled_set, shots_of
 from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
 
@@ -39,8 +39,9 @@ def random_frame(number: int, camera: CameraMetadata, size: tuple[int, int] = SI
         for buffer, spec in BUFFER_SPECS.items()
         if buffer is not Buffer.SKY
     }
-    buffers[Buffer.NORMAL] = torch.nn.functional.normalize(buffers[Buffer.NORMAL] - 0.5, dim=1)
-    buffers[Buffer.NORMAL][:, :, 0] = 0.0
+    for buffer in NORMAL_BUFFERS:
+        buffers[buffer] = torch.nn.functional.normalize(buffers[buffer] - 0.5, dim=1)
+        buffers[buffer][:, :, 0] = 0.0
     buffers[Buffer.DEPTH] = 1.0 + 20.0 * buffers[Buffer.DEPTH]
     buffers[Buffer.DEPTH][:, :, 0] = SKY_DEPTH_M
     for buffer in (Buffer.MOTION, Buffer.FORWARD, Buffer.POSITION):
@@ -57,7 +58,7 @@ def random_frame(number: int, camera: CameraMetadata, size: tuple[int, int] = SI
 def only_reader(folder: Path, layout: str | None = None) -> FrameReader:
     options = ReadOptions(layout=layout)
     (shot,) = shots_of(folder, options)
-    return open_set(shot.frames, shot, folder, options, jittered=True)
+    return settled_set(shot.frames, shot, folder, options, jittered=True).reader
 
 
 def assert_same(found: Frame, written: Frame) -> None:
@@ -132,7 +133,9 @@ def test_a_written_data_set_is_found_and_read_back(
         frames = written[shot.name.removeprefix("train/")]
         assert shot.hr is not None
         for role, files in ((Role.LR, shot.frames), (Role.HR, shot.hr)):
-            reader = open_set(files, shot, tmp_path, ReadOptions(), jittered=role is Role.LR)
+            reader = settled_set(
+                files, shot, tmp_path, ReadOptions(), jittered=role is Role.LR
+            ).reader
             assert reader.layout.name == name
             assert reader.numbers == (0, 1, 2)
             for number, frame in frames[role].items():
@@ -182,7 +185,7 @@ def test_reversed_device_depth_is_told_by_the_side_car(
     assert stored[0].max() == 0.0
     assert json.loads((tmp_path / "0000.json").read_text())["ReverseZ"] is True
     (shot,) = shots_of(tmp_path, ReadOptions())
-    reader = open_set(shot.frames, shot, tmp_path, ReadOptions(), jittered=True)
+    reader = settled_set(shot.frames, shot, tmp_path, ReadOptions(), jittered=True).reader
     assert_same(reader.read(0, (Buffer.DEPTH,)), written[0])
 
 
