@@ -35,8 +35,17 @@ MOST_PIXELS = 1 << 16
 
 LEAST_POINTS = 64
 
+MOTION, POSITION = "px of motion", "of the distance"
+"""What errors are measured in."""
+
+TRUSTED = {MOTION: 0.5, POSITION: 0.05}
+"""Where the best reading is worse than this, the cameras do not belong to the frames."""
+
 LEAST_PARALLAX_PX = 0.05
 """Depth is not measured where all readings move points alike, to this many pixels."""
+
+LARGEST_OFFSET_PX = 1.25
+"""Jitter differs by less than a pixel between frames."""
 
 UNIT_TOLERANCE = 0.1
 """Unit normals: mean deviation of their length from 1."""
@@ -217,8 +226,8 @@ def find_depth(
     by_position = [f for f in thinned if f.position is not None]
     by_motion = [f for f in thinned if f.motion_px is not None]
     for measure, error, usable in (
-        ("of the distance", _position_error, by_position),
-        ("px of motion", _motion_error, by_motion),
+        (POSITION, _position_error, by_position),
+        (MOTION, _motion_error, by_motion),
     ):
         ranked = []
         for reading in depth_hypotheses(declared):
@@ -226,7 +235,7 @@ def find_depth(
             if errors:
                 ranked.append(DepthCandidate(convention=reading, error=sum(errors) / len(errors)))
         ranked.sort(key=lambda candidate: candidate.error)
-        if ranked and not _alike(ranked, measure):
+        if ranked and ranked[0].error < TRUSTED[measure] and not _alike(ranked, measure):
             return DepthFinding(candidates=tuple(ranked), measure=measure)
     return DepthFinding()
 
@@ -234,7 +243,7 @@ def find_depth(
 def _alike(ranked: Sequence[DepthCandidate], measure: str) -> bool:
     """Tell whether a camera that does not travel leaves every reading equally good."""
     spread = ranked[len(ranked) // 2].error - ranked[0].error
-    return measure == "px of motion" and spread < LEAST_PARALLAX_PX
+    return measure == MOTION and spread < LEAST_PARALLAX_PX
 
 
 def _metres(frame: Geometry, reading: DepthConvention) -> Tensor | None:
@@ -245,7 +254,10 @@ def _metres(frame: Geometry, reading: DepthConvention) -> Tensor | None:
 
 
 def _motion_error(frame: Geometry, reading: DepthConvention) -> float | None:
-    """Median distance between the motion that a reading predicts and the vectors, pixels."""
+    """Median distance between the motion that a reading predicts and the vectors, pixels.
+
+    A constant difference of at most `LARGEST_OFFSET_PX` is taken out: vectors may contain jitter.
+    """
     metres = _metres(frame, reading)
     world = None if metres is None else to_world(metres, frame.camera, frame.view)
     if metres is None or world is None or frame.motion_px is None:
@@ -255,7 +267,14 @@ def _motion_error(frame: Geometry, reading: DepthConvention) -> float | None:
         return None
     size = (metres.shape[-2], metres.shape[-1])
     predicted = then - _own_positions(size, frame.camera.jitter_px)
-    return _median(length(predicted - frame.motion_px), _surface(frame, metres))
+    valid = _surface(frame, metres)
+    difference = predicted - frame.motion_px
+    known = valid & torch.isfinite(difference).all(1, keepdim=True)
+    if int(known.sum()) < LEAST_POINTS:
+        return None
+    offset = difference[known.expand_as(difference)].view(2, -1).median(1).values
+    offset = offset.clamp(-LARGEST_OFFSET_PX, LARGEST_OFFSET_PX)
+    return _median(length(difference - offset.view(1, 2, 1, 1)), valid)
 
 
 def _position_error(frame: Geometry, reading: DepthConvention) -> float | None:

@@ -206,7 +206,7 @@ def _with_geometry(
 ) -> Measured:
     """Add what camera and depth say of depth, and of motion where pictures leave it tied."""
     if Buffer.DEPTH not in reader.stored or not reader.has_camera:
-        return _with_jitter(reader, found)
+        return _with_jitter(reader, found, presumed.motion)
     placed = _find_depth(reader, stored, presumed.depth, unit=found.position_unit_m)
     ties = found.motion.ties if found.motion is not None else ()
     moved = {
@@ -218,16 +218,20 @@ def _with_geometry(
     chosen = ranked[0] if clear else None
     along = moved[chosen or ties[0]] if ties else DepthFinding()
     depth = placed if placed.best is not None else along
-    return _with_jitter(reader, replace(found, by_geometry=chosen, depth=depth))
+    return _with_jitter(reader, replace(found, by_geometry=chosen, depth=depth), presumed.motion)
 
 
 def _error(finding: DepthFinding) -> float:
     return finding.best.error if finding.best is not None else float("inf")
 
 
-def _with_jitter(reader: FrameReader, found: Measured) -> Measured:
-    best = found.by_geometry or (found.motion.best if found.motion is not None else None)
-    if best is None or found.motion is None:
+def _with_jitter(reader: FrameReader, found: Measured, presumed: MotionConvention) -> Measured:
+    """Judge the offsets of the reading that stands alone, or of the presumed one if it may hold."""
+    if found.motion is None:
+        return found
+    likely = found.motion.of(presumed)
+    best = found.best or (likely if likely in found.motion.ties else None)
+    if best is None:
         return found
     step = 1 if best.convention.direction.to_next else -1
 

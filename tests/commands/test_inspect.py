@@ -1,0 +1,384 @@
+"""`rtsr inspect`, and how measured conventions reach every other command."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from numpy.typing import NDArray
+
+from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
+
+Run = Callable[..., Result]
+Planes = dict[str, NDArray[Any]]
+Changed = Callable[[Path, Callable[[Planes, int], None]], Path]
+
+MOTION = ("motion.X", "motion.Y")
+
+
+@pytest.fixture(scope="session")
+def textured(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four frames of a textured part of the sample, in its place on the image plane."""
+    folder = tmp_path_factory.mktemp("textured")
+    place = Window(left=144, top=112, width=192, height=128)
+    display = Window(left=0, top=0, width=480, height=288)
+    rows, columns = slice(112, 240), slice(144, 336)
+    for path in sorted((sample_root / "hr").glob("*.exr"))[:4]:
+        header = read_header(path)
+        planes = dict(read_channels(path, header.channels))
+        planes |= read_channels(sample_root / "reference" / path.name, "RGB")
+        cropped = {name: plane[rows, columns] for name, plane in planes.items()}
+        write_exr(
+            folder / path.name,
+            cropped,
+            attributes=header.attributes,
+            data_window=place,
+            display_window=display,
+        )
+    return folder
+
+
+def facts(rtsr: Run, *args: object) -> dict[str, Any]:
+    result = rtsr("inspect", *args, "--json")
+    assert result.exit_code in {0, 3}, result.output
+    loaded: dict[str, Any] = json.loads(result.stdout)
+    return loaded
+
+
+def rescaled(x: float, y: float) -> Callable[[Planes, int], None]:
+    def change(planes: Planes, _: int) -> None:
+        for name, factor in zip(MOTION, (x, y), strict=True):
+            planes[name] = (planes[name] * np.float32(factor)).astype(np.float32)
+
+    return change
+
+
+def swapped(planes: Planes, _: int) -> None:
+    planes["motion.X"], planes["motion.Y"] = planes["motion.Y"], planes["motion.X"]
+
+
+def centred(planes: Planes, _: int) -> None:
+    planes["motion.X"] = (planes["motion.X"] / 480 + 0.5).astype(np.float16)
+    planes["motion.Y"] = (planes["motion.Y"] / 288 + 0.5).astype(np.float16)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (rescaled(1, 1), {"direction": "previous-minus-current", "y_axis": "down"}),
+        (rescaled(-1, -1), {"direction": "current-minus-previous", "y_axis": "down"}),
+        (rescaled(-1, 1), {"direction": "current-minus-previous", "y_axis": "up"}),
+        (rescaled(1, -1), {"direction": "previous-minus-current", "y_axis": "up"}),
+        (rescaled(1 / 480, 1 / 288), {"unit": "uv", "scale": 1.0}),
+        (rescaled(2 / 480, -2 / 288), {"unit": "ndc", "y_axis": "up"}),
+        (rescaled(0.25, 0.25), {"unit": "pixels", "scale": 4.0}),
+        (swapped, {"axes": "yx"}),
+        (centred, {"unit": "uv", "zero": 0.5}),
+    ],
+    ids=["as it is", "negated", "x", "y", "uv", "ndc y up", "a quarter", "swapped", "centred"],
+)
+def test_motion_is_found_whatever_it_is_stored_as(
+    rtsr: Run,
+    textured: Path,
+    changed: Changed,
+    change: Callable[[Planes, int], None],
+    expected: dict[str, Any],
+) -> None:
+    motion = facts(rtsr, changed(textured, change))["motion"]
+    assert {key: motion["best"][key] for key in expected} == expected
+    assert motion["margin"] > 0.02
+
+
+def test_the_sample_is_understood_and_ready(rtsr: Run, sample_root: Path) -> None:
+    found = facts(rtsr, sample_root)
+    assert found["layout"] == "rtsr"
+    assert found["frames"] == [1, 2, 3, 4, 5, 6]
+    assert found["missing"] == {}
+    assert found["size"] == [120, 72]
+    assert found["hr"]["size"] == [480, 288]
+    assert found["depth"]["kind"] == "planar"
+    assert found["depth"]["measured"]
+    assert found["normal"] == {
+        "space": "world",
+        "packed": False,
+        "measured": True,
+        "facing": found["normal"]["facing"],
+    }
+    assert found["nonfinite"] == {}
+    assert found["problems"] == []
+    assert found["systems"]["taau"] == {"ready": True, "missing": [], "how": ""}
+
+
+def test_the_report_says_what_is_read_and_how(rtsr: Run, sample_root: Path) -> None:
+    result = rtsr("inspect", sample_root)
+    assert result.exit_code == 0
+    for text in ("layout", "1-6 (6), none missing", "120 x 72", "previous-minus-current", "ready"):
+        assert text in result.output
+
+
+def test_a_wrong_declaration_is_named_with_its_margin_and_obeyed(
+    rtsr: Run, sample_root: Path, tmp_path: Path
+) -> None:
+    wrong = sample_root / "wrong-sign.toml"
+    inspected = rtsr("inspect", sample_root, "--capture", wrong)
+    assert inspected.exit_code == 0
+    assert "PROBLEM" in inspected.output
+    assert "current-minus-previous" in inspected.output
+    assert "lower" in inspected.output
+    run = rtsr("upscale", sample_root, tmp_path / "out", "--capture", wrong, "--frames", "1-2")
+    assert run.exit_code == 0
+    warnings = [line for line in run.stderr.splitlines() if line.startswith("Warning")]
+    assert len(warnings) == 1
+    assert "obeyed" in warnings[0]
+
+
+def test_a_right_declaration_is_not_warned_about(
+    rtsr: Run, sample_root: Path, tmp_path: Path
+) -> None:
+    run = rtsr("upscale", sample_root, tmp_path / "out", "--frames", 1)
+    assert run.exit_code == 0
+    assert "Warning" not in run.output
+
+
+def test_measured_motion_gives_the_bytes_that_declared_motion_gives(
+    rtsr: Run, textured: Path, changed: Changed, tmp_path: Path
+) -> None:
+    negated = changed(textured, rescaled(-1, -1))
+    options = ("--simulate-lr", 4, "--system", "taau")
+    measured = rtsr("upscale", negated, tmp_path / "measured", *options)
+    assert measured.exit_code == 0
+    assert "motion measured: current-minus-previous" in measured.output
+    plain = rtsr("upscale", textured, tmp_path / "plain", *options)
+    assert plain.exit_code == 0
+    for path in sorted((tmp_path / "plain").glob("*.exr")):
+        expected = read_channels(path, "RGB")
+        found = read_channels(tmp_path / "measured" / path.name, "RGB")
+        assert all(np.array_equal(expected[c], found[c]) for c in "RGB")
+
+
+def test_shards_of_measured_motion_demand_a_capture_and_inspect_writes_it(
+    rtsr: Run, textured: Path, changed: Changed, tmp_path: Path
+) -> None:
+    negated = changed(textured, rescaled(-1, -1))
+    run = ("upscale", negated, tmp_path / "out", "--simulate-lr", 4, "--shard", "1/2")
+    refused = rtsr(*run)
+    assert refused.exit_code == 3
+    assert "inspect --write" in refused.output
+    assert not (tmp_path / "out").exists()
+    written = rtsr("inspect", negated, "--write")
+    assert written.exit_code == 0
+    text = (negated / "capture.toml").read_text()
+    assert 'direction = "current-minus-previous"' in text
+    assert 'layout = "rtsr"' in text
+    again = rtsr(*run)
+    assert again.exit_code == 0, again.output
+    assert "Warning" not in again.output
+
+
+def test_inspect_never_replaces_a_capture_unasked(
+    rtsr: Run, small_shot: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "shot"
+    folder.mkdir()
+    for name in ("lr", "hr", "capture.toml"):
+        (folder / name).symlink_to(small_shot / name)
+    before = (small_shot / "capture.toml").read_bytes()
+    result = rtsr("inspect", folder, "--write")
+    assert result.exit_code == 3
+    assert "--overwrite" in result.output
+    assert (small_shot / "capture.toml").read_bytes() == before
+
+
+def test_what_write_puts_down_keeps_what_was_declared(
+    rtsr: Run, small_shot: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "shot"
+    folder.mkdir()
+    for name in ("lr", "hr"):
+        (folder / name).symlink_to(small_shot / name)
+    declared = "scale = 4\njitter_px = {1 = [0.125, 0.1], 2 = [0.125, 0.1], 3 = [0.1, 0.1], "
+    declared += "4 = [0.125, 0.1]}\ncamera_cuts = [3]\n"
+    (folder / "capture.toml").write_text(declared)
+    assert rtsr("inspect", folder, "--write", "--overwrite").exit_code == 0
+    text = (folder / "capture.toml").read_text()
+    assert "scale = 4" in text
+    assert "camera_cuts = [3]" in text
+    assert rtsr("upscale", folder, tmp_path / "out", "--frames", 1).exit_code == 0
+
+
+def renamed(source: Path, target: Path, names: dict[str, str]) -> Path:
+    """Copy frames with other channel names and no camera."""
+    for path in sorted(source.glob("*.exr")):
+        planes = read_channels(path, read_header(path).channels)
+        write_exr(target / path.name, {names.get(k, k): v for k, v in planes.items()})
+    return target
+
+
+OTHER_NAMES = {
+    **{c: f"hdr.{c}" for c in "RGB"},
+    **{f"albedo.{c}": f"base_col.{c}" for c in "RGB"},
+    **{f"normal.{c}": f"nrm.{c}" for c in "XYZ"},
+    "depth.Z": "viewz.V",
+    "motion.X": "flow.U",
+    "motion.Y": "flow.V",
+    "roughness": "rgh",
+    "metallic": "mtl",
+    "objectid": "inst",
+    **{f"emission.{c}": f"emis.{c}" for c in "RGB"},
+}
+
+
+def test_unknown_channels_are_listed_with_guesses_and_exit_3(
+    rtsr: Run, textured: Path, tmp_path: Path
+) -> None:
+    dump = renamed(textured, tmp_path / "dump", OTHER_NAMES)
+    result = rtsr("inspect", dump)
+    assert result.exit_code == 3
+    assert "base_col.R" in result.output
+    assert 'motion = ["flow.U", "flow.V"]' in result.output
+    assert 'albedo = ["base_col.R", "base_col.G", "base_col.B"]' in result.output
+
+
+def test_a_capture_started_by_write_and_completed_by_hand_works(
+    rtsr: Run, textured: Path, tmp_path: Path
+) -> None:
+    dump = renamed(textured, tmp_path / "dump", OTHER_NAMES)
+    assert rtsr("inspect", dump, "--write").exit_code == 3
+    path = dump / "capture.toml"
+    path.write_text(
+        path.read_text()
+        .replace("# ", "", -1)
+        .replace("What the", "# What the", 1)
+        .replace("channels that", "# channels that", 1)
+    )
+    found = facts(rtsr, dump)
+    assert {"color", "albedo", "motion", "normal"} <= set(found["buffers"])
+    assert found["motion"]["best"]["direction"] == "previous-minus-current"
+    run = rtsr("upscale", dump, tmp_path / "out", "--simulate-lr", 4, "--system", "taau")
+    assert run.exit_code == 0, run.output
+
+
+def test_motion_that_ties_and_that_nothing_declares_is_refused_with_the_choices(
+    rtsr: Run, textured: Path, tmp_path: Path
+) -> None:
+    dump = renamed(textured, tmp_path / "dump", OTHER_NAMES)
+    for path in sorted(dump.glob("*.exr")):
+        planes = dict(read_channels(path, read_header(path).channels))
+        planes["flow.U"] = np.zeros_like(planes["flow.U"])
+        planes["flow.V"] = np.zeros_like(planes["flow.V"])
+        write_exr(path, planes)
+    (dump / "capture.toml").write_text(
+        '[buffers]\ncolor = "hdr.RGB"\nalbedo = "base_col.RGB"\nmotion = "flow.UV"\n'
+    )
+    run = ("upscale", dump, tmp_path / "out", "--simulate-lr", 4, "--system", "bicubic")
+    refused = rtsr(*run)
+    assert refused.exit_code == 3
+    assert "[motion] unit, direction and y_axis" in refused.output
+    assert not (tmp_path / "out").exists()
+    with (dump / "capture.toml").open("a") as file:
+        file.write('[motion]\nunit = "pixels"\ndirection = "previous-minus-current"\n')
+        file.write('y_axis = "down"\n')
+    assert rtsr(*run).exit_code == 0
+
+
+def test_gaps_damage_and_nan_are_problems_not_refusals(
+    rtsr: Run, textured: Path, changed: Changed
+) -> None:
+    def spoil(planes: Planes, number: int) -> None:
+        if number == 2:
+            planes["R"][3, 4] = np.nan
+            planes["B"][0, 0] = np.inf
+
+    dump = changed(textured, spoil)
+    third = next(p for p in dump.glob("*.exr") if "0003" in p.name)
+    third.unlink()
+    fourth = next(p for p in dump.glob("*.exr") if "0004" in p.name)
+    fourth.write_bytes(fourth.read_bytes()[: fourth.stat().st_size // 2])
+    found = facts(rtsr, dump)
+    assert list(found["missing"].values()) == [[3]]
+    assert found["nonfinite"] == {"color": {"2": 2}}
+    problems = "\n".join(found["problems"])
+    assert "lacks frames 3" in problems
+    assert "'color' are NaN or Inf in frames 2" in problems
+    assert fourth.name in problems
+
+
+def test_motion_that_is_all_zero_is_said(rtsr: Run, textured: Path, changed: Changed) -> None:
+    found = facts(rtsr, changed(textured, rescaled(0, 0)))
+    assert any("motion is zero in every pixel" in problem for problem in found["problems"])
+    assert found["motion"]["best"] is None
+
+
+def test_coarse_steps_of_centred_half_vectors_are_said(
+    rtsr: Run, sample_root: Path, tmp_path: Path
+) -> None:
+    dump = tmp_path / "dump"
+    for path in sorted((sample_root / "hr").glob("*.exr"))[:4]:
+        planes = dict(read_channels(path, read_header(path).channels))
+        planes |= read_channels(sample_root / "reference" / path.name, "RGB")
+        height, width = planes["R"].shape
+        # 0.5 + v / 2 with v across the whole screen: half a step is a quarter of a pixel
+        planes["motion.X"] = (planes["motion.X"] / (2 * width) + 0.5).astype(np.float16)
+        planes["motion.Y"] = (planes["motion.Y"] / (2 * height) + 0.5).astype(np.float16)
+        write_exr(dump / path.name, planes, attributes=read_header(path).attributes)
+    found = facts(rtsr, dump)
+    assert found["motion"]["best"]["zero"] == 0.5
+    assert found["motion"]["best"]["scale"] == 2.0
+    assert any("sub-pixel motion is lost" in problem for problem in found["problems"])
+
+
+def test_a_tree_of_shots_is_reported_by_relative_path(
+    rtsr: Run, textured: Path, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).symlink_to(textured)
+    shots = facts(rtsr, tmp_path)["shots"]
+    assert set(shots) == {"a", "b"}
+    assert shots["a"]["layout"] == "rtsr"
+
+
+def test_vectors_to_the_next_frame_are_forward_vectors(
+    rtsr: Run, data_root: Path, tmp_path: Path
+) -> None:
+    dump = tmp_path / "dump"
+    for path in sorted((data_root / "dumps" / "multilayer").glob("*.exr")):
+        planes = read_channels(path, read_header(path).channels)
+        plain = {k.removeprefix("ViewLayer."): v for k, v in planes.items()}
+        kept = {c: plain[f"Combined.{c}"] for c in "RGB"}
+        kept |= {f"albedo.{c}": plain[f"albedo.{c}"] for c in "RGB"}
+        kept |= {"motion.X": plain["Vector.Z"], "motion.Y": plain["Vector.W"]}
+        write_exr(dump / path.name, kept)
+    found = facts(rtsr, dump)
+    best = found["motion"]["best"] or {"direction": found["motion"]["ties"][0].split(",")[0]}
+    assert best["direction"] == "current-minus-next"
+    if found["motion"]["best"]:
+        assert found["motion"]["best"]["y_axis"] == "up"
+    assert "lr motion" in found["systems"]["taau"]["missing"]
+
+
+def test_the_folder_dump_is_read_by_measurement_not_by_its_names(
+    rtsr: Run, data_root: Path, tmp_path: Path
+) -> None:
+    standard = tmp_path / "standard"
+    for path in sorted((data_root / "dumps" / "standard").glob("*.exr")):
+        header = read_header(path)
+        kept = [c for c in header.channels if not c.startswith("emission")]
+        write_exr(standard / path.name, read_channels(path, kept), attributes=header.attributes)
+    outputs = {}
+    for name, folder in (("folders", data_root / "dumps" / "folders"), ("standard", standard)):
+        out = tmp_path / f"out_{name}"
+        result = rtsr("upscale", folder, out, "--simulate-lr", 2, "--system", "demod-bicubic")
+        assert result.exit_code == 0, result.output
+        outputs[name] = {
+            int(p.stem.split(".")[-1]): read_channels(p, "RGB") for p in sorted(out.glob("*.exr"))
+        }
+    assert set(outputs["folders"]) == {5, 6, 7, 8}
+    for number, planes in outputs["standard"].items():
+        for channel, expected in planes.items():
+            found = outputs["folders"][number][channel].astype(np.float32)
+            assert np.allclose(found, expected.astype(np.float32), rtol=5e-3, atol=2e-3)
