@@ -425,6 +425,9 @@ def test_two_dumps_in_one_folder_are_refused_with_both_layouts_and_their_files()
 
 
 def test_unreal_vectors_are_shifted_scaled_and_turned(tmp_path: Path) -> None:
+    (tmp_path / "capture.toml").write_text(
+        '[motion]\nunit = "uv"\ndirection = "current-minus-previous"\ny_axis = "up"'
+    )
     write_exr(tmp_path / "FinalImage.0001.exr", rgb(1.0, 1.0, 1.0))
     # v = (2 s - 1): 0.5 of the screen to the right, 0.25 up, current minus previous
     name = "FinalImageMovieRenderQueue_MotionVectors.0001.exr"
