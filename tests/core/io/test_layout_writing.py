@@ -132,6 +132,20 @@ def write_data_set(
     return {Role.LR: lr, Role.HR: hr}
 
 
+@pytest.mark.parametrize("numbers", [(-2, -1), (0, 1), (1234567, 1234568)])
+def test_every_frame_number_is_read_back(
+    numbers: tuple[int, ...], tmp_path: Path, make_camera: MakeCamera
+) -> None:
+    for layout in ("rtsr", "extranet"):
+        frames = {n: random_frame(abs(n), make_camera()) for n in numbers}
+        for n, frame in frames.items():
+            write_frame(tmp_path / layout, frame, LAYOUTS[layout], number=n, base="Scene")
+        reader = only_reader(tmp_path / layout)
+        assert reader.numbers == numbers
+        for n, frame in frames.items():
+            assert_same(reader.read(n, (Buffer.COLOR,)), frame)
+
+
 @pytest.mark.parametrize("name", ["nss", "nsrd"])
 def test_a_written_data_set_is_found_and_read_back(
     name: str, tmp_path: Path, make_camera: MakeCamera
