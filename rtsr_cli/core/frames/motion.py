@@ -157,9 +157,8 @@ def motion_to_pixels(
     motion_px = convention.pixels(stored, screen or (stored.shape[-2], stored.shape[-1]), dim=1)
     if not convention.jittered:
         return motion_px
-    sign = -1.0 if convention.jitter_inverted else 1.0
-    shift = [sign * (before - now) for before, now in zip(jitter_px_prev, jitter_px, strict=True)]
-    return motion_px + torch.tensor(shift, dtype=stored.dtype).view(1, 2, 1, 1)
+    shift = _jitter_shift(convention, jitter_px, jitter_px_prev)
+    return motion_px + shift.to(motion_px).view(1, 2, 1, 1)
 
 
 def motion_from_pixels(
@@ -171,8 +170,19 @@ def motion_from_pixels(
     jitter_px_prev: Jitter = (0.0, 0.0),
 ) -> MotionPx:
     """Invert `motion_to_pixels`: what a file of this convention stores."""
-    x, y = convention.factors(screen or (motion_px.shape[-2], motion_px.shape[-1]))
     if convention.jittered:
-        shift = [jitter_px_prev[0] - jitter_px[0], jitter_px_prev[1] - jitter_px[1]]
-        motion_px = motion_px - torch.tensor(shift, dtype=motion_px.dtype).view(1, 2, 1, 1)
-    return motion_px / torch.tensor([x, y], dtype=motion_px.dtype).view(1, 2, 1, 1)
+        shift = _jitter_shift(convention, jitter_px, jitter_px_prev)
+        motion_px = motion_px - shift.to(motion_px).view(1, 2, 1, 1)
+    size = screen or (motion_px.shape[-2], motion_px.shape[-1])
+    factors = torch.tensor(convention.factors(size), dtype=motion_px.dtype)
+    stored = motion_px / factors.view(1, 2, 1, 1) + convention.zero
+    return stored if convention.axes is Axes.XY else stored.flip(1)
+
+
+def _jitter_shift(
+    convention: MotionConvention, jitter_px: Jitter, jitter_px_prev: Jitter
+) -> Tensor:
+    """(x, y) to add to vectors that contain the difference of two frames' jitter."""
+    sign = -1.0 if convention.jitter_inverted else 1.0
+    pairs = zip(jitter_px_prev, jitter_px, strict=True)
+    return torch.tensor([sign * (before - now) for before, now in pairs])

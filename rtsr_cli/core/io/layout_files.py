@@ -46,7 +46,8 @@ def read_layout(path: Path) -> Layout:
         buffers=components_of(file.buffers),
         conventions=file.conventions(Conventions()),
         folders=file.folders,
-        verified=file.motion.decides(),
+        # what a user spells out needs no proof, but for vectors whose sense is left open
+        verified=Buffer.MOTION not in file.buffers or file.motion.decides(),
     )
 
 
@@ -119,7 +120,10 @@ def _detected(own: Iterable[Buffer], streams: Streams) -> Layout | None:
 def _with_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component, ...]]) -> Layout:
     if layout is None:
         return Layout(
-            name=CAPTURE_FILE, description="[buffers] of capture.toml", buffers=own, verified=False
+            name=CAPTURE_FILE,
+            description="[buffers] of capture.toml",
+            buffers=own,
+            verified=Buffer.MOTION not in own,
         )
     if not own:
         return layout

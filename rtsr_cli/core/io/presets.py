@@ -138,7 +138,8 @@ NSS = Layout(
         Buffer.MOTION: in_file(Buffer.MOTION, "motion", "motion_gt"),
     },
     conventions=Conventions(
-        # sense and axis of FSR2, previous minus current with y down; jitter excluded
+        # the specification names no direction: that of FSR2, previous minus current with y down;
+        # jitter excluded
         motion=MotionConvention(unit=MotionUnit.UV),
         # forward or reversed by the side-car's ReverseZ
         depth=DepthConvention(kind=DepthKind.DEVICE),

@@ -21,7 +21,7 @@ from rtsr_cli.core.frames.conventions import (
     Stored,
     to_memory,
 )
-from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
+from rtsr_cli.core.frames.motion import Axes, MotionConvention, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.frames.storing import from_memory
 
 SIZE = (4, 6)
@@ -73,6 +73,16 @@ def test_motion_comes_back_from_every_convention(
     )
     frame = stored_with(Conventions(motion=convention))
     assert_identity(buffer, random(2, low=-3.0, high=3.0), frame)
+
+
+@pytest.mark.parametrize("axes", Axes)
+@pytest.mark.parametrize("inverted", [False, True])
+def test_motion_comes_back_from_swapped_centred_and_inverted_ones(
+    stored_with: Frames, axes: Axes, inverted: bool
+) -> None:
+    convention = MotionConvention(axes=axes, zero=0.5, jittered=True, jitter_inverted=inverted)
+    frame = stored_with(Conventions(motion=convention))
+    assert_identity(Buffer.MOTION, random(2, low=-3.0, high=3.0), frame)
 
 
 @pytest.mark.parametrize("kind", DepthKind)

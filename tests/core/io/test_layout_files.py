@@ -34,6 +34,7 @@ roughness = "gloss"
 
 [motion]
 unit = "uv"
+direction = "previous-minus-current"
 y_axis = "up"
 
 [depth]

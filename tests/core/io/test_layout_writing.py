@@ -72,6 +72,16 @@ def assert_same(found: Frame, written: Frame) -> None:
         assert torch.allclose(image, expected, atol=step, rtol=step), buffer
 
 
+def declare(folder: Path, layout: Layout) -> None:
+    """What an unverified layout asks for: the sense of its vectors, or its name if it has none."""
+    motion = layout.conventions.motion
+    text = f'[motion]\nunit = "{motion.unit}"\ndirection = "{motion.direction}"\n'
+    text += f'y_axis = "{motion.y_axis}"\n'
+    if Buffer.MOTION not in layout.buffers:
+        text = f'layout = "{layout.name}"\n'
+    (folder / "capture.toml").write_text(text)
+
+
 def matrices(camera: CameraMetadata) -> dict[str, np.ndarray]:
     assert camera.world_to_camera is not None
     assert camera.world_to_ndc is not None
@@ -98,6 +108,8 @@ def test_a_written_frame_is_detected_and_read_back(
             base=base,
             attributes=matrices(frame.camera),
         )
+    if not layout.verified:
+        declare(tmp_path, layout)
     reader = only_reader(tmp_path)
     assert reader.layout.name == layout.name
     assert reader.stored == frozenset(layout.buffers)
@@ -118,6 +130,20 @@ def write_data_set(
             write_frame(root, frame, layout, number=number, base=shot, role=role, scale=scale)
     write_side_car(root, lr.values(), layout, shot=shot, scale=scale)
     return {Role.LR: lr, Role.HR: hr}
+
+
+@pytest.mark.parametrize("numbers", [(-2, -1), (0, 1), (1234567, 1234568)])
+def test_every_frame_number_is_read_back(
+    numbers: tuple[int, ...], tmp_path: Path, make_camera: MakeCamera
+) -> None:
+    for layout in ("rtsr", "extranet"):
+        frames = {n: random_frame(abs(n), make_camera()) for n in numbers}
+        for n, frame in frames.items():
+            write_frame(tmp_path / layout, frame, LAYOUTS[layout], number=n, base="Scene")
+        reader = only_reader(tmp_path / layout)
+        assert reader.numbers == numbers
+        for n, frame in frames.items():
+            assert_same(reader.read(n, (Buffer.COLOR,)), frame)
 
 
 @pytest.mark.parametrize("name", ["nss", "nsrd"])

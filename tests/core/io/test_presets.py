@@ -291,6 +291,16 @@ def test_nsrd_data_sets_are_read_to_the_letter(tmp_path: Path) -> None:
     assert values(other, Buffer.EMISSION) == [2.0, 2.0, 2.0]
 
 
+def test_more_buffers_than_the_published_ones_are_read_from_nsrds_high_resolution(
+    tmp_path: Path,
+) -> None:
+    write_nsrd(tmp_path, (0, 1))
+    for number in (0, 1):
+        depth = {"R": np.full((4 * HEIGHT, 4 * WIDTH), 7.0, np.float32)}
+        write_exr(tmp_path / "GT" / "3" / "Depth" / f"{number}.exr", depth)
+    assert Buffer.DEPTH in reader_of(tmp_path, hr=True).stored
+
+
 def test_nsrd_pairs_take_their_scale_from_the_sizes(tmp_path: Path) -> None:
     write_nsrd(tmp_path, (0, 1))
     ((name, source),) = open_pairs(tmp_path, ReadOptions())
@@ -425,6 +435,9 @@ def test_two_dumps_in_one_folder_are_refused_with_both_layouts_and_their_files()
 
 
 def test_unreal_vectors_are_shifted_scaled_and_turned(tmp_path: Path) -> None:
+    (tmp_path / "capture.toml").write_text(
+        '[motion]\nunit = "uv"\ndirection = "current-minus-previous"\ny_axis = "up"'
+    )
     write_exr(tmp_path / "FinalImage.0001.exr", rgb(1.0, 1.0, 1.0))
     # v = (2 s - 1): 0.5 of the screen to the right, 0.25 up, current minus previous
     name = "FinalImageMovieRenderQueue_MotionVectors.0001.exr"
