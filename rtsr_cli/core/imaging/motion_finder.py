@@ -212,36 +212,45 @@ def _screened(
 
 @dataclass(frozen=True)
 class _Trial:
-    """Errors of one hypothesis on the pixels of one triple."""
+    """Errors of one hypothesis on the pixels of one triple, as it is and with its best offset."""
 
-    errors: Tensor
+    plain: Tensor
+    moved: Tensor
     inside: Tensor
     offset: Jitter
 
 
 def _try(triple: Triple, convention: MotionConvention) -> _Trial:
     other, shift = triple.shift(convention, FINAL_PIXELS)
-    errors, inside = differences(triple.samples, other, shift)
+    plain, inside = differences(triple.samples, other, shift)
     few = triple.samples.first(OFFSET_PIXELS)
     offset = fitting_offset(few, other, shift[:, :OFFSET_PIXELS])
     moved, inside_moved = differences(triple.samples, other, shift + offset[:, None])
-    if float(moved.mean()) < (1.0 - OFFSET_GAIN) * float(errors.mean()):
-        return _Trial(moved, inside_moved, (float(offset[0]), float(offset[1])))
-    return _Trial(errors, inside, (0.0, 0.0))
+    if float(moved.mean()) < (1.0 - OFFSET_GAIN) * float(plain.mean()):
+        at = (float(offset[0]), float(offset[1]))
+        return _Trial(plain, moved, inside & inside_moved, at)
+    return _Trial(plain, plain, inside, (0.0, 0.0))
 
 
-def _block_means(triple: Triple, trials: Sequence[_Trial], unmoved: Tensor) -> Tensor:
-    """Mean error of each hypothesis (and of standing still) a block, where all stay inside."""
+def _block_means(triple: Triple, trials: Sequence[_Trial], unmoved: Tensor) -> tuple[Tensor, ...]:
+    """Mean errors a block, plain and with offsets, of each hypothesis and of standing still.
+
+    Only pixels count at which all hypotheses stay inside, but for those that hardly do anywhere.
+    """
     height, width = triple.size
     row = (triple.samples.y * BLOCKS / height).long()
     column = (triple.samples.x * BLOCKS / width).long()
-    block = row * BLOCKS + column
     near = [t for t in trials if float(t.inside.float().mean()) > LEAST_INSIDE]
     common = torch.stack([t.inside for t in near]).all(0) if near else trials[0].inside
-    errors = torch.stack([t.errors for t in trials] + [unmoved])[:, common]
-    count = torch.zeros(BLOCKS * BLOCKS).index_add_(0, block[common], torch.ones(int(common.sum())))
-    sums = torch.zeros(len(errors), BLOCKS * BLOCKS).index_add_(1, block[common], errors)
-    return (sums / count)[:, count >= LEAST_BLOCK_PIXELS]
+    block = (row * BLOCKS + column)[common]
+    count = torch.zeros(BLOCKS * BLOCKS).index_add_(0, block, torch.ones(len(block)))
+
+    def means(errors: Sequence[Tensor]) -> Tensor:
+        stacked = torch.stack([*errors, unmoved])[:, common]
+        sums = torch.zeros(len(stacked), BLOCKS * BLOCKS).index_add_(1, block, stacked)
+        return (sums / count)[:, count >= LEAST_BLOCK_PIXELS]
+
+    return means([t.plain for t in trials]), means([t.moved for t in trials])
 
 
 def find_motion(
@@ -286,16 +295,18 @@ def _final(
     blocks, offsets = [], []
     for triple in triples:
         trials = [_try(triple, convention) for convention in finalists]
-        still = replace(finalists[0], scale=0.0)
-        other, shift = triple.shift(still, FINAL_PIXELS)
+        other, shift = triple.shift(replace(finalists[0], scale=0.0), FINAL_PIXELS)
         unmoved, _ = differences(triple.samples, other, shift)
         blocks.append(_block_means(triple, trials, unmoved))
         offsets.append([trial.offset for trial in trials])
-    errors = torch.cat(blocks, dim=1)
-    if errors.shape[1] == 0:
+    plain, moved = (torch.cat(parts, dim=1) for parts in zip(*blocks, strict=True))
+    if moved.shape[1] == 0:
         return MotionFinding(candidates=(), unmoved_error=1.0, moving=moving, triples=())
+    best = int(moved[:-1].mean(1).argmin())
+    # where the best reading needs no offset, another one that does is not excused by it
+    needed = any(by_triple[best] != (0.0, 0.0) for by_triple in offsets)
+    errors = moved if needed else plain
     means = errors.mean(1)
-    best = int(means[:-1].argmin())
     candidates = [
         Candidate(
             convention=convention,

@@ -103,11 +103,15 @@ def choose_layout(
 
 
 def _detected(own: Iterable[Buffer], streams: Streams) -> Layout | None:
-    """Return the layout that explains most of what the user did not spell out, if one does."""
+    """Return the layout that explains most of what the user did not spell out, if one does.
+
+    Who spells channels out does not mean a preset that nobody has verified.
+    """
     spelled = frozenset(own)
     rest = [
         replace(layout, buffers={b: c for b, c in layout.buffers.items() if b not in spelled})
         for layout in LAYOUTS.values()
+        if layout.verified
     ]
     clear = [layout for layout in rest if not match(layout, streams).ambiguous]
     try:
