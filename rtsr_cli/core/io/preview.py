@@ -17,7 +17,6 @@ from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.shapes import Color
 
-
 PNG_END = b"IEND\xae\x42\x60\x82"
 """Last bytes of every PNG."""
 
