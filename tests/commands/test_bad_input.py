@@ -103,6 +103,19 @@ def test_damaged_pixels_are_one_message_and_leave_the_events_pure(
     assert [e["number"] for e in listed if e.get("failed") and e["event"] == "frame"] == [2]
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_a_frame_that_is_still_being_copied_is_refused_before_the_first_output(
+    rtsr: Run, captures: Path, tmp_path: Path, share: float
+) -> None:
+    path = captures / FRAMES[3]
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * share)])
+    result = rtsr("demodulate", captures, tmp_path / "out")
+    assert result.exit_code == 3
+    assert f"{path}: cannot be read as OpenEXR (the file ends too early)" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_picture_of_another_kind_that_is_named_exr(
     rtsr: Run, captures: Path, tmp_path: Path
 ) -> None:
