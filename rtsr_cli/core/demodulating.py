@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-import torch
-
-from rtsr_cli.core.derive import (
-    STRIP_PIXELS,
-    DerivationConfig,
-    derive_material,
-    derive_sky,
-    needs,
-)
+from rtsr_cli.core.derive import DerivationConfig, needs
+from rtsr_cli.core.dividing import divided, recomposed
 from rtsr_cli.core.errors import FrameFolderError, OutputBlockedError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.io.atomic import remove_leftovers
 from rtsr_cli.core.io.exr import read_header, write_exr
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
@@ -28,8 +18,6 @@ from rtsr_cli.core.io.outputs import (
     HALF_BYTES,
     HEADER_BYTES,
     OutputState,
-    buffer_channels,
-    image_channels,
     output_name,
     output_state,
     refuse_foreign,
@@ -39,7 +27,6 @@ from rtsr_cli.core.io.provenance import FileDigests, color_tag, config_digest, d
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
-from rtsr_cli.core.shapes import Color, Image, Mask, Size
 
 COMMAND = "demodulate"
 
@@ -249,9 +236,16 @@ def _computed(
         attributes = read_header(source).attributes
         frame = plan.reader.read(number, plan.read)
     frame, fixed = checked(frame, options.on_nonfinite)
-    report = FrameReport(shot=plan.name, number=number, path=plan.path(number), nonfinite=fixed)
-    transform = _recomposed if options.inverse else _divided
-    report, channels = transform(frame, report, options)
+    transform = recomposed if options.inverse else divided
+    parts = transform(frame, options.derivation, full=options.full)
+    report = FrameReport(
+        shot=plan.name,
+        number=number,
+        path=plan.path(number),
+        error=parts.error,
+        undivided=parts.undivided,
+        nonfinite=fixed,
+    )
     known = provenance(
         command=COMMAND,
         config_hash=plan.config_hash,
@@ -263,7 +257,7 @@ def _computed(
     def write() -> None:
         write_exr(
             report.path,
-            channels,
+            parts.channels,
             attributes={**attributes, **known},
             data_window=plan.reader.region,
             display_window=plan.reader.display,
@@ -287,92 +281,3 @@ def _written(writer: BackgroundWriter[FrameReport], *, wait: bool) -> Iterator[F
         yield from (late for late, worse in writer.drop() if worse is None)
         yield replace(failure, stops=True)
         return
-
-
-def as_stored(image: Color, *, full: bool) -> Color:
-    """Return the values that a file will hold."""
-    return image if full else image.half().float()
-
-
-def _divided(
-    frame: Frame, report: FrameReport, options: DemodulateOptions
-) -> tuple[FrameReport, Mapping[str, Any]]:
-    """Demodulate one frame; divisor and emission are rounded before the division, not after.
-
-    Only the quotient's own rounding is then left in the recomposed radiance.
-    """
-    layers: dict[Buffer, torch.Tensor] = {}
-    error, divided = 0.0, 0.0
-    for top, strip in strips(frame):
-        parts = divide(strip, options.derivation, full=options.full)
-        lighting = as_stored(parts.lighting, full=options.full)
-        recomposed = dm.remodulate(lighting, parts.material, parts.emission)
-        error = max(error, dm.recomposition_error(strip.gbuffer[Buffer.COLOR], recomposed))
-        divided += float(parts.mask.sum(dtype=torch.float64))
-        for buffer, image in (
-            (Buffer.LIGHTING, lighting),
-            (Buffer.MATERIAL, parts.material),
-            (Buffer.LIGHTING_MASK, parts.mask),
-            (Buffer.EMISSION, parts.emission),
-        ):
-            if image is not None:
-                full = options.full and buffer is not Buffer.LIGHTING_MASK
-                _lay(layers, buffer, image, top, frame.size, full=full)
-    channels: dict[str, Any] = {}
-    for buffer, image in layers.items():
-        channels |= buffer_channels(buffer, image, full=image.dtype == torch.float32)
-    channels["mask"] = channels.pop(Buffer.LIGHTING_MASK.value)
-    height, width = frame.size
-    return replace(report, error=error, undivided=1.0 - divided / (height * width)), channels
-
-
-def strips(frame: Frame) -> Iterator[tuple[int, Frame]]:
-    """Cut a frame into strips of rows whose intermediates stay in the cache; with their tops."""
-    height, width = frame.size
-    rows = max(1, STRIP_PIXELS // width)
-    for top in range(0, height, rows):
-        yield top, frame.crop(top, 0, (min(rows, height - top), width))
-
-
-def _lay(
-    layers: dict[Buffer, torch.Tensor],
-    buffer: Buffer,
-    strip: Image,
-    top: int,
-    size: Size,
-    *,
-    full: bool,
-) -> None:
-    """Put a strip where it belongs in a picture of the whole frame, as the file stores it."""
-    if buffer not in layers:
-        dtype = torch.float32 if full else torch.float16
-        layers[buffer] = torch.empty(1, strip.shape[1], *size, dtype=dtype)
-    layers[buffer][:, :, top : top + strip.shape[2]].copy_(strip)
-
-
-def divide(frame: Frame, config: DerivationConfig, *, full: bool) -> dm.Demodulated:
-    """Demodulate with a divisor and an emission that a file can hold exactly."""
-    softplus = config.mode is dm.DemodulationMode.SOFTPLUS
-    material = as_stored(derive_material(frame, config), full=full)
-    sky: Mask = torch.zeros_like(material[:, :1]) if softplus else derive_sky(frame.gbuffer)
-    emission = None if softplus else frame.gbuffer.buffers.get(Buffer.EMISSION)
-    return dm.demodulate(
-        frame.gbuffer[Buffer.COLOR],
-        material,
-        sky=sky,
-        emission=emission,
-        epsilon=config.epsilon,
-        stored=lambda image: as_stored(image, full=full),
-    )
-
-
-def _recomposed(
-    frame: Frame, report: FrameReport, options: DemodulateOptions
-) -> tuple[FrameReport, Mapping[str, Any]]:
-    gbuffer = frame.gbuffer
-    radiance = dm.remodulate(
-        gbuffer[Buffer.LIGHTING],
-        gbuffer[Buffer.MATERIAL],
-        gbuffer.buffers.get(Buffer.EMISSION),
-    )
-    return report, image_channels("", radiance, "RGB", full=options.full)

@@ -29,6 +29,7 @@ from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import color_tag, provenance
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
 from rtsr_cli.core.planning import AUTOCAST, COMMAND, ShotPlan, Stamps, UpscaleOptions
+from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import Prediction, State, System, Window
 
 
@@ -125,7 +126,7 @@ def _stream(
             yield replace(_event(plan, number, Status.FAILED), message=str(error))
             continue
         if number in plan.pending:
-            debug = prediction.debug if options.debug else None
+            debug = _debug(pair, prediction) if options.debug else None
             frame = replace(frame, passed=passed, previews=options.previews, debug=debug)
             seconds = time.perf_counter() - started
             writer.submit(_Written(number, seconds, pair.fixed), frame.write)
@@ -229,6 +230,11 @@ def _output(plan: ShotPlan, pair: FramePair, prediction: Prediction, stamp: str)
         windows=plan.source.output_window,
         colorspace=plan.source.reader.conventions.colorspace,
     )
+
+
+def _debug(pair: FramePair, prediction: Prediction) -> Mapping[str, Image]:
+    """Pictures for `--debug-buffers`: the system's; of one that has none, what it saw."""
+    return prediction.debug or {b.value: image for b, image in pair.lr.gbuffer.items()}
 
 
 def _written(

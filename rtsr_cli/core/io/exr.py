@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import OpenEXR
@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.io.chunks import ends_too_early
 from rtsr_cli.core.io.quiet import library_silenced
+
+T = TypeVar("T")
 
 Plane: TypeAlias = NDArray[Any]
 """One channel: (height, width)."""
@@ -57,19 +60,17 @@ COMPRESSIONS = {
 }
 """Compressions by the name users type."""
 
-DEFLATE_OR_LESS = frozenset(
-    {
-        OpenEXR.NO_COMPRESSION,
-        OpenEXR.RLE_COMPRESSION,
-        OpenEXR.ZIPS_COMPRESSION,
-        OpenEXR.ZIP_COMPRESSION,
-        OpenEXR.PIZ_COMPRESSION,
-        OpenEXR.PXR24_COMPRESSION,
-        OpenEXR.B44_COMPRESSION,
-        OpenEXR.B44A_COMPRESSION,
-    }
-)
-"""Compressions that `MAX_RATIO` holds for."""
+CHUNK_LINES = {
+    OpenEXR.NO_COMPRESSION: 1,
+    OpenEXR.RLE_COMPRESSION: 1,
+    OpenEXR.ZIPS_COMPRESSION: 1,
+    OpenEXR.ZIP_COMPRESSION: 16,
+    OpenEXR.PXR24_COMPRESSION: 16,
+    OpenEXR.PIZ_COMPRESSION: 32,
+    OpenEXR.B44_COMPRESSION: 32,
+    OpenEXR.B44A_COMPRESSION: 32,
+}
+"""Rows of a chunk, for the compressions that `MAX_RATIO` holds for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,19 +165,17 @@ def _open(path: Path, *, header_only: bool) -> OpenEXR.File:
 
 def _why_not_opened(path: Path) -> str:
     """Say what the first bytes tell; the library's own words are that it cannot."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(len(MAGIC))
-    except OSError as error:
-        return error.strerror or type(error).__name__
+    with _asked(path, lambda: path.open("rb")) as file:
+        start = file.read(len(MAGIC))
     if not start:
         return "the file is empty"
     return "its header is damaged" if start == MAGIC else "it is another kind of file"
 
 
-def _size(path: Path) -> int:
+def _asked(path: Path, ask: Callable[[], T]) -> T:
+    """Ask the file system about a file."""
     try:
-        return path.stat().st_size
+        return ask()
     except OSError as error:
         raise FrameFolderError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -198,6 +197,7 @@ def read_header(path: Path) -> ExrHeader:
         names = [(str(h.get("name", "")), [c.name for c in h["channels"]]) for h in headers]
     except UnicodeDecodeError as error:
         raise _unreadable(path, "the name of a channel is not UTF-8") from error
+    _check_end(path, headers)
     renamed = _user_names(names)
     return ExrHeader(
         channels=frozenset(name for part in renamed for name in part.values()),
@@ -241,13 +241,27 @@ def _check_size(path: Path, headers: list[dict[str, Any]], data: Window) -> None
     tiles = [h["tiles"].xSize * h["tiles"].ySize for h in headers if "tiles" in h]
     pixels = max(data.width * data.height, *tiles, 0)
     samples = pixels * sum(len(h["channels"]) for h in headers)
-    known = all(h.get("compression") in DEFLATE_OR_LESS for h in headers)
+    known = all(h.get("compression") in CHUNK_LINES for h in headers)
     small, ratio = (SMALL_BYTES, MAX_RATIO) if known else (SMALL_BYTES_BLOCKS, MAX_RATIO_BLOCKS)
-    size = _size(path)
+    size = _asked(path, path.stat).st_size
     most = max(small, size * ratio)
     if samples * SAMPLE_BYTES > most:
         promised = samples * SAMPLE_BYTES >> 20
         raise _unreadable(path, f"its header promises {promised} MiB of pixels in {size} bytes")
+
+
+def _check_end(path: Path, headers: list[dict[str, Any]]) -> None:
+    counts = [_chunks(header) for header in headers]
+    if all(counts) and _asked(path, lambda: ends_too_early(path, sum(counts))):
+        raise _unreadable(path, "the file ends too early")
+
+
+def _chunks(header: dict[str, Any]) -> int:
+    """Number of chunks of a part; 0 where it is not known."""
+    if "chunkCount" in header:
+        return max(0, int(header["chunkCount"]))
+    lines = 0 if "tiles" in header else CHUNK_LINES.get(header["compression"], 0)
+    return -(-_window(header["dataWindow"]).height // lines) if lines else 0
 
 
 def read_channels(path: Path, wanted: Collection[str]) -> dict[str, Plane]:

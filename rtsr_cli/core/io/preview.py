@@ -17,6 +17,9 @@ from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.shapes import Color
 
+PNG_END = b"IEND\xae\x42\x60\x82"
+"""Last bytes of every PNG."""
+
 
 def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
     """Write (height, width, 3) values as a PNG, whole or not at all.
@@ -31,12 +34,15 @@ def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
         if output is None:
             raise OutputError(f"{path}: this OpenImageIO cannot write PNG")
         spec = oiio.ImageSpec(rgb.shape[1], rgb.shape[0], rgb.shape[2], "uint8")
-        if not (
+        written = (
             output.open(str(part), spec)
             and output.write_image(np.ascontiguousarray(rgb))
             and output.close()
-        ):
-            raise OutputError(f"{path}: {output.geterror()}")
+        )
+        if not (written and part.read_bytes().endswith(PNG_END)):
+            # of a full disk the library says nothing, but Python does, and by number
+            part.write_bytes(rgb.tobytes())
+            raise RuntimeError(output.geterror() or "the picture was cut short")
 
     write_atomically(path, write)
 

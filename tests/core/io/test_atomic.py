@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from rtsr_cli.core.errors import OutputBlockedError, OutputError
 from rtsr_cli.core.io import atomic
 
 
@@ -46,3 +50,31 @@ def test_parts_of_another_machine_stay_for_a_day(tmp_path: Path) -> None:
     atomic.remove_leftovers(tmp_path)
     assert fresh.exists()
     assert not old.exists()
+
+
+@pytest.mark.parametrize(
+    ("code", "blocks"),
+    [(errno.ENOSPC, True), (errno.EDQUOT, True), (errno.EROFS, True), (errno.EFBIG, False)],
+)
+def test_what_hits_every_file_is_told_from_what_hits_one(
+    tmp_path: Path, code: int, blocks: bool
+) -> None:
+    def write(part: Path) -> None:
+        part.write_bytes(b"half")
+        raise OSError(code, os.strerror(code))
+
+    with pytest.raises(OutputError) as refusal:
+        atomic.write_atomically(tmp_path / "a", write)
+    assert isinstance(refusal.value, OutputBlockedError) == blocks
+    assert os.strerror(code) in str(refusal.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_thread_that_is_interrupted_leaves_no_part(tmp_path: Path) -> None:
+    def write(part: Path) -> None:
+        part.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        atomic.write_atomically(tmp_path / "a", write)
+    assert list(tmp_path.iterdir()) == []

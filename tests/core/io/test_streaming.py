@@ -142,3 +142,21 @@ def test_an_error_elsewhere_drops_what_is_only_queued() -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert written == [0]
+
+
+def test_dropping_forgets_what_is_queued_and_waits_for_what_runs() -> None:
+    running, go_on = threading.Event(), threading.Event()
+
+    def slow() -> None:
+        running.set()
+        go_on.wait(10)
+
+    with BackgroundWriter[str](1) as writer:
+        writer.submit("runs", slow)
+        writer.submit("waits", lambda: None)
+        assert running.wait(10)
+        go_on.set()
+        # the second may have begun as the first ended, but nothing is left behind
+        ended = [key for key, _ in writer.drop()]
+        assert ended[0] == "runs"
+        assert list(writer.done(wait=True)) == []
