@@ -166,15 +166,16 @@ class Builder:
 def _path(rng: Rng, eye: Vec3, target: Vec3, reach: float) -> CameraPath:
     """A slow loop about a point, looking at another that wanders."""
     heading = uniform(rng, 0.0, 2 * math.pi)
-    rate = uniform(rng, 0.015, 0.05) * (1 if rng.random() < 0.5 else -1)
+    rate = math.exp(uniform(rng, math.log(0.02), math.log(0.12)))
+    rate *= 1 if rng.random() < 0.5 else -1
     along = (reach * math.cos(heading), reach * math.sin(heading), uniform(rng, -0.15, 0.15))
     across = (-0.5 * along[1], 0.5 * along[0], uniform(rng, -0.1, 0.1))
-    wander = (uniform(rng, -0.8, 0.8), uniform(rng, -0.8, 0.8), uniform(rng, -0.2, 0.2))
+    wander = (uniform(rng, -1.2, 1.2), uniform(rng, -1.2, 1.2), uniform(rng, -0.3, 0.3))
     phase = uniform(rng, 0.0, 6.28)
     return CameraPath(
         eye=RigidMotion(origin_m=eye, drift_m=along, sway_m=across, rate=rate, phase=phase),
         target=RigidMotion(
-            origin_m=target, drift_m=wander, rate=uniform(rng, 0.02, 0.05), phase=phase
+            origin_m=target, drift_m=wander, rate=uniform(rng, 0.03, 0.09), phase=phase
         ),
         fov_deg=uniform(rng, 48.0, 75.0),
     )
@@ -193,16 +194,17 @@ def _day_sky(rng: Rng) -> tuple[Sky, Light]:
     low_sun = max(0.0, 1.0 - elevation / 0.6)
     overcast = kind > 0.85
     blue = uniform(rng, 0.7, 1.1)
-    sun = (3.6, 3.4 - 1.1 * low_sun, 3.1 - 2.0 * low_sun)
+    sun = (12.0, 11.4 - 3.6 * low_sun, 10.2 - 6.5 * low_sun)
     sky = Sky(
-        zenith=(0.16, 0.30, 0.72 * blue),
-        horizon=(0.62 + 0.4 * low_sun, 0.66, 0.80 - 0.2 * low_sun),
+        zenith=(0.30, 0.58, 1.35 * blue),
+        horizon=(1.20 + 0.8 * low_sun, 1.30, 1.60 - 0.5 * low_sun),
         ground=(0.16, 0.14, 0.12),
         clouds=uniform(rng, 0.2, 1.0),
-        sun_glow=_scaled(sun, 4.0),
+        sun_glow=_scaled(sun, 2.0),
+        ambient=0.7,
     )
     if overcast:
-        sun = (0.7, 0.7, 0.72)
+        sun = (1.6, 1.6, 1.65)
         sky = Sky(
             zenith=(0.55, 0.58, 0.64), horizon=(0.75, 0.77, 0.8), ground=(0.18, 0.17, 0.16),
             clouds=0.9, sun_glow=(0.3, 0.3, 0.3),
@@ -407,7 +409,7 @@ def room(seed: int, rng: Rng) -> Scene:
         math.sin(elevation),
     )
     bright = Light(
-        color=_scaled(sun.color, 1.6),
+        color=_scaled(sun.color, 0.8),
         motion=RigidMotion(origin_m=towards),
         distant=True,
         softness=0.012,
@@ -440,9 +442,9 @@ def hall(seed: int, rng: Rng) -> Scene:
         y = -half[1] + 3.0 + index * half[1] * 0.6
         panel = props.box((0.7, 0.25, 0.02), strip, (0.0, y, top - 0.03))
         builder.add("panel", (panel,), casts_shadow=False)
-        at = RigidMotion(origin_m=(0.0, y, top - 0.25))
+        above = RigidMotion(origin_m=(0.0, y, top - 0.25))
         builder.lights.append(
-            Light(color=_scaled(tint, 11.0), motion=at, softness=0.25, reach_m=14.0)
+            Light(color=_scaled(tint, 11.0), motion=above, softness=0.25, reach_m=14.0)
         )
     builder.furnish(int(rng.integers(7, 12)), props.STANDING)
     builder.fly(int(rng.integers(2, 5)), (0.9, top - 1.0))

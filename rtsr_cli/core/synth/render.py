@@ -32,7 +32,7 @@ from rtsr_cli.core.synth.shading import (
     shadowing,
     sky_radiance,
 )
-from rtsr_cli.core.synth.shadows import Hull, shadow_hull
+from rtsr_cli.core.synth.shadows import Hulls, shadow_hull, together
 
 STRIP_PIXELS = 1 << 17
 """Pixels rendered at a time by one thread: 4 bytes times about 150 values each, some 80 MiB."""
@@ -92,7 +92,7 @@ class Shot:
     following: CameraMetadata
     solids: tuple[Placed, ...]
     lights: tuple[Lighting, ...]
-    cover: tuple[Hull, ...]
+    cover: Hulls
 
     @property
     def texture_pixel(self) -> float:
@@ -112,13 +112,13 @@ class Shot:
 
 def _hulls(
     solids: tuple[Placed, ...], light: np.ndarray, softness: float, *, reach_m: float, shell: bool
-) -> tuple[Hull, ...]:
+) -> Hulls:
     found = (
         shadow_hull(i, solid, light, softness=softness, reach_m=reach_m)
         for i, solid in enumerate(solids)
         if solid.bounded and solid.body.casts_shadow and (shell or not solid.body.shell)
     )
-    return tuple(hull for hull in found if hull is not None)
+    return together(hull for hull in found if hull is not None)
 
 
 def _lighting(scene: Scene, solids: tuple[Placed, ...], number: int) -> tuple[Lighting, ...]:

@@ -54,12 +54,13 @@ def _box_chart(point: Vector, half: tuple[float, float, float]) -> Chart:
     on_y = ~on_x & (over_y >= over_z)
     fx, fy = on_x.float(), on_y.float()
     fz = 1.0 - fx - fy
-    zero = torch.zeros_like(x)
+    zero, side = torch.zeros_like(x), (fx * x.sign()).sub_(fy * y.sign()).add_(fz)
+    # on the sides u runs to the right for who looks at them, so that writing can be read
     return Chart(
         (fx * x.sign(), fy * y.sign(), fz * z.sign()),
-        (1.0 - fx, fx, zero),
+        (side * (1.0 - fx), side * fx, zero),
         (zero, fz, 1.0 - fz),
-        torch.where(on_x, y, x),
+        torch.where(on_x, y, x) * side,
         y * fz + z * (1.0 - fz),
     )
 
