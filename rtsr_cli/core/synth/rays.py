@@ -19,11 +19,10 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.synth.placing import Placed
 from rtsr_cli.core.synth.scene import NEAR_M, Shape
+from rtsr_cli.core.synth.vectors import Vector
 
 TILE_PX = 16
 """Side of a tile."""
-
-Vector = tuple[Tensor, Tensor, Tensor]
 
 SLOPE_STEPS = 2.0**40
 """Slopes are multiples of one over this, coarser than double and finer than single precision."""

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rtsr_cli.core.imaging.brdf_lut import integrate_lut, sample_lut
-from rtsr_cli.core.synth.rays import Vector
 from rtsr_cli.core.synth.scene import Light, Pattern, Sky, Vec3
 from rtsr_cli.core.synth.shadows import Hulls, lit_share
 from rtsr_cli.core.synth.surfaces import (
@@ -29,10 +28,9 @@ from rtsr_cli.core.synth.surfaces import (
     METALLIC,
     NORMAL,
     ROUGHNESS,
-    dot,
-    unit,
 )
 from rtsr_cli.core.synth.textures import look_up, texture
+from rtsr_cli.core.synth.vectors import Vector, dot, unit
 
 DIELECTRIC_F0 = 0.04
 """Reflectance of a dielectric at normal incidence [Karis 2013]."""

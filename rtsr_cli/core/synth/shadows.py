@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rtsr_cli.core.synth.placing import Placed
-from rtsr_cli.core.synth.rays import Vector
 from rtsr_cli.core.synth.scene import Shape
+from rtsr_cli.core.synth.vectors import Vector, dot
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,8 @@ THIN_SIDES = 6
 """Cylinders below that radius make do with fewer."""
 
 ON_FACE_M = 1e-3
-"""Points that lie on a face which the light sees, up to that depth, are not in its shadow."""
+"""Points less than half of that below the plane of a face which the light sees are not in its
+shadow: they lie on the face, or on another one in the same plane. Below all of it, they are."""
 
 MIN_BLUR_M = 0.002
 """Half width of the sharpest shadow edge."""
@@ -156,7 +157,7 @@ def together(hulls: Iterable[Hull]) -> Hulls:
         planes[row, :rim] = hull.silhouette
         limits[row, :rim] = hull.spread * hull.reach_m + MIN_BLUR_M
         planes[row, rim:] = np.resize(hull.facing, (rest, 4))
-        limits[row, rim:] = -ON_FACE_M
+        limits[row, rim:] = -0.5 * ON_FACE_M
     return Hulls(kept, torch.from_numpy(planes).float(), torch.from_numpy(limits).float())
 
 
@@ -210,24 +211,28 @@ def _smooth(signed: Tensor, blur: Tensor) -> Tensor:
 
 
 def _lit_by_sphere(hull: Hull, light: Array, point: Vector) -> Tensor:
-    """Share of the light that passes a sphere: distance of its centre from the ray, by blur."""
+    """Share of the light that passes a sphere, by the distance of its centre from the ray.
+
+    The distance, taken where the ray passes the sphere, is projected from a near light to the
+    point, as the distance from a silhouette plane is.
+    """
     assert hull.sphere is not None
     centre, radius = hull.sphere
-    from_point = [c - p for c, p in zip(centre.tolist(), point, strict=True)]
+    cx, cy, cz = (c - p for c, p in zip(centre.tolist(), point, strict=True))
     if light[3]:
-        ray = [p - float(origin) for p, origin in zip(point, light, strict=False)]
-        length = (ray[0].square() + ray[1].square() + ray[2].square()).sqrt_().clamp_(min=1e-3)
-        towards = [-r / length for r in ray]
+        lx, ly, lz = (float(v) - p for v, p in zip(light[:3], point, strict=True))
+        length = dot((lx, ly, lz), (lx, ly, lz)).sqrt_().clamp_(min=1e-3)
+        inverse = length.reciprocal()
+        lx, ly, lz = lx * inverse, ly * inverse, lz * inverse
     else:
-        length = torch.full_like(point[0], torch.inf)
-        towards = [torch.full_like(point[0], float(v)) for v in light[:3]]
-    ahead = sum((f * t for f, t in zip(from_point, towards, strict=True)), torch.zeros(()))
-    missed = sum(
-        ((f - t * ahead).square() for f, t in zip(from_point, towards, strict=True)),
-        torch.zeros(()),
-    ).sqrt()
-    blur = ahead.clamp(0.0, hull.reach_m) * hull.spread + MIN_BLUR_M
-    lit = _smooth(missed - radius, blur)
+        lx, ly, lz = (torch.full_like(cx, float(v)) for v in light[:3])
+        length = torch.full_like(cx, torch.inf)
+    ahead = dot((cx, cy, cz), (lx, ly, lz))
+    mx, my, mz = cx - lx * ahead, cy - ly * ahead, cz - lz * ahead
+    signed = dot((mx, my, mz), (mx, my, mz)).sqrt_() - radius
+    if light[3]:
+        signed *= length / (length - ahead).clamp_(min=1e-3)
+    lit = _smooth(signed, ahead.clamp(0.0, hull.reach_m).mul_(hull.spread).add_(MIN_BLUR_M))
     return torch.where((ahead > 0) & (ahead < length), lit, torch.ones_like(lit))
 
 
@@ -237,4 +242,5 @@ def lit_share(hull: Hull, light: Array, point: Tensor) -> Tensor:
         return _lit_by_sphere(hull, light, (point[0], point[1], point[2]))
     beyond = _largest(hull.averted, point).clamp_(0.0, hull.reach_m)
     lit = _smooth(_largest(hull.silhouette, point), beyond.mul_(hull.spread).add_(MIN_BLUR_M))
-    return torch.maximum(lit, _largest(hull.facing, point).mul_(500.0).clamp_(0.0, 1.0))
+    before = _largest(hull.facing, point).add_(ON_FACE_M).mul_(2.0 / ON_FACE_M).clamp_(0.0, 1.0)
+    return torch.maximum(lit, before)
