@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.color import luminance
 from rtsr_cli.core.synth.arrangements import arranged
@@ -13,8 +15,8 @@ from rtsr_cli.core.synth.scene import Scene
 METER_SIZE = (36, 64)
 """(height, width) of the frame that is measured."""
 
-MEDIAN_RADIANCE = 0.22
-"""Median luminance that exposure leads to."""
+MEDIAN_RADIANCE = (0.2, 0.46)
+"""Median luminance that exposure leads to; the seed chooses where between."""
 
 METERED_FRAME = 1
 
@@ -22,9 +24,10 @@ METERED_FRAME = 1
 def random_scene(seed: int) -> Scene:
     """Scene of a seed: place, things, materials, lights, animation and exposure.
 
-    The median luminance of a small first frame comes to `MEDIAN_RADIANCE`.
+    The median luminance of a small first frame comes to a value of `MEDIAN_RADIANCE`.
     """
     scene = arranged(seed)
     frame = render_frame(scene, METERED_FRAME, METER_SIZE, buffers=(Buffer.COLOR,), threads=1)
     median = float(luminance(frame.gbuffer[Buffer.COLOR]).median())
-    return replace(scene, exposure=MEDIAN_RADIANCE / max(median, 1e-4))
+    wanted = float(np.random.default_rng([seed, 21]).uniform(*MEDIAN_RADIANCE))
+    return replace(scene, exposure=wanted / max(median, 1e-4))

@@ -36,7 +36,7 @@ def any_color(rng: Rng) -> Vec3:
 
 def grey(rng: Rng, low: float = 0.15, high: float = 0.6) -> Vec3:
     """Stone and concrete."""
-    return color(rng, (0.05, 0.16), (0.02, 0.18), (low, high))
+    return color(rng, (0.03, 0.17), (0.02, 0.32), (low, high))
 
 
 def _shift(rng: Rng) -> tuple[float, float]:
@@ -100,7 +100,8 @@ def planks(rng: Rng) -> Material:
 
 def plaster(rng: Rng) -> Material:
     """Stained plaster or concrete."""
-    base = grey(rng, 0.35, 0.75)
+    tinted = rng.random() < 0.4
+    base = color(rng, (0.0, 1.0), (0.15, 0.55), (0.3, 0.7)) if tinted else grey(rng, 0.35, 0.75)
     stain = color(rng, (0.05, 0.3), (0.05, 0.3), (0.2, 0.5))
     return Material(
         pattern=Pattern.PLASTER,

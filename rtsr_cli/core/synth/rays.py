@@ -19,11 +19,16 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.synth.placing import Placed
 from rtsr_cli.core.synth.scene import NEAR_M, Shape
+from rtsr_cli.core.synth.vectors import Vector
 
 TILE_PX = 16
 """Side of a tile."""
 
-Vector = tuple[Tensor, Tensor, Tensor]
+SLOPE_STEPS = 2.0**40
+"""Slopes are multiples of one over this, coarser than double and finer than single precision."""
+
+FAR_M = 4000.0
+"""Hits beyond are sky: the ground ends there, well below the depth that stands for sky."""
 
 NOTHING = -1
 """Index of a pixel that sees the sky."""
@@ -78,6 +83,11 @@ class Rays:
         return x, y, z
 
 
+def _slopes(exact: Tensor) -> Tensor:
+    """Round to float; the same sample of two resolutions, equal but for rounding, becomes equal."""
+    return ((exact * SLOPE_STEPS).round_() / SLOPE_STEPS).float()
+
+
 def strip_rays(camera: CameraMetadata, display: Size, rows: range) -> Rays:
     """Rays through the samples (pixel centre + jitter) of some rows of an image.
 
@@ -95,8 +105,8 @@ def strip_rays(camera: CameraMetadata, display: Size, rows: range) -> Rays:
     lines = torch.arange(down * TILE_PX, dtype=torch.float64) + (
         rows.start + 0.5 + camera.jitter_px[1]
     )
-    x = ((2.0 * columns / width - 1.0) / projection[0, 0]).float()
-    y = ((1.0 - 2.0 * lines / height) / projection[1, 1]).float()
+    x = _slopes((2.0 * columns / width - 1.0) / projection[0, 0])
+    y = _slopes((1.0 - 2.0 * lines / height) / projection[1, 1])
     shape = (down, across, TILE_PX, TILE_PX)
     return Rays(
         x=x.view(1, across, 1, TILE_PX).expand(shape).reshape(down * across, -1),
@@ -238,7 +248,7 @@ def trace(rays: Rays, solids: tuple[Placed, ...]) -> Hits:
         x, y = rays.x.index_select(0, tiles), rays.y.index_select(0, tiles)
         found = intersect(local_rays(rays, x, y, solid), solid.part.shape, solid.part.half_m)
         before = depth.index_select(0, tiles)
-        closer = (found > NEAR_M) & (found < before)
+        closer = (found > NEAR_M) & (found < before) & (found < FAR_M)
         depth.index_copy_(0, tiles, torch.where(closer, found, before))
         index.index_copy_(0, tiles, index.index_select(0, tiles).masked_fill_(closer, number))
     return Hits(depth, index, touched)

@@ -20,7 +20,7 @@ from rtsr_cli.core.shapes import Color, Size
 from rtsr_cli.core.synth import surfaces
 from rtsr_cli.core.synth.motion import motion_px
 from rtsr_cli.core.synth.placing import Placed, place
-from rtsr_cli.core.synth.rays import NOTHING, Hits, Rays, Vector, strip_rays, trace
+from rtsr_cli.core.synth.rays import NOTHING, Hits, Rays, strip_rays, trace
 from rtsr_cli.core.synth.scene import Scene, Vec3
 from rtsr_cli.core.synth.shading import (
     COVERED,
@@ -32,7 +32,8 @@ from rtsr_cli.core.synth.shading import (
     shadowing,
     sky_radiance,
 )
-from rtsr_cli.core.synth.shadows import Hull, shadow_hull
+from rtsr_cli.core.synth.shadows import Hulls, shadow_hull, together
+from rtsr_cli.core.synth.vectors import Vector, dot, unit
 
 STRIP_PIXELS = 1 << 17
 """Pixels rendered at a time by one thread: 4 bytes times about 150 values each, some 80 MiB."""
@@ -92,7 +93,7 @@ class Shot:
     following: CameraMetadata
     solids: tuple[Placed, ...]
     lights: tuple[Lighting, ...]
-    cover: tuple[Hull, ...]
+    cover: Hulls
 
     @property
     def texture_pixel(self) -> float:
@@ -112,13 +113,13 @@ class Shot:
 
 def _hulls(
     solids: tuple[Placed, ...], light: np.ndarray, softness: float, *, reach_m: float, shell: bool
-) -> tuple[Hull, ...]:
+) -> Hulls:
     found = (
         shadow_hull(i, solid, light, softness=softness, reach_m=reach_m)
         for i, solid in enumerate(solids)
         if solid.bounded and solid.body.casts_shadow and (shell or not solid.body.shell)
     )
-    return tuple(hull for hull in found if hull is not None)
+    return together(hull for hull in found if hull is not None)
 
 
 def _lighting(scene: Scene, solids: tuple[Placed, ...], number: int) -> tuple[Lighting, ...]:
@@ -196,7 +197,7 @@ def _radiance(shot: Shot, rays: Rays, hits: Hits, *, values: Tensor, position: V
     """Radiance (3, tiles, pixels of a tile), exposure applied."""
     scene = shot.scene
     x, y, z = (rays.x * r + rays.y * u + f for r, u, f in rays.basis.T.tolist())
-    direction = surfaces.unit((x, y, z))
+    direction = unit((x, y, z))
     out = torch.zeros(3, *rays.x.shape)
     sky = hits.index == NOTHING
     seen = sky.any(1).nonzero()[:, 0]
@@ -217,7 +218,7 @@ def _radiance(shot: Shot, rays: Rays, hits: Hits, *, values: Tensor, position: V
 
 def _lit(shot: Shot, points: Points) -> Tensor:
     """Radiance of surface points before exposure, without emission."""
-    nov = surfaces.dot(points.vector(surfaces.NORMAL), points.to_eye).clamp_(1e-3, 1.0)
+    nov = dot(points.vector(surfaces.NORMAL), points.to_eye).clamp_(1e-3, 1.0)
     covered = shadowing(points, shot.cover, ZENITH)
     open_share = covered * (1.0 - COVERED) + COVERED
     if shot.scene.room_m is not None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,19 +20,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rtsr_cli.core.imaging.brdf_lut import integrate_lut, sample_lut
-from rtsr_cli.core.synth.rays import Vector
 from rtsr_cli.core.synth.scene import Light, Pattern, Sky, Vec3
-from rtsr_cli.core.synth.shadows import Hull, lit_share
+from rtsr_cli.core.synth.shadows import Hulls, lit_share
 from rtsr_cli.core.synth.surfaces import (
     ALBEDO,
     GEONORMAL,
     METALLIC,
     NORMAL,
     ROUGHNESS,
-    dot,
-    unit,
 )
 from rtsr_cli.core.synth.textures import look_up, texture
+from rtsr_cli.core.synth.vectors import Vector, dot, unit
 
 DIELECTRIC_F0 = 0.04
 """Reflectance of a dielectric at normal incidence [Karis 2013]."""
@@ -47,6 +44,9 @@ COVERED = 0.30
 CORNER_M = 0.5
 CORNER_DARKENING = 0.35
 """Ambient light falls by that share towards the walls of a room, over that distance."""
+
+CLOUD_LEVEL = 3.0
+"""Level of the texture that clouds are taken from: they have no fine grain."""
 
 CLOUD_HEIGHT = 0.12
 """Clouds lie on a plane seen at elevations from 0; added to the elevation's sine."""
@@ -70,7 +70,7 @@ class Lighting:
 
     light: Light
     position: NDArray[np.float64]
-    hulls: tuple[Hull, ...]
+    hulls: Hulls
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,6 @@ class Points:
         x, y, z = self.rows[rows].unbind(0)
         return x, y, z
 
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper corner of each tile's points, (tiles, 3)."""
-        lower = torch.stack([p.amin(1) for p in self.position], 1)
-        upper = torch.stack([p.amax(1) for p in self.position], 1)
-        return lower.double().numpy(), upper.double().numpy()
-
     def tiles(self, chosen: Tensor) -> Points:
         """Return some of the tiles."""
         px, py, pz = (p.index_select(0, chosen) for p in self.position)
@@ -119,18 +113,18 @@ def blend(low: float, high: float, value: Tensor) -> Tensor:
     return share * share * (3.0 - 2.0 * share)
 
 
-def shadowing(points: Points, hulls: Iterable[Hull], light: NDArray[np.float64]) -> Tensor:
+def shadowing(points: Points, hulls: Hulls, light: NDArray[np.float64]) -> Tensor:
     """Share of a light that reaches each point; a convex solid does not shade itself."""
     lit = torch.ones_like(points.position[0])
-    lower, upper = points.bounds()
-    for hull in hulls:
-        touched = hull.touched(lower, upper)
-        if not len(touched):
-            continue
-        tiles = torch.from_numpy(touched)
-        px, py, pz = (p.index_select(0, tiles) for p in points.position)
+    if not hulls.hulls:
+        return lit
+    homogeneous = torch.stack([*points.position, torch.ones_like(lit)])
+    touched = hulls.touched(homogeneous[:3].amin(2), homogeneous[:3].amax(2))
+    for number in touched.any(1).nonzero()[:, 0].tolist():
+        hull, tiles = hulls.hulls[number], touched[number].nonzero()[:, 0]
+        some = homogeneous.index_select(1, tiles)
         own = (points.index.index_select(0, tiles) == hull.number).float()
-        share = torch.maximum(lit_share(hull, light, (px, py, pz)), own)
+        share = torch.maximum(lit_share(hull, light, some.flatten(1)).view_as(own), own)
         lit.index_copy_(0, tiles, share.mul_(lit.index_select(0, tiles)))
     return lit
 
@@ -266,15 +260,15 @@ def sky_radiance(sky: Sky, direction: Vector, sun: Vec3 | None) -> Tensor:
     up = direction[2]
     out = _gradient(sky, up, 0.0)
     if sky.clouds > 0:
-        plane = (1.0 / (up.clamp(min=0.0) + CLOUD_HEIGHT)).mul_(0.16)
-        level = torch.zeros_like(up)
+        plane = (1.0 / (up.clamp(min=0.0) + CLOUD_HEIGHT)).mul_(0.09)
+        level = torch.full_like(up, CLOUD_LEVEL)
         values = look_up(
             texture(Pattern.PLASTER),
             (direction[0] * plane).flatten(),
             (direction[1] * plane).flatten(),
             level.flatten(),
         )
-        cover = blend(-0.9, 1.3, values[:, 1] * 1.2 + values[:, 0]).view_as(up)
+        cover = blend(-0.2, 1.2, values[:, 1] * 1.2 + values[:, 0]).view_as(up)
         cover *= blend(0.0, 0.15, up) * sky.clouds
         out += (1.15 * max(sky.horizon) - out) * cover
     if sun is not None:

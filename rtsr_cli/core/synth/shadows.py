@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rtsr_cli.core.synth.placing import Placed
-from rtsr_cli.core.synth.rays import Vector
 from rtsr_cli.core.synth.scene import Shape
+from rtsr_cli.core.synth.vectors import Vector, dot
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,10 @@ CYLINDER_SIDES = 12
 THIN_RADIUS_M = 0.05
 THIN_SIDES = 6
 """Cylinders below that radius make do with fewer."""
+
+ON_FACE_M = 1e-3
+"""Points less than half of that below the plane of a face which the light sees are not in its
+shadow: they lie on the face, or on another one in the same plane. Below all of it, they are."""
 
 MIN_BLUR_M = 0.002
 """Half width of the sharpest shadow edge."""
@@ -114,14 +119,46 @@ class Hull:
     reach_m: float
     sphere: tuple[Array, float] | None = None
 
-    def touched(self, lower: Array, upper: Array) -> NDArray[np.intp]:
-        """Boxes, by their lower and upper corners (boxes, 3), that the shadow may reach."""
-        margin = self.spread * self.reach_m + MIN_BLUR_M
-        planes = np.concatenate([self.silhouette, self.facing])
-        limits = np.concatenate([np.full(len(self.silhouette), margin), np.zeros(len(self.facing))])
-        normal = planes[:, None, :3]
-        least = np.minimum(normal * lower, normal * upper).sum(2) + planes[:, 3:]
-        return np.flatnonzero((least <= limits[:, None]).all(0))
+
+@dataclass(frozen=True)
+class Hulls:
+    """Shadow volumes under one light, with all their planes together for quick rejection.
+
+    Attributes:
+        hulls: one by one.
+        planes: (hulls, planes, 4), those of a hull repeated up to the largest number.
+        limits: (hulls, planes): points wholly beyond a plane by more are out of reach.
+    """
+
+    hulls: tuple[Hull, ...]
+    planes: Tensor
+    limits: Tensor
+
+    def touched(self, lower: Tensor, upper: Tensor) -> Tensor:
+        """Which shadow (rows) may reach which box, by lower and upper corners (3, boxes).
+
+        The least value of n . p + c over a box is that of its centre less |n| . half extent.
+        """
+        centre, half = (upper + lower) / 2, (upper - lower) / 2
+        flat = self.planes.flatten(0, 1)
+        normals = flat[:, :3]
+        least = torch.addmm(flat[:, 3:], normals, centre) - normals.abs() @ half
+        beyond = least.view(*self.limits.shape, -1) - self.limits[..., None]
+        return beyond.amax(1) <= 0
+
+
+def together(hulls: Iterable[Hull]) -> Hulls:
+    """Collect shadow volumes."""
+    kept = tuple(hulls)
+    most = max((len(h.silhouette) + len(h.facing) for h in kept), default=1)
+    planes, limits = np.zeros((len(kept), most, 4)), np.zeros((len(kept), most))
+    for row, hull in enumerate(kept):
+        rim, rest = len(hull.silhouette), most - len(hull.silhouette)
+        planes[row, :rim] = hull.silhouette
+        limits[row, :rim] = hull.spread * hull.reach_m + MIN_BLUR_M
+        planes[row, rim:] = np.resize(hull.facing, (rest, 4))
+        limits[row, rim:] = -0.5 * ON_FACE_M
+    return Hulls(kept, torch.from_numpy(planes).float(), torch.from_numpy(limits).float())
 
 
 def shadow_hull(
@@ -162,14 +199,9 @@ def shadow_hull(
     )
 
 
-def _largest(planes: Array, point: Vector) -> Tensor:
-    """Largest signed distance of points from planes."""
-    result: Tensor | None = None
-    for x, y, z, offset in planes.tolist():
-        value = (point[0] * x).add_(point[1], alpha=y).add_(point[2], alpha=z).add_(offset)
-        result = value if result is None else torch.maximum(result, value, out=result)
-    assert result is not None
-    return result
+def _largest(planes: Array, point: Tensor) -> Tensor:
+    """Largest signed distance of points (4, n), homogeneous, from planes."""
+    return (torch.from_numpy(planes).float() @ point).amax(0)
 
 
 def _smooth(signed: Tensor, blur: Tensor) -> Tensor:
@@ -179,31 +211,36 @@ def _smooth(signed: Tensor, blur: Tensor) -> Tensor:
 
 
 def _lit_by_sphere(hull: Hull, light: Array, point: Vector) -> Tensor:
-    """Share of the light that passes a sphere: distance of its centre from the ray, by blur."""
+    """Share of the light that passes a sphere, by the distance of its centre from the ray.
+
+    The distance, taken where the ray passes the sphere, is projected from a near light to the
+    point, as the distance from a silhouette plane is.
+    """
     assert hull.sphere is not None
     centre, radius = hull.sphere
-    from_point = [c - p for c, p in zip(centre.tolist(), point, strict=True)]
+    cx, cy, cz = (c - p for c, p in zip(centre.tolist(), point, strict=True))
     if light[3]:
-        ray = [p - float(origin) for p, origin in zip(point, light, strict=False)]
-        length = (ray[0].square() + ray[1].square() + ray[2].square()).sqrt_().clamp_(min=1e-3)
-        towards = [-r / length for r in ray]
+        lx, ly, lz = (float(v) - p for v, p in zip(light[:3], point, strict=True))
+        length = dot((lx, ly, lz), (lx, ly, lz)).sqrt_().clamp_(min=1e-3)
+        inverse = length.reciprocal()
+        lx, ly, lz = lx * inverse, ly * inverse, lz * inverse
     else:
-        length = torch.full_like(point[0], torch.inf)
-        towards = [torch.full_like(point[0], float(v)) for v in light[:3]]
-    ahead = sum((f * t for f, t in zip(from_point, towards, strict=True)), torch.zeros(()))
-    missed = sum(
-        ((f - t * ahead).square() for f, t in zip(from_point, towards, strict=True)),
-        torch.zeros(()),
-    ).sqrt()
-    blur = ahead.clamp(0.0, hull.reach_m) * hull.spread + MIN_BLUR_M
-    lit = _smooth(missed - radius, blur)
+        lx, ly, lz = (torch.full_like(cx, float(v)) for v in light[:3])
+        length = torch.full_like(cx, torch.inf)
+    ahead = dot((cx, cy, cz), (lx, ly, lz))
+    mx, my, mz = cx - lx * ahead, cy - ly * ahead, cz - lz * ahead
+    signed = dot((mx, my, mz), (mx, my, mz)).sqrt_() - radius
+    if light[3]:
+        signed *= length / (length - ahead).clamp_(min=1e-3)
+    lit = _smooth(signed, ahead.clamp(0.0, hull.reach_m).mul_(hull.spread).add_(MIN_BLUR_M))
     return torch.where((ahead > 0) & (ahead < length), lit, torch.ones_like(lit))
 
 
-def lit_share(hull: Hull, light: Array, point: Vector) -> Tensor:
-    """Share of the light that reaches points past one solid, 0..1."""
+def lit_share(hull: Hull, light: Array, point: Tensor) -> Tensor:
+    """Share of the light that reaches points (4, n), homogeneous, past one solid; 0..1."""
     if hull.sphere is not None:
-        return _lit_by_sphere(hull, light, point)
+        return _lit_by_sphere(hull, light, (point[0], point[1], point[2]))
     beyond = _largest(hull.averted, point).clamp_(0.0, hull.reach_m)
     lit = _smooth(_largest(hull.silhouette, point), beyond.mul_(hull.spread).add_(MIN_BLUR_M))
-    return torch.maximum(lit, _largest(hull.facing, point).mul_(500.0).clamp_(0.0, 1.0))
+    before = _largest(hull.facing, point).add_(ON_FACE_M).mul_(2.0 / ON_FACE_M).clamp_(0.0, 1.0)
+    return torch.maximum(lit, before)

@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.synth.placing import Placed
-from rtsr_cli.core.synth.rays import Hits, LocalRays, Rays, Vector, local_rays
+from rtsr_cli.core.synth.rays import Hits, LocalRays, Rays, local_rays
 from rtsr_cli.core.synth.scene import Material, Part, Shape
 from rtsr_cli.core.synth.textures import TEXELS, look_up, texture
+from rtsr_cli.core.synth.vectors import Vector, dot, unit
 
 TEXTURE_WIDTH = 2048
 """Image width at whose pixels textures are matched, whatever the size of the frame: a level that
@@ -54,12 +55,13 @@ def _box_chart(point: Vector, half: tuple[float, float, float]) -> Chart:
     on_y = ~on_x & (over_y >= over_z)
     fx, fy = on_x.float(), on_y.float()
     fz = 1.0 - fx - fy
-    zero = torch.zeros_like(x)
+    zero, side = torch.zeros_like(x), (fx * x.sign()).sub_(fy * y.sign()).add_(fz)
+    # on the sides u runs to the right for who looks at them, so that writing can be read
     return Chart(
         (fx * x.sign(), fy * y.sign(), fz * z.sign()),
-        (1.0 - fx, fx, zero),
+        (side * (1.0 - fx), side * fx, zero),
         (zero, fz, 1.0 - fz),
-        torch.where(on_x, y, x),
+        torch.where(on_x, y, x) * side,
         y * fz + z * (1.0 - fz),
     )
 
@@ -105,21 +107,6 @@ def chart(point: Vector, part: Part) -> Chart:
     if part.shape is Shape.CYLINDER:
         return _cylinder_chart(point, part.half_m[0], part.half_m[2])
     return _plane_chart(point)
-
-
-def dot(a: Vector, b: Vector) -> Tensor:
-    """Scalar product, component by component."""
-    return torch.addcmul(torch.addcmul(a[0] * b[0], a[1], b[1]), a[2], b[2])
-
-
-def scaled(a: Vector, factor: Tensor) -> Vector:
-    """Product of a vector and a number."""
-    return a[0] * factor, a[1] * factor, a[2] * factor
-
-
-def unit(a: Vector) -> Vector:
-    """Vector of length 1 in the same direction."""
-    return scaled(a, dot(a, a).clamp_(min=1e-12).rsqrt_())
 
 
 def _facing(normal: Vector, to_eye: Vector) -> Vector:
