@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.inspecting import SetInspection, ShotInspection
+from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.settling import Settled
@@ -55,7 +56,8 @@ def _set(found: SetInspection) -> Iterator[str]:
 
 def _layout(reader: FrameReader) -> str:
     layout = reader.layout
-    doubt = "" if layout.verified else " (unverified: known from documentation only)"
+    preset = layout.name in LAYOUT_NAMES
+    doubt = " (unverified: known from documentation only)" if preset and not layout.verified else ""
     return f"{layout.name}{doubt}: {layout.description}"
 
 

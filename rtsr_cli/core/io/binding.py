@@ -187,7 +187,7 @@ def detect(streams: Streams, candidates: Iterable[Layout], where: str) -> tuple[
             folder holds two dumps at once; names the choices.
     """
     found = [(layout, match(layout, streams)) for layout in candidates]
-    clear = [(layout, m) for layout, m in found if not m.ambiguous]
+    clear = [(layout, m) for layout, m in found if not m.ambiguous and _plausible(layout, m)]
     best = max((len(m.binding) for _, m in clear), default=0)
     guess = max((m for _, m in found if m.ambiguous), key=lambda m: m.explained, default=None)
     if guess is not None and guess.explained > best:
@@ -208,6 +208,11 @@ def detect(streams: Streams, candidates: Iterable[Layout], where: str) -> tuple[
         )
     _refuse_second_dump(winner, clear, where)
     return winner[0], winner[1].binding
+
+
+def _plausible(layout: Layout, found: Match) -> bool:
+    """Tell whether a layout may be presumed: wide patterns alone do not prove an unverified one."""
+    return layout.verified or Buffer.COLOR in found.binding
 
 
 def _refuse_second_dump(

@@ -8,13 +8,13 @@ from collections.abc import Collection, Mapping
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 
 KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
-    Buffer.MOTION: ("motion", "velocity", "mvec", "mv", "vector", "flow", "backward"),
+    Buffer.MOTION: ("motion", "vel", "mvec", "mv", "vector", "flow", "backward"),
     Buffer.FORWARD: ("forward",),
     Buffer.ALBEDO: ("albedo", "basecolor", "base_color", "base", "diffcol", "diffuse"),
     Buffer.NORMAL: ("normal", "nrm", "nml", "norm"),
     Buffer.DEPTH: ("depth", "viewz", "linearz", "zdepth", "dist"),
-    Buffer.ROUGHNESS: ("rough", "smooth", "gloss"),
-    Buffer.METALLIC: ("metal",),
+    Buffer.ROUGHNESS: ("rough", "rgh", "smooth", "gloss"),
+    Buffer.METALLIC: ("metal", "mtl"),
     Buffer.SPECULAR: ("specular", "f0"),
     Buffer.EMISSION: ("emis", "emit"),
     Buffer.OBJECT_ID: ("objectid", "object_id", "instance", "stencil", "entity", "id"),

@@ -123,7 +123,7 @@ def _motion(settled: Settled, capture: Capture) -> Settled:
                 "with 'rtsr inspect'"
             )
             return _warned(settled, text)
-        note = f"motion measured: {best.convention} (layout '{reader.layout.name}' says {presumed})"
+        note = f"motion measured: {chosen} (without measurement: {presumed})"
         return _measured(settled, "motion", note, motion=chosen)
     if agreed or not _unproven(settled, capture):
         return settled
@@ -220,8 +220,8 @@ def _depth(settled: Settled, capture: Capture) -> Settled:
         )
     chosen = replace(measured, sky=given.get("sky"))
     note = (
-        f"depth measured: {text} ({best.error:.3g} against {against.error:.3g} {finding.measure}; "
-        f"layout '{settled.reader.layout.name}' says {presumed.kind}, {presumed.unit_m:g} m a unit)"
+        f"depth measured: {text} ({best.error:.2g} against {against.error:.2g} {finding.measure}; "
+        f"without measurement: {presumed.kind}, {presumed.unit_m:g} m a unit)"
     )
     return _measured(settled, "depth", note, depth=chosen)
 
