@@ -8,6 +8,7 @@ that its projection touches.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,16 @@ class Rays:
     grid: tuple[int, int]
     size: Size
     to_camera: NDArray[np.float64]
+
+    @property
+    def highest(self) -> float:
+        """Largest slope y."""
+        return float(self.y[0, 0])
+
+    @property
+    def lowest(self) -> float:
+        """Smallest slope y."""
+        return float(self.y[-1, -1])
 
     @property
     def eye(self) -> NDArray[np.float64]:
@@ -117,13 +128,20 @@ def strip_rays(camera: CameraMetadata, display: Size, rows: range) -> Rays:
     )
 
 
-def projected_bounds(
-    solid: Placed, to_camera: NDArray[np.float64]
-) -> tuple[float, float, float, float] | None:
-    """Smallest and largest slope (x0, x1, y0, y1) of a solid's bounding box, None if not in view.
+Bounds = tuple[float, float, float, float]
+"""Smallest and largest slope of what a solid covers: x0, x1, y0, y1."""
+
+NOWHERE: Bounds = (math.inf, -math.inf, math.inf, -math.inf)
+EVERYWHERE: Bounds = (-math.inf, math.inf, -math.inf, math.inf)
+
+
+def projected_bounds(solid: Placed, to_camera: NDArray[np.float64]) -> Bounds:
+    """Bounds of a solid's bounding box.
 
     What reaches behind the near plane is cut off there first.
     """
+    if not solid.bounded:
+        return EVERYWHERE
     points = solid.corners() @ to_camera[:3, :3] + to_camera[3, :3]
     ahead = -points[:, 2] > NEAR_M
     kept = [points[ahead]]
@@ -133,20 +151,17 @@ def projected_bounds(
             kept.append((points[a] + share * (points[b] - points[a]))[None])
     visible = np.concatenate(kept)
     if not len(visible):
-        return None
+        return NOWHERE
     slopes = visible[:, :2] / -visible[:, 2:]
     (x0, y0), (x1, y1) = slopes.min(0), slopes.max(0)
     return float(x0), float(x1), float(y0), float(y1)
 
 
-def touched_tiles(rays: Rays, solid: Placed) -> Tensor:
-    """Numbers of the tiles whose rays may hit a solid."""
-    if not solid.bounded:
-        return torch.arange(rays.x.shape[0])
-    bounds = projected_bounds(solid, rays.to_camera)
-    if bounds is None:
-        return torch.empty(0, dtype=torch.int64)
+def touched_tiles(rays: Rays, bounds: Bounds) -> Tensor:
+    """Numbers of the tiles whose rays may hit what lies within bounds."""
     x0, x1, y0, y1 = bounds
+    if y0 > rays.highest or y1 < rays.lowest:
+        return torch.empty(0, dtype=torch.int64)
     # the first pixel of a tile has the smallest x and the largest y
     inside = (rays.x[:, -1] >= x0) & (rays.x[:, 0] <= x1)
     inside &= (rays.y[:, 0] >= y0) & (rays.y[:, -1] <= y1)
@@ -237,11 +252,17 @@ class Hits:
     tiles: tuple[Tensor, ...]
 
 
-def trace(rays: Rays, solids: tuple[Placed, ...]) -> Hits:
-    """Find the first hit of every ray."""
+def trace(rays: Rays, solids: tuple[Placed, ...], bounds: tuple[Bounds, ...]) -> Hits:
+    """Find the first hit of every ray.
+
+    Args:
+        rays: of the strip.
+        solids: what they may hit.
+        bounds: of each solid, by `projected_bounds`.
+    """
     depth = torch.full_like(rays.x, torch.inf)
     index = torch.full(rays.x.shape, NOTHING, dtype=torch.int32)
-    touched = tuple(touched_tiles(rays, solid) for solid in solids)
+    touched = tuple(touched_tiles(rays, part) for part in bounds)
     for number, (solid, tiles) in enumerate(zip(solids, touched, strict=True)):
         if not len(tiles):
             continue

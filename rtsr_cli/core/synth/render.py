@@ -20,7 +20,15 @@ from rtsr_cli.core.shapes import Color, Size
 from rtsr_cli.core.synth import surfaces
 from rtsr_cli.core.synth.motion import motion_px
 from rtsr_cli.core.synth.placing import Placed, place
-from rtsr_cli.core.synth.rays import NOTHING, Hits, Rays, strip_rays, trace
+from rtsr_cli.core.synth.rays import (
+    NOTHING,
+    Bounds,
+    Hits,
+    Rays,
+    projected_bounds,
+    strip_rays,
+    trace,
+)
 from rtsr_cli.core.synth.scene import Scene, Vec3
 from rtsr_cli.core.synth.shading import (
     COVERED,
@@ -35,8 +43,8 @@ from rtsr_cli.core.synth.shading import (
 from rtsr_cli.core.synth.shadows import Hulls, shadow_hull, together
 from rtsr_cli.core.synth.vectors import Vector, dot, unit
 
-STRIP_PIXELS = 1 << 17
-"""Pixels rendered at a time by one thread: 4 bytes times about 150 values each, some 80 MiB."""
+STRIP_PIXELS = 1 << 18
+"""Pixels rendered at a time by one thread: some 150 values of 4 bytes each, 160 MiB."""
 
 THREADS = 2
 """Strips rendered at a time."""
@@ -81,6 +89,7 @@ class Shot:
         size: (height, width).
         camera, previous, following: this frame's and those beside it, without jitter but here.
         solids: placed parts.
+        bounds: what each may cover of the image.
         lights: with their shadow volumes.
         cover: shadow volumes under the zenith.
     """
@@ -92,6 +101,7 @@ class Shot:
     previous: CameraMetadata
     following: CameraMetadata
     solids: tuple[Placed, ...]
+    bounds: tuple[Bounds, ...]
     lights: tuple[Lighting, ...]
     cover: Hulls
 
@@ -138,14 +148,18 @@ def _lighting(scene: Scene, solids: tuple[Placed, ...], number: int) -> tuple[Li
 def prepare(scene: Scene, number: int, size: Size, jitter_px: Jitter = (0.0, 0.0)) -> Shot:
     """Place everything of a frame."""
     solids = place(scene, number)
+    camera = scene.camera.metadata(number, size, jitter_px)
+    assert camera.world_to_camera is not None
+    to_camera = camera.world_to_camera.numpy()
     return Shot(
         scene=scene,
         number=number,
         size=size,
-        camera=scene.camera.metadata(number, size, jitter_px),
+        camera=camera,
         previous=scene.camera.metadata(number - 1, size),
         following=scene.camera.metadata(number + 1, size),
         solids=solids,
+        bounds=tuple(projected_bounds(solid, to_camera) for solid in solids),
         lights=_lighting(scene, solids, number),
         cover=_hulls(solids, ZENITH, ZENITH_SOFTNESS, reach_m=ZENITH_REACH_M, shell=False),
     )
@@ -154,7 +168,7 @@ def prepare(scene: Scene, number: int, size: Size, jitter_px: Jitter = (0.0, 0.0
 def render_rows(shot: Shot, rows: range, wanted: tuple[Buffer, ...]) -> dict[Buffer, Tensor]:
     """Buffers (channels, rows, width) of some rows."""
     rays = strip_rays(shot.camera, shot.size, rows)
-    hits = trace(rays, shot.solids)
+    hits = trace(rays, shot.solids, shot.bounds)
     values = surfaces.shade_surfaces(rays, hits, shot.solids, shot.texture_pixel)
     values[surfaces.EMISSION] *= shot.scene.exposure
     sky = hits.index == NOTHING
@@ -240,6 +254,8 @@ def _each_strip(
     shot: Shot, work: Callable[[range], dict[Buffer, Tensor]], multiple: int, threads: int
 ) -> Iterator[tuple[range, dict[Buffer, Tensor]]]:
     strips = _strips(shot, multiple)
+    # this thread's number is fixed first, as those below would set it otherwise
+    torch.get_num_threads()
     # a thread a strip: torch's own threads would split every small operation
     with ThreadPoolExecutor(
         threads, "rtsr-synth", initializer=torch.set_num_threads, initargs=(1,)
