@@ -13,7 +13,8 @@ from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import LOG
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.selection import ranges
-from rtsr_cli.core.synth.shots import ShotPlan, SynthOptions, check_size, plan_shot, run_shot
+from rtsr_cli.core.synth.choices import SynthOptions
+from rtsr_cli.core.synth.shots import ShotPlan, check_size, plan_shot, run_shot
 
 
 def run_synth(chosen: Mapping[str, Any]) -> int:

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
 
 MAX_SIDE = 16384
 
@@ -47,7 +48,7 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 )
 @click.option(
     "--layout",
-    type=opt.Named("layout to write", ("rtsr",)),
+    type=opt.Named("layout", LAYOUT_NAMES),
     default="rtsr",
     show_default=True,
     help="Channel layout.",

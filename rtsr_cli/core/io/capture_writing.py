@@ -81,7 +81,7 @@ def _conventions(settled: Settled) -> list[str]:
         if settled.undecided:
             lines += ["", f"# undecided: {settled.undecided}"]
         lines += ["[motion]" if not settled.undecided else "# [motion]"]
-        lines += [comment + line for line in _motion(conventions.motion)]
+        lines += [comment + line for line in motion_lines(conventions.motion)]
     if Buffer.DEPTH in stored:
         depth = conventions.depth
         lines += ["[depth]", f"kind = {toml_value(depth.kind)}"]
@@ -98,7 +98,8 @@ def _conventions(settled: Settled) -> list[str]:
     return lines
 
 
-def _motion(convention: MotionConvention) -> list[str]:
+def motion_lines(convention: MotionConvention) -> list[str]:
+    """Fields of [motion]: those that say most, and those that are not as in memory."""
     plain = asdict(MotionConvention())
     return [
         f"{name} = {toml_value(value)}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -78,10 +78,7 @@ def write_frame(
         where=frame.gbuffer.where,
     )
     files: dict[str, dict[str, Plane]] = defaultdict(dict)
-    for buffer, components in layout.buffers.items():
-        places = _places(layout, components, role)
-        if buffer not in frame.gbuffer or places is None:
-            continue
+    for buffer, components, places in _held(layout, frame.gbuffer, role):
         image = from_memory(buffer, frame.gbuffer[buffer], stored)
         for i, (component, place) in enumerate(zip(components, places, strict=True)):
             channel = place.channel.replace(SCOPE, layout.scope)
@@ -93,6 +90,35 @@ def write_frame(
         write_exr(path, channels, attributes=attributes, compression=compression)
         written.append(path)
     return tuple(sorted(written))
+
+
+def frame_files(
+    folder: Path,
+    buffers: Collection[Buffer],
+    layout: Layout,
+    *,
+    number: int,
+    base: str,
+    role: Role = Role.LR,
+    scale: int = 2,
+) -> tuple[Path, ...]:
+    """Return the files that `write_frame` would write for a frame of these buffers."""
+    files = {place.file for _, _, places in _held(layout, buffers, role) for place in places}
+    paths = (
+        folder / _path(layout, file, number=number, base=base, role=role, scale=scale)
+        for file in files
+    )
+    return tuple(sorted(paths))
+
+
+def _held(
+    layout: Layout, buffers: Collection[Buffer], role: Role
+) -> Iterator[tuple[Buffer, tuple[Component, ...], list[Place]]]:
+    """Buffers that a layout has files for, with their components and places."""
+    for buffer, components in layout.buffers.items():
+        places = _places(layout, components, role)
+        if buffer in buffers and places is not None:
+            yield buffer, components, places
 
 
 def _places(layout: Layout, components: tuple[Component, ...], role: Role) -> list[Place] | None:
@@ -121,7 +147,9 @@ def _plane(buffer: Buffer, image: torch.Tensor, component: Component) -> Plane:
     plain = component.factor == 1.0 and component.offset == 0.0
     if buffer is Buffer.OBJECT_ID and plain:
         return image.numpy().astype(np.uint32)
-    stored = (image.double() / component.factor + component.offset).numpy()
+    stored = image.numpy()
+    if not plain:
+        stored = (image.double() / component.factor + component.offset).numpy()
     if buffer in FLOAT_BUFFERS:
         return stored.astype(np.float32)
     return stored.clip(-MAX_HALF, MAX_HALF).astype(np.float16)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from enum import StrEnum
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,87 +11,28 @@ from typing import Any
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import View
-from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.atomic import remove_leftovers, write_atomically
-from rtsr_cli.core.io.capture import CAPTURE_FILE, JitterSequence
+from rtsr_cli.core.io.capture import CAPTURE_FILE
+from rtsr_cli.core.io.layout_writing import Role as Resolution
+from rtsr_cli.core.io.layout_writing import frame_files, write_frame, write_side_car
 from rtsr_cli.core.io.outputs import OutputState, output_state, refuse_foreign
 from rtsr_cli.core.io.provenance import STAMP, config_digest, digest
 from rtsr_cli.core.io.streaming import READ_AHEAD_BYTES, BackgroundWriter
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.synth.choices import Role, SynthOptions
 from rtsr_cli.core.synth.exposure import random_scene
 from rtsr_cli.core.synth.render import ALL_BUFFERS, GEOMETRY, render_frame, render_reference
 from rtsr_cli.core.synth.scene import Scene
 from rtsr_cli.core.synth.writing import (
     BASE,
+    SHOT,
+    as_stored,
     camera_attributes,
     capture_text,
-    frame_path,
     stored_bytes,
-    write_frame,
 )
 
 COMMAND = "synth"
-
-JITTER_PERIOD = 8
-"""Length of the jitter sequence: 8 scale^2 frames, as FSR2 has it."""
-
-
-class Role(StrEnum):
-    """What a file of a shot is; the value is its folder, `frames` lie in the shot itself."""
-
-    FRAMES = "frames"
-    LR = "lr"
-    HR = "hr"
-    REFERENCE = "reference"
-
-
-@dataclass(frozen=True, kw_only=True)
-class SynthOptions:
-    """What is made of a scene; everything here decides bytes.
-
-    Attributes:
-        size: (height, width) of the output.
-        scale: write a pair, LR of size / scale and HR; None writes one resolution.
-        jitter: of the samples, None or the name of a sequence.
-        samples: K: of a single resolution, K x K samples of each output pixel are stored; of a
-            pair, the reference is their mean.
-        layout: channel layout.
-        static_camera: the camera stays where it is at frame 1.
-    """
-
-    size: Size
-    scale: int | None = None
-    jitter: str | None = None
-    samples: int = 1
-    layout: str = "rtsr"
-    static_camera: bool = False
-
-    @property
-    def roles(self) -> tuple[Role, ...]:
-        """Files of a frame."""
-        return (Role.FRAMES,) if self.scale is None else (Role.LR, Role.HR, Role.REFERENCE)
-
-    @property
-    def period(self) -> int:
-        """Length of the jitter sequence."""
-        return JITTER_PERIOD * (self.scale or 1) ** 2
-
-    def jitter_px(self, number: int) -> Jitter:
-        """Jitter of a frame, in pixels of the resolution that is jittered."""
-        if self.jitter is None:
-            return 0.0, 0.0
-        return JitterSequence(period=self.period, first_frame=1).at(number)
-
-    def role_size(self, role: Role) -> Size:
-        """(height, width) of a role's files."""
-        height, width = self.size
-        if role is Role.LR:
-            assert self.scale is not None
-            return height // self.scale, width // self.scale
-        if role is Role.FRAMES:
-            return height * self.samples, width * self.samples
-        return height, width
 
 
 @dataclass(frozen=True)
@@ -121,19 +61,50 @@ class ShotPlan:
         """Text of the shot's declarations."""
         options = self.options
         return capture_text(
-            layout=options.layout,
+            layout=options.file_layout,
             scale=options.scale,
             jitter=options.jitter,
             period=options.period,
         )
 
     def role_folder(self, role: Role) -> Path:
-        """Return the folder of a role's files."""
-        return self.folder if role is Role.FRAMES else self.folder / role.value
+        """Return the folder of a role's files, the shot's own for a data set's."""
+        whole = role is Role.FRAMES or self.options.file_layout.tree is not None
+        return self.folder if whole else self.folder / role.value
+
+    def paths(self, number: int, role: Role) -> tuple[Path, ...]:
+        """Return the files of a frame."""
+        return frame_files(
+            self.role_folder(role),
+            self.buffers(role),
+            self.options.file_layout,
+            number=number,
+            **self.place(role),
+        )
 
     def path(self, number: int, role: Role) -> Path:
-        """Return the file of a frame."""
-        return frame_path(self.role_folder(role), number)
+        """Return the file of a frame that is named in reports."""
+        return self.paths(number, role)[0]
+
+    def place(self, role: Role) -> dict[str, Any]:
+        """Return where in a layout's folders a role's files go."""
+        tree = self.options.file_layout.tree is not None
+        resolution = Resolution.HR if role in {Role.HR, Role.REFERENCE} else Resolution.LR
+        return {
+            "base": SHOT if tree else BASE,
+            "role": resolution,
+            "scale": self.options.scale or 1,
+        }
+
+    def buffers(self, role: Role) -> frozenset[Buffer]:
+        """Return the buffers that a role's files may hold."""
+        if role is Role.REFERENCE:
+            return frozenset({Buffer.COLOR})
+        followed = {Buffer.LIGHTING, Buffer.MATERIAL}
+        if Buffer.LIGHTING not in self.options.file_layout.buffers:
+            followed = set()
+        whole = role is not Role.HR or self.options.file_layout.tree is not None
+        return frozenset({*(ALL_BUFFERS if whole else GEOMETRY), *followed})
 
     def stamp(self, number: int, role: Role) -> str:
         """Return the stamp of a file."""
@@ -159,15 +130,24 @@ def plan_shot(
         OutputError: a file is in the way that this run would not have written.
     """
     plan = ShotPlan(seed, folder, options, tuple(sorted(numbers)))
-    files = [(number, role) for number in plan.numbers for role in options.roles]
-    states = {file: output_state(plan.path(*file), plan.stamp(*file)) for file in files}
+    files = _files(plan)
+    states = {
+        (file, path): output_state(path, plan.stamp(*file))
+        for file in files
+        for path in plan.paths(*file)
+    }
     if not overwrite:
-        foreign = [plan.path(*f) for f, state in states.items() if state is OutputState.FOREIGN]
+        foreign = [path for (_, path), state in states.items() if state is OutputState.FOREIGN]
         if _declared_otherwise(plan):
             foreign.insert(0, plan.folder / CAPTURE_FILE)
         refuse_foreign(foreign, f"rtsr {COMMAND}")
-    pending = tuple(f for f, state in states.items() if state is not OutputState.DONE)
+    unfinished = {file for (file, _), state in states.items() if state is not OutputState.DONE}
+    pending = tuple(file for file in files if file in unfinished)
     return ShotPlan(seed, folder, options, plan.numbers, pending)
+
+
+def _files(plan: ShotPlan) -> list[tuple[int, Role]]:
+    return [(number, role) for number in plan.numbers for role in plan.options.roles]
 
 
 def _declared_otherwise(plan: ShotPlan) -> bool:
@@ -195,8 +175,11 @@ def run_shot(plan: ShotPlan, *, jobs: int) -> Iterator[FileReport]:
             if (number, role) not in pending:
                 path = plan.path(number, role)
                 yield FileReport(seed=plan.seed, number=number, path=path, kept=True)
-    for role in plan.options.roles:
-        remove_leftovers(plan.role_folder(role))
+    for folder in {
+        p.parent for n in plan.numbers for r in plan.options.roles for p in plan.paths(n, r)
+    }:
+        remove_leftovers(folder)
+    _write_cameras(plan)
     write_atomically(plan.folder / CAPTURE_FILE, lambda part: _write_text(part, plan.capture))
     largest = max(stored_bytes(plan.options.role_size(role)) for role in plan.options.roles)
     # one large frame is written while the next is rendered, not more
@@ -209,6 +192,23 @@ def run_shot(plan: ShotPlan, *, jobs: int) -> Iterator[FileReport]:
             del frame
             yield from _written(writer, wait=largest > READ_AHEAD_BYTES)
         yield from _written(writer, wait=True)
+
+
+def _write_cameras(plan: ShotPlan) -> None:
+    """Write the side-car of a data set that keeps its cameras beside the frames."""
+    layout, size = plan.options.file_layout, plan.options.role_size(plan.options.roles[0])
+    frames = (
+        Frame(
+            number=number,
+            gbuffer=GBuffer({}),
+            camera=plan.scene.camera.metadata(
+                number, size, jitter_px=plan.options.jitter_px(number)
+            ),
+            view=View(display=size),
+        )
+        for number in plan.numbers
+    )
+    write_side_car(plan.folder, frames, layout, shot=SHOT, scale=plan.options.scale or 1)
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -233,7 +233,7 @@ def _render(plan: ShotPlan, number: int, role: Role, threads: int) -> Frame:
             view=View(display=size),
         )
     jittered = role is not Role.HR
-    return render_frame(
+    frame = render_frame(
         plan.scene,
         number,
         size,
@@ -241,6 +241,10 @@ def _render(plan: ShotPlan, number: int, role: Role, threads: int) -> Frame:
         buffers=GEOMETRY if role is Role.HR else ALL_BUFFERS,
         threads=threads,
     )
+    if role is not Role.HR or options.file_layout.tree is None:
+        return frame
+    reference = _render(plan, number, Role.REFERENCE, threads)
+    return replace(frame, gbuffer=frame.gbuffer.with_buffers(reference.gbuffer))
 
 
 def _writing(plan: ShotPlan, frame: Frame, role: Role) -> Any:
@@ -254,17 +258,29 @@ def _writing(plan: ShotPlan, frame: Frame, role: Role) -> Any:
     }
 
     def write() -> None:
-        write_frame(plan.role_folder(role), BASE, frame, plan.options.layout, attributes)
+        layout = plan.options.file_layout
+        write_frame(
+            plan.role_folder(role),
+            as_stored(frame, layout),
+            layout,
+            number=frame.number,
+            attributes=attributes,
+            **plan.place(role),
+        )
 
     return write
 
 
 def check_size(options: SynthOptions) -> None:
-    """Raise where LR pixels would not divide the size.
+    """Raise where LR pixels would not divide the size, or a layout needs both resolutions.
 
     Raises:
         OutputError: names size and scale.
     """
+    if options.file_layout.tree is not None and options.scale is None:
+        raise OutputError(
+            f"layout '{options.layout}' keeps two resolutions apart: give --scale, e.g. --scale 2"
+        )
     height, width = options.size
     if options.scale is not None and (height % options.scale or width % options.scale):
         raise OutputError(

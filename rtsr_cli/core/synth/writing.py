@@ -1,62 +1,42 @@
-"""Frames of a scene as files, and what is declared beside them."""
+"""What becomes of a rendered frame in files, and what is declared beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from rtsr_cli.core.derive import DerivationConfig, derive_lighting, derive_material
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.io.exr import Plane, write_exr
-from rtsr_cli.core.io.outputs import to_half
+from rtsr_cli.core.io.capture_writing import HEADING, motion_lines, toml_value
+from rtsr_cli.core.io.layouts import Layout
 from rtsr_cli.core.io.presets import LAYOUTS
+from rtsr_cli.core.shapes import Size
 
 BASE = "frame"
 """Base name of the files."""
 
-WRITABLE_LAYOUTS = ("rtsr",)
-
-FULL_PRECISION = frozenset({Buffer.DEPTH, Buffer.MOTION, Buffer.FORWARD, Buffer.POSITION})
-"""Buffers stored as float; half would round away sub-pixel motion and millimetres."""
+SHOT = "0"
+"""Name of the shot in data sets that keep resolutions and buffers apart."""
 
 
-def frame_path(folder: Path, number: int) -> Path:
-    """`<folder>/frame.NNNN.exr`."""
-    return folder / f"{BASE}.{'-' if number < 0 else ''}{abs(number):04d}.exr"
-
-
-def _channels(frame: Frame) -> dict[str, Plane]:
-    """Name the planes as rtsr's own layout does, each in the type it is stored in."""
-    names = LAYOUTS["rtsr"].buffers
-    channels: dict[str, Plane] = {}
-    for buffer, tensor in frame.gbuffer.items():
-        for component, plane in zip(names[buffer], tensor[0], strict=True):
-            stored: Plane
-            if buffer is Buffer.OBJECT_ID:
-                stored = plane.numpy().view(np.uint32)
-            elif buffer in FULL_PRECISION:
-                stored = plane.numpy()
-            else:
-                stored = to_half(plane)
-            channels[component.places[0].channel] = stored
-    return channels
-
-
-def write_frame(
-    folder: Path, base: str, frame: Frame, layout: str, attributes: Mapping[str, Any]
-) -> None:
-    """Write a frame's buffers as `<folder>/<base>.NNNN.exr`.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    assert layout in WRITABLE_LAYOUTS
-    path = folder / frame_path(folder, frame.number).name.replace(BASE, base, 1)
-    write_exr(path, _channels(frame), attributes=attributes)
+def as_stored(frame: Frame, layout: Layout) -> Frame:
+    """Add the buffers of a layout that follow from others: divided lighting and its divisor."""
+    gbuffer = frame.gbuffer
+    if Buffer.LIGHTING not in layout.buffers or not {Buffer.ALBEDO, Buffer.DEPTH} <= set(gbuffer):
+        return frame
+    config = DerivationConfig()
+    if Buffer.COLOR not in gbuffer:
+        return replace(
+            frame,
+            gbuffer=gbuffer.with_buffers({Buffer.MATERIAL: derive_material(frame, config)}),
+        )
+    parts = derive_lighting(frame, config)
+    added = {Buffer.LIGHTING: parts.lighting, Buffer.MATERIAL: parts.material}
+    return replace(frame, gbuffer=gbuffer.with_buffers(added))
 
 
 def camera_attributes(camera: CameraMetadata, number: int, fov_deg: float) -> dict[str, Any]:
@@ -71,25 +51,13 @@ def camera_attributes(camera: CameraMetadata, number: int, fov_deg: float) -> di
     }
 
 
-def stored_bytes(size: tuple[int, int]) -> int:
+def stored_bytes(size: Size) -> int:
     """Memory of one frame of every buffer: float32, and once more as stored."""
     channels = sum(BUFFER_SPECS[b].channels for b in LAYOUTS["rtsr"].buffers)
     return size[0] * size[1] * channels * 6
 
 
-CAPTURE = """\
-# What the frames beside this file hold; every field is optional, see the README.
-layout = "{layout}"
-{scale}{jitter}
-[motion]
-unit = "pixels"
-direction = "previous-minus-current"
-y_axis = "down"
-jittered = false
-"""
-
-
-def capture_text(*, layout: str, scale: int | None, jitter: str | None, period: int) -> str:
+def capture_text(*, layout: Layout, scale: int | None, jitter: str | None, period: int) -> str:
     """Declarations of a shot.
 
     Jitter is declared as a sequence, not frame by frame: the text is then the same whichever
@@ -101,13 +69,10 @@ def capture_text(*, layout: str, scale: int | None, jitter: str | None, period: 
         jitter: None, or the name of the sequence.
         period: its length.
     """
-    value = (
-        "[0.0, 0.0]"
-        if jitter is None
-        else f'{{ pattern = "{jitter}", period = {period}, first_frame = 1 }}'
-    )
-    return CAPTURE.format(
-        layout=layout,
-        scale="" if scale is None else f"scale = {scale}\n",
-        jitter=f"jitter_px = {value}\n",
-    )
+    sequence = {"pattern": jitter, "period": period, "first_frame": 1}
+    lines = [HEADING, f"layout = {toml_value(layout.name)}"]
+    lines += [] if scale is None else [f"scale = {scale}"]
+    lines += [f"jitter_px = {toml_value([0.0, 0.0] if jitter is None else sequence)}"]
+    has_motion = {Buffer.MOTION, Buffer.FORWARD} & set(layout.buffers)
+    lines += ["[motion]", *motion_lines(layout.conventions.motion)] if has_motion else []
+    return "\n".join(lines) + "\n"
