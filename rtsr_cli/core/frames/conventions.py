@@ -146,6 +146,10 @@ def depth_to_metres(
             raise MissingBufferError(_needs_camera(where, "device depth"))
         return device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
     metres = stored * convention.unit_m
+    plain = convention.kind is DepthKind.PLANAR and convention.sky is None
+    if plain and convention.unit_m == 1.0:
+        # what lies beyond the sky is the sky, so that a bound says it all, but for -inf
+        return metres.clamp_(max=SKY_DEPTH_M).masked_fill_(stored == -torch.inf, SKY_DEPTH_M)
     if convention.sky is None:
         # half files cannot hold more than their largest value, whatever the unit
         sky = (metres >= SKY_DEPTH_M) | (stored == SKY_DEPTH_M) | torch.isinf(stored)

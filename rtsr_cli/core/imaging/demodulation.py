@@ -129,9 +129,10 @@ def demodulate(
         bounded = stored(bounded)
     reflected = radiance if bounded is None else (radiance - bounded).clamp_(min=0.0)
     divisible = (material.amin(1, keepdim=True) > epsilon) & (sky < 0.5)
-    divisible &= (reflected <= MAX_HALF * material).all(1, keepdim=True)
-    # a sum that is finite has finite terms only, and costs one fast pass
-    if not bool(torch.isfinite(radiance.sum())):
+    lowest, highest = (float(value) for value in torch.aminmax(reflected))
+    # one fast pass tells most frames: finite, and no quotient too large where F > epsilon
+    if not (math.isfinite(lowest) and highest <= MAX_HALF * epsilon):
+        divisible &= (reflected <= MAX_HALF * material).all(1, keepdim=True)
         divisible &= torch.isfinite(radiance).all(1, keepdim=True)
     divisor = torch.where(divisible, material, 1.0)
     return Demodulated(

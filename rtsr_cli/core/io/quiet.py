@@ -41,7 +41,8 @@ class _PerThread:
 class _Silencer:
     """Diverts descriptor 2 and `sys.stdout` while any thread is inside; the last one restores.
 
-    Lines of other origin that come meanwhile are passed on as each thread leaves.
+    What Python writes to `sys.stderr` meanwhile goes straight to where it belongs. Lines that other
+    C code writes are passed on as each thread leaves.
     """
 
     def __init__(self) -> None:
@@ -52,6 +53,8 @@ class _Silencer:
         self._stderr = -1
         self._diverted: IO[bytes] | None = None
         self._passed = 0
+        self._python: TextIO | None = None
+        self._direct: TextIO | None = None
 
     def enter(self) -> None:
         """Silence the present thread."""
@@ -80,13 +83,30 @@ class _Silencer:
         with suppress(OSError):
             self._diverted = tempfile.TemporaryFile(mode="a+b", buffering=0)  # noqa: SIM115
             self._stderr = os.dup(STDERR)
+            self._divert_python()
             os.dup2(self._diverted.fileno(), STDERR)
+
+    def _divert_python(self) -> None:
+        """Give Python a stream of its own to where descriptor 2 leads."""
+        try:
+            if sys.stderr.fileno() != STDERR:
+                return
+        except (OSError, ValueError, AttributeError):
+            # no file: a test's buffer, or none at all
+            return
+        if self._direct is None or not os.path.sameopenfile(self._direct.fileno(), STDERR):
+            # it is kept: a thread may be writing to it at any time
+            self._direct = open(os.dup(STDERR), "w", buffering=1, encoding=sys.stderr.encoding)  # noqa: SIM115, PTH123
+        self._python, sys.stderr = sys.stderr, self._direct
 
     def _restore(self) -> None:
         if sys.stdout is cast(TextIO, self._proxy) and self._stdout is not None:
             sys.stdout = self._stdout
         if self._stderr >= 0:
             os.dup2(self._stderr, STDERR)
+        if self._python is not None and sys.stderr is self._direct:
+            sys.stderr = self._python
+        self._python = None
 
     def _pass_on(self) -> None:
         if self._diverted is None or self._stderr < 0:

@@ -52,7 +52,7 @@ def test_lines_of_other_threads_arrive_while_damaged_files_are_read(
         thread.start()
     for i in range(50):
         sys.stdout.write(f"out {i}\n")
-        os.write(2, f"err {i}\n".encode())
+        sys.stderr.write(f"err {i}\n")
         time.sleep(0.001)
     for thread in threads:
         thread.join()
