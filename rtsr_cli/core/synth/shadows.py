@@ -79,7 +79,7 @@ def _prism(sides: int) -> tuple[Array, NDArray[np.intp], tuple[tuple[int, ...], 
 
 
 def polyhedron(solid: Placed) -> Solid:
-    """The solid in world space; spheres by their bounding box."""
+    """A box or a cylinder in world space."""
     half = np.array(solid.part.half_m)
     sides = 4
     if solid.part.shape is Shape.CYLINDER:
@@ -108,7 +108,7 @@ class Hull:
         averted: faces that it does not see; positive beyond them.
         spread: blur per metre beyond the solid.
         reach_m: distance beyond the solid up to which blur grows.
-        sphere: centre and radius of a sphere, None for a polyhedron.
+        sphere: centre and radius of a sphere, None for a polyhedron; its planes only enclose it.
     """
 
     number: int
@@ -173,6 +173,11 @@ def shadow_hull(
         softness: radius of the light, m; of a sun the tangent of its angular radius.
         reach_m: distance beyond the solid up to which blur grows.
     """
+    spread = softness
+    if light[3]:
+        spread = softness / max(0.1, float(np.linalg.norm(solid.centre - light[:3])))
+    if solid.part.shape is Shape.SPHERE:
+        return _sphere_hull(number, solid, light, spread=spread, reach_m=reach_m)
     shape = polyhedron(solid)
     seen = shape.planes @ light > 0
     if not seen.any():
@@ -184,10 +189,6 @@ def shadow_hull(
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = -(normals * start).sum(1)
     signs = np.where(normals @ solid.centre + offsets > 0, -1.0, 1.0)
-    spread = softness
-    if light[3]:
-        spread = softness / max(0.1, float(np.linalg.norm(solid.centre - light[:3])))
-    is_sphere = solid.part.shape is Shape.SPHERE
     return Hull(
         number=number,
         silhouette=np.column_stack([normals, offsets]) * signs[:, None],
@@ -195,7 +196,37 @@ def shadow_hull(
         averted=shape.planes[~seen],
         spread=spread,
         reach_m=reach_m,
-        sphere=(solid.centre, solid.part.half_m[0]) if is_sphere else None,
+    )
+
+
+def _sphere_hull(
+    number: int, solid: Placed, light: Array, *, spread: float, reach_m: float
+) -> Hull | None:
+    """Shadow volume of a sphere; the planes touch it and enclose the shadow.
+
+    Four planes go through the light, tilted from its axis by asin(radius / distance).
+    """
+    radius = solid.part.half_m[0]
+    towards = light[:3] - light[3] * solid.centre
+    distance = float(np.linalg.norm(towards))
+    if light[3] and distance <= radius:
+        return None
+    towards = towards / distance
+    side = np.cross(towards, np.eye(3)[np.abs(towards).argmin()])
+    side /= np.linalg.norm(side)
+    across = np.cross(towards, side)
+    sine = radius / distance if light[3] else 0.0
+    around = np.stack([side, -side, across, -across])
+    normals = np.concatenate([math.sqrt(1.0 - sine * sine) * around + sine * towards, [towards]])
+    planes = np.column_stack([normals, -(normals @ solid.centre) - radius])
+    return Hull(
+        number=number,
+        silhouette=planes[:4],
+        facing=planes[4:],
+        averted=np.empty((0, 4)),
+        spread=spread,
+        reach_m=reach_m,
+        sphere=(solid.centre, radius),
     )
 
 

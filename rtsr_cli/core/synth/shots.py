@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from rtsr_cli import __version__
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import View
@@ -252,6 +253,8 @@ def _writing(plan: ShotPlan, frame: Frame, role: Role) -> Any:
         **camera_attributes(frame.camera, frame.number, plan.scene.camera.fov_deg),
         "scene": plan.scene.arrangement,
         "sequence": f"seed {plan.seed}",
+        "software": f"rtsr {__version__}",
+        "rtsr:version": __version__,
         "rtsr:command": COMMAND,
         "rtsr:configHash": plan.config_hash,
         STAMP: plan.stamp(frame.number, role),

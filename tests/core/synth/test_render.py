@@ -10,7 +10,7 @@ from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.camera import view_cosine_from_camera
 from rtsr_cli.core.imaging.color import luminance
 from rtsr_cli.core.imaging.resampling import box_mean, decimate, sample_jitter
-from rtsr_cli.core.synth import random_scene, render_frame, render_reference
+from rtsr_cli.core.synth import random_scene, render, render_frame, render_reference
 from rtsr_cli.core.synth.render import ALL_BUFFERS
 
 SIZE = (64, 96)
@@ -133,12 +133,20 @@ def test_the_reference_is_the_mean_of_the_samples_of_a_pixel(scene_of):
     torch.testing.assert_close(reference, box_mean(dense, 3), rtol=1e-4, atol=1e-5)
 
 
-def test_the_same_seed_gives_the_same_bytes_whatever_the_threads(scene_of):
-    size = (300, 600)
-    first = render_frame(scene_of(3), 2, size, threads=1).gbuffer
-    again = render_frame(random_scene(3), 2, size, threads=3).gbuffer
+def test_the_same_seed_gives_the_same_bytes_whatever_the_threads(scene_of, monkeypatch):
+    monkeypatch.setattr(render, "STRIP_PIXELS", 2000)
+    first = render_frame(scene_of(3), 2, SIZE, threads=1).gbuffer
+    again = render_frame(random_scene(3), 2, SIZE, threads=3).gbuffer
     for buffer in ALL_BUFFERS:
         assert torch.equal(first[buffer], again[buffer]), buffer
+
+
+def test_strips_leave_no_trace(frame_of, scene_of, monkeypatch):
+    whole = frame_of(3, 5).gbuffer
+    monkeypatch.setattr(render, "STRIP_PIXELS", 1500)
+    parts = render_frame(scene_of(3), 5, SIZE).gbuffer
+    for buffer in ALL_BUFFERS:
+        torch.testing.assert_close(parts[buffer], whole[buffer], rtol=1e-4, atol=1e-5)
 
 
 def test_sizes_need_not_fill_tiles(scene_of):
