@@ -176,7 +176,7 @@ def _triples(frames: Mapping[int, Evidence], centre: float, screen: Size) -> lis
         if len(moving) == 0:
             continue
         chooser = torch.Generator().manual_seed(number)
-        index = moving[torch.randint(0, len(moving), (FINAL_PIXELS,), generator=chooser)]
+        index = moving[torch.randperm(len(moving), generator=chooser)[:FINAL_PIXELS]]
         width = picture.size[1]
         samples = Samples(
             (index % width).float(),
@@ -205,7 +205,7 @@ def _screened(
             error, inside = differences(few, other, torch.stack([shifts[i] for i in chosen]))
             count = inside.sum(1)
             mean = (error * inside).sum(1) / count.clamp(min=1)
-            mean = torch.where(count > LEAST_INSIDE * SCREEN_PIXELS, mean, torch.ones_like(mean))
+            mean = torch.where(count > LEAST_INSIDE * len(few.x), mean, torch.ones_like(mean))
             totals[[start + i for i in chosen]] += mean
     return [tried[i] for i in totals.argsort(stable=True).tolist()]
 
