@@ -125,11 +125,12 @@ def test_a_picture_of_another_kind_that_is_named_exr(
     assert f"{captures / FRAMES[1]}: cannot be read as OpenEXR (it is another kind" in result.stderr
 
 
-def test_a_folder_named_like_a_frame_is_no_frame(rtsr: Run, captures: Path, tmp_path: Path) -> None:
+def test_a_folder_named_like_a_frame_is_refused(rtsr: Run, captures: Path, tmp_path: Path) -> None:
     (captures / "frame.0005.exr").mkdir()
     result = rtsr("demodulate", captures, tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == FRAMES
+    assert result.exit_code == 3
+    assert "frame.0005.exr: is a folder that is named like a frame" in result.output
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

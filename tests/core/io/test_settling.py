@@ -1,0 +1,253 @@
+"""Precedence of option, capture.toml, measurement and preset, on made-up measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind, NormalSpace
+from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
+from rtsr_cli.core.imaging.geometry_finder import DepthCandidate, DepthFinding, NormalFinding
+from rtsr_cli.core.imaging.jitter_finder import JitterFinding, JitterVerdict
+from rtsr_cli.core.imaging.motion_finder import Candidate, MotionFinding
+from rtsr_cli.core.io import settling
+from rtsr_cli.core.io.capture import Capture
+from rtsr_cli.core.io.exr import write_exr
+from rtsr_cli.core.io.measuring import Measured
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.settling import Settled, decided, settle
+from rtsr_cli.core.io.shots import frame_set
+from rtsr_cli.core.io.survey import open_frames
+
+C = MotionDirection.CURRENT_MINUS_PREVIOUS
+NEGATED = MotionConvention(direction=C)
+Settle = Callable[..., Settled]
+
+
+def reader_of(folder: Path) -> FrameReader:
+    names = ("R", "G", "B", "motion.X", "motion.Y", "depth.Z", "normal.X", "normal.Y", "normal.Z")
+    for number in (1, 2, 3):
+        planes = {name: np.full((4, 6), number, np.float32) for name in names}
+        write_exr(folder / f"f.{number:04d}.exr", planes)
+    frames = frame_set(folder)
+    assert frames is not None
+    return open_frames(frames, layout=None, capture=Capture(), side_car={})
+
+
+def candidate(convention: MotionConvention, error: float, best: float, t: float) -> Candidate:
+    return Candidate(
+        convention=convention,
+        error=error,
+        margin=1.0 - best / error,
+        significance=t,
+        offsets_px=((0.0, 0.0),),
+    )
+
+
+def clear(best: MotionConvention, *others: MotionConvention) -> MotionFinding:
+    """A finding in which one reading stands far before the others."""
+    ranked = [candidate(best, 0.1, 0.1, 0.0)]
+    ranked += [candidate(c, 0.3, 0.1, 20.0) for c in others]
+    return MotionFinding(candidates=tuple(ranked), unmoved_error=0.4, moving=1.0, triples=(1,))
+
+
+def tied(*conventions: MotionConvention) -> MotionFinding:
+    ranked = [candidate(c, 0.1 + 0.0001 * i, 0.1, 0.5 * i) for i, c in enumerate(conventions)]
+    return MotionFinding(candidates=tuple(ranked), unmoved_error=0.4, moving=1.0, triples=(1,))
+
+
+@pytest.fixture
+def settled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settle:
+    """Settle a small dump whose measurement is given."""
+
+    def run(
+        measured: Measured, capture: Capture | None = None, *, verified: bool = True
+    ) -> Settled:
+        reader = reader_of(tmp_path)
+        reader = replace(reader, layout=replace(reader.layout, verified=verified))
+        monkeypatch.setattr(settling, "measure", lambda *_, **__: measured)
+        return settle(reader, capture or Capture(), named=False)
+
+    return run
+
+
+def capture(**tables: object) -> Capture:
+    return Capture.model_validate(tables)
+
+
+def test_a_preset_that_agrees_is_kept_without_a_word(settled: Settle) -> None:
+    result = settled(Measured(motion=clear(MotionConvention(), NEGATED)))
+    assert result.reader.conventions.motion == MotionConvention()
+    assert (result.warnings, result.notes, result.by_measurement) == ((), (), ())
+
+
+def test_a_clear_measurement_overrules_the_preset_and_is_said(settled: Settle) -> None:
+    result = settled(Measured(motion=clear(NEGATED, MotionConvention())))
+    assert result.reader.conventions.motion == NEGATED
+    assert result.by_measurement == ("motion",)
+    assert "current-minus-previous" in result.notes[0]
+
+
+def test_a_narrow_lead_does_not_overrule_the_preset(settled: Settle) -> None:
+    finding = MotionFinding(
+        candidates=(
+            candidate(NEGATED, 0.1, 0.1, 0.0),
+            candidate(MotionConvention(), 0.1015, 0.1, 4.0),
+        ),
+        unmoved_error=0.4,
+        moving=1.0,
+        triples=(1,),
+    )
+    assert settled(Measured(motion=finding)).reader.conventions.motion == MotionConvention()
+
+
+def test_a_declaration_is_obeyed_and_the_contradiction_said_once(settled: Settle) -> None:
+    declared = capture(motion={"direction": C, "unit": "pixels", "y_axis": "down"})
+    result = settled(Measured(motion=clear(MotionConvention(), NEGATED)), declared)
+    assert result.reader.conventions.motion == NEGATED
+    assert len(result.warnings) == 1
+    assert "67% lower" in result.warnings[0]
+    assert result.by_measurement == ()
+
+
+def test_what_is_not_declared_is_taken_from_the_measurement(settled: Settle) -> None:
+    uv = MotionConvention(unit=MotionUnit.UV, direction=C, y_axis=YAxis.UP)
+    presumed = MotionConvention(y_axis=YAxis.UP)
+    result = settled(Measured(motion=clear(uv, presumed)), capture(motion={"y_axis": "up"}))
+    assert result.reader.conventions.motion == uv
+    assert result.warnings == ()
+
+
+def test_ties_leave_a_verified_preset_alone(settled: Settle) -> None:
+    result = settled(Measured(motion=tied(NEGATED, MotionConvention())))
+    assert result.reader.conventions.motion == MotionConvention()
+    assert result.undecided == ""
+
+
+def test_ties_that_nothing_declares_are_refused_with_the_choices(settled: Settle) -> None:
+    result = settled(Measured(motion=tied(NEGATED, MotionConvention())), verified=False)
+    with pytest.raises(FrameFolderError, match=r"current-minus-previous.*previous-minus-current"):
+        decided(result, sharded=False)
+
+
+def test_a_declaration_settles_a_tie(settled: Settle) -> None:
+    declared = capture(motion={"direction": C, "unit": "pixels", "y_axis": "down"})
+    result = settled(Measured(motion=tied(MotionConvention(), NEGATED)), declared, verified=False)
+    assert decided(result, sharded=True).conventions.motion == NEGATED
+
+
+def test_an_unverified_preset_runs_on_a_clear_measurement(settled: Settle) -> None:
+    result = settled(Measured(motion=clear(NEGATED)), verified=False)
+    assert decided(result, sharded=False).conventions.motion == NEGATED
+
+
+def test_vectors_that_cannot_be_measured_are_refused_under_an_unverified_preset(
+    settled: Settle,
+) -> None:
+    with pytest.raises(FrameFolderError, match="fewer than two frames"):
+        decided(settled(Measured(), verified=False), sharded=False)
+
+
+def test_shards_refuse_what_is_only_measured(settled: Settle) -> None:
+    result = settled(Measured(motion=clear(NEGATED, MotionConvention())))
+    assert decided(result, sharded=False).conventions.motion == NEGATED
+    with pytest.raises(FrameFolderError, match="inspect --write"):
+        decided(result, sharded=True)
+
+
+def test_vectors_about_the_next_frame_become_forward_vectors(settled: Settle) -> None:
+    ahead = MotionConvention(direction=MotionDirection.NEXT_MINUS_CURRENT)
+    reader = settled(Measured(motion=clear(ahead, MotionConvention()))).reader
+    assert Buffer.MOTION not in reader.stored
+    frame = reader.read(2, (Buffer.FORWARD,))
+    assert float(frame.gbuffer[Buffer.FORWARD][0, 0, 0, 0]) == 2.0
+
+
+def test_vectors_of_the_file_after_are_read_from_it_and_the_last_frame_resets(
+    settled: Settle,
+) -> None:
+    late = MotionConvention(file_offset=1)
+    reader = settled(Measured(motion=clear(late, MotionConvention()))).reader
+    assert float(reader.read(1, (Buffer.MOTION,)).gbuffer[Buffer.MOTION][0, 0, 0, 0]) == 2.0
+    assert float(reader.read(3, (Buffer.MOTION,)).gbuffer[Buffer.MOTION].abs().max()) == 0.0
+    assert reader.resets == {3}
+    assert reader.path(2) in reader.files(1, (Buffer.MOTION,))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "inverted"),
+    [(JitterVerdict.IN_VECTORS, False), (JitterVerdict.IN_VECTORS_INVERTED, True)],
+)
+def test_measured_jitter_in_the_vectors_is_taken_out(
+    settled: Settle, verdict: JitterVerdict, inverted: bool
+) -> None:
+    finding = JitterFinding(verdict=verdict, slope=-1.0, spread_px=0.5)
+    result = settled(Measured(motion=clear(MotionConvention()), jitter=finding))
+    motion = result.reader.conventions.motion
+    assert (motion.jittered, motion.jitter_inverted) == (True, inverted)
+    assert result.by_measurement == ("jitter",)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "declared", "said"),
+    [
+        (JitterVerdict.UNDECLARED, None, "not declared"),
+        (JitterVerdict.WRONG_SIGN, None, "wrong sign"),
+        (JitterVerdict.IN_VECTORS, False, "contain the jitter"),
+        (JitterVerdict.CONSISTENT, True, "no jitter"),
+    ],
+)
+def test_jitter_that_is_not_as_declared_is_warned_about(
+    settled: Settle, verdict: JitterVerdict, declared: bool | None, said: str
+) -> None:
+    finding = JitterFinding(verdict=verdict, slope=0.0, spread_px=0.5)
+    tables = {} if declared is None else {"motion": {"jittered": declared}}
+    measured = Measured(motion=clear(MotionConvention()), jitter=finding)
+    (warning,) = settled(measured, capture(**tables)).warnings
+    assert said in warning
+
+
+def depth_finding(best: DepthConvention, other: DepthConvention) -> DepthFinding:
+    ranked = (
+        DepthCandidate(convention=best, error=0.001),
+        DepthCandidate(convention=other, error=2.0),
+    )
+    return DepthFinding(candidates=ranked, measure="px of motion")
+
+
+def test_measured_depth_overrules_the_preset_and_not_a_declaration(settled: Settle) -> None:
+    centimetres = DepthConvention(kind=DepthKind.RAY, unit_m=0.01)
+    measured = Measured(depth=depth_finding(centimetres, DepthConvention()))
+    free = settled(measured)
+    assert free.reader.conventions.depth == centimetres
+    assert free.by_measurement == ("depth",)
+    bound = settled(measured, capture(depth={"unit": "m", "kind": "planar"}))
+    assert bound.reader.conventions.depth == DepthConvention()
+    assert "obeyed" in bound.warnings[0]
+
+
+def test_measured_normals_overrule_the_preset_and_not_a_declaration(settled: Settle) -> None:
+    finding = NormalFinding(packed=True, space=NormalSpace.VIEW, facing={})
+    free = settled(Measured(normal=finding)).reader.conventions.normal
+    assert (free.packed, free.space) == (True, NormalSpace.VIEW)
+    bound = settled(Measured(normal=finding), capture(normal={"packed": False}))
+    assert not bound.reader.conventions.normal.packed
+    assert "obeyed" in bound.warnings[0]
+
+
+def test_an_unverified_layout_without_motion_has_to_be_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(settling, "measure", lambda *_, **__: Measured())
+    reader = reader_of(tmp_path)
+    binding = {b: c for b, c in reader.binding.items() if b is not Buffer.MOTION}
+    reader = replace(reader, binding=binding, layout=replace(reader.layout, verified=False))
+    with pytest.raises(FrameFolderError, match="known from documentation only"):
+        decided(settle(reader, Capture(), named=False), sharded=False)
+    assert decided(settle(reader, Capture(), named=True), sharded=False).stored
