@@ -166,7 +166,7 @@ def _inspect_set(
         looked_at=(),
         problems=problems,
     )
-    return found if settled is None else _with_pixels(found, settled, every=every)
+    return found if settled is None else _with_pixels(found, frames, settled, every=every)
 
 
 def _headers(frames: FrameSet) -> tuple[Headers, FrameSet, tuple[str, ...]]:
@@ -188,8 +188,10 @@ def _headers(frames: FrameSet) -> tuple[Headers, FrameSet, tuple[str, ...]]:
     return headers, replace(frames, streams=streams), tuple(problems)  # type: ignore[return-value]
 
 
-def _with_pixels(found: SetInspection, settled: Settled, *, every: bool) -> SetInspection:
-    """Add gaps, unknown channels and the statistics of pixels."""
+def _with_pixels(
+    found: SetInspection, frames: FrameSet, settled: Settled, *, every: bool
+) -> SetInspection:
+    """Add gaps, unknown channels and the statistics of pixels; damaged files are no gaps."""
     reader = settled.reader
     bound: dict[str, set[str]] = {}
     for components in reader.binding.values():
@@ -200,7 +202,7 @@ def _with_pixels(found: SetInspection, settled: Settled, *, every: bool) -> SetI
         for key, names in found.channels.items()
     }
     unknown = {key: names for key, names in unknown.items() if names}
-    missing = missing_frames(reader.frames, sorted(bound), reader.step)
+    missing = missing_frames(frames, sorted(bound), reader.step)
     looked_at = _chosen(reader.numbers, every=every)
     statistics, damaged = _statistics(reader, looked_at)
     problems = [*found.problems, *damaged]

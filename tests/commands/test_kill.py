@@ -86,13 +86,18 @@ def server() -> Iterator[subprocess.Popen[str]]:
         process.stdin.close()
 
 
-def killed_after(server: subprocess.Popen[str], delay: float, arguments: list[str]) -> bool:
-    """Run rtsr and kill it; tell whether it was still running."""
+def killed_at(
+    server: subprocess.Popen[str], out: Path, files: int, delay: float, arguments: list[str]
+) -> bool:
+    """Run rtsr, kill it some time after so many files are there; tell whether it still ran."""
     assert server.stdin is not None
     assert server.stdout is not None
     server.stdin.write(json.dumps(arguments) + "\n")
     server.stdin.flush()
     child = int(server.stdout.readline())
+    deadline = time.monotonic() + START_S
+    while sum(1 for _ in out.iterdir()) < files and time.monotonic() < deadline:
+        time.sleep(0.001)
     time.sleep(delay)
     # the server waits for it, so that the number is the child's as long as no status was sent
     with suppress(ProcessLookupError):
@@ -118,17 +123,16 @@ def test_a_run_that_is_killed_again_and_again_ends_in_the_bytes_of_one_that_was_
     expected = files_of(whole)
     rng = random.Random(system)
     arguments = ["upscale", str(long_shot), str(out), "--system", system]
-    sizes, longest = {0}, 0.3
+    sizes = set()
     for _ in range(KILLS):
-        before = len(list(out.glob("*.exr"))) if out.is_dir() else 0
-        ended = not killed_after(server, rng.uniform(0.0, longest), arguments)
+        out.mkdir(exist_ok=True)
+        # from the planning of a run (no file yet) to the middle of any file's writing
+        files = min(len(list(out.glob("*.exr"))) + rng.randint(0, 4), FRAMES)
+        ended = not killed_at(server, out, files, rng.uniform(0.0, 0.02), arguments)
         for path in out.glob("*.exr"):
             assert path.read_bytes() == expected[path.name], "a file that is there is finished"
-        there = len(list(out.glob("*.exr")))
-        sizes.add(there)
-        # machines differ: the kills look for the moments when frames are written
-        longest *= 0.7 if ended else 1.2 if there == before else 1.0
-        if ended:
+        sizes.add(len(list(out.glob("*.exr"))))
+        if ended or len(list(out.glob("*.exr"))) == FRAMES:
             shutil.rmtree(out)
     assert len(sizes) > 2, "the kills have to come at different moments"
     result = rtsr("upscale", long_shot, out, "--system", system)

@@ -30,6 +30,7 @@ from rtsr_cli.core.synth.writing import (
     as_stored,
     camera_attributes,
     capture_text,
+    holds_divided,
     stored_bytes,
 )
 
@@ -101,9 +102,8 @@ class ShotPlan:
         """Return the buffers that a role's files may hold."""
         if role is Role.REFERENCE:
             return frozenset({Buffer.COLOR})
-        followed = {Buffer.LIGHTING, Buffer.MATERIAL}
-        if Buffer.LIGHTING not in self.options.file_layout.buffers:
-            followed = set()
+        divided = holds_divided(self.options.file_layout)
+        followed = {Buffer.LIGHTING, Buffer.MATERIAL} if divided else set()
         whole = role is not Role.HR or self.options.file_layout.tree is not None
         return frozenset({*(ALL_BUFFERS if whole else GEOMETRY), *followed})
 

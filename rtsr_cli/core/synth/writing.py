@@ -23,10 +23,15 @@ SHOT = "0"
 """Name of the shot in data sets that keep resolutions and buffers apart."""
 
 
+def holds_divided(layout: Layout) -> bool:
+    """Tell whether a layout has divided lighting in place of radiance."""
+    return Buffer.LIGHTING in layout.buffers and Buffer.COLOR not in layout.buffers
+
+
 def as_stored(frame: Frame, layout: Layout) -> Frame:
     """Add the buffers of a layout that follow from others: divided lighting and its divisor."""
     gbuffer = frame.gbuffer
-    if Buffer.LIGHTING not in layout.buffers or not {Buffer.ALBEDO, Buffer.DEPTH} <= set(gbuffer):
+    if not holds_divided(layout) or not {Buffer.ALBEDO, Buffer.DEPTH} <= set(gbuffer):
         return frame
     config = DerivationConfig()
     if Buffer.COLOR not in gbuffer:
