@@ -15,7 +15,7 @@ CHANNELS = {
     *"RGB",
     *(f"albedo.{c}" for c in "RGB"),
     *(f"emission.{c}" for c in "RGB"),
-    *(f"{n}.{c}" for n in ("normal", "geonormal", "position") for c in "XYZ"),
+    *(f"{n}.{c}" for n in ("normal", "geonormal") for c in "XYZ"),
     *(f"{n}.{c}" for n in ("motion", "forward") for c in "XY"),
     "depth.Z",
     "metallic",
@@ -50,7 +50,7 @@ def test_frames_hold_every_buffer_and_the_camera(rtsr, tmp_path):
     assert all(m.shape == (4, 4) and m.dtype == np.float32 for m in matrices)
     types = {name: plane.dtype for name, plane in read_channels(path, header.channels).items()}
     assert types["objectid"] == np.uint32
-    for name in ("depth.Z", "motion.X", "forward.Y", "position.Z"):
+    for name in ("depth.Z", "motion.X", "forward.Y"):
         assert types[name] == np.float32
     for name in ("R", "albedo.G", "normal.X", "geonormal.Z", "metallic", "roughness"):
         assert types[name] == np.float16
@@ -72,21 +72,21 @@ def test_a_pair_has_no_radiance_at_high_resolution_and_nothing_else_in_its_refer
 
 
 def test_declared_jitter_is_where_the_samples_of_a_pair_lie(pair):
+    from rtsr_cli.core.frames.buffers import Buffer
     from rtsr_cli.core.io.capture import read_capture
+    from rtsr_cli.core.synth import random_scene, render_frame
 
     capture = read_capture(pair / "capture.toml")
     assert capture.scale == 4
+    scene = random_scene(1)
     for number in (1, 2, 3):
-        path = pair / "lr" / f"frame.{number:04d}.exr"
-        matrix = read_header(path).attributes["worldToNDC"].astype(np.float64)
-        planes = read_channels(path, CHANNELS)
-        world = np.stack([planes[f"position.{c}"].astype(np.float64) for c in "XYZ"])
-        q = np.einsum("i...,ij->j...", np.concatenate([world, np.ones_like(world[:1])]), matrix)
-        surface = planes["objectid"] > 0
-        x = ((q[0] / q[3] * 0.5 + 0.5) * 48 - (np.arange(48) + 0.5))[surface]
-        y = ((0.5 - 0.5 * q[1] / q[3]) * 32 - (np.arange(32) + 0.5)[:, None])[surface]
-        found = (np.median(x), np.median(y))
-        np.testing.assert_allclose(found, capture.jitter(number), atol=1e-3)
+        stored = read_channels(pair / "lr" / f"frame.{number:04d}.exr", ["depth.Z"])["depth.Z"]
+        jitter = capture.jitter(number)
+        assert jitter != (0.0, 0.0)
+        for offset, same in ((jitter, True), ((-jitter[0], -jitter[1]), False)):
+            frame = render_frame(scene, number, (32, 48), jitter_px=offset)
+            depth = frame.gbuffer[Buffer.DEPTH][0, 0].numpy()
+            assert np.allclose(stored, depth, rtol=1e-5) == same
 
 
 def test_samples_make_a_capture_that_upscale_simulates_from(rtsr, tmp_path):

@@ -6,6 +6,7 @@ vectors say (or lie where the position buffer says). Normals: what is seen faces
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,7 +31,7 @@ from rtsr_cli.core.shapes import MotionPx, Plane, Size, Vector3
 DEPTH_UNITS_M = (1.0, 0.01, 0.001, 100.0, 1000.0, 0.3048, 0.0254)
 """Metres, centimetres, millimetres, 100 m (centimetres times 1e-4), kilometres, feet, inches."""
 
-MOST_PIXELS = 1 << 16
+MOST_PIXELS = 1 << 14
 """Larger frames are looked at in every k-th pixel."""
 
 LEAST_POINTS = 64
@@ -157,34 +158,41 @@ def projected(world: Vector3, camera: CameraMetadata, view: View) -> Tensor | No
     return torch.cat([x, y], dim=1)
 
 
-def _thinned(geometry: Geometry) -> Geometry:
-    """Keep every k-th pixel of a large frame, as a frame of that size whose samples are shifted."""
-    height, width = geometry.depth.shape[-2:]
-    k = 1
-    while height * width > MOST_PIXELS * k * k:
-        k += 1
-    if k == 1:
-        return geometry
-    rows, columns = height // k * k, width // k * k
+@dataclass(frozen=True)
+class _Thinning:
+    """Every k-th pixel of a large frame, as a frame of that size whose samples are shifted."""
 
-    def thin(image: Tensor) -> Tensor:
-        return decimate(image[..., :rows, :columns], k, (k // 2, k // 2))
+    k: int
 
-    def shifted(camera: CameraMetadata) -> CameraMetadata:
-        x, y = ((j + k // 2 + 0.5) / k - 0.5 for j in camera.jitter_px)
+    @classmethod
+    def of(cls, image: Tensor) -> _Thinning:
+        height, width = image.shape[-2:]
+        return cls(math.ceil(math.sqrt(max(1.0, height * width / MOST_PIXELS))))
+
+    def image(self, image: Tensor) -> Tensor:
+        rows, columns = (side // self.k * self.k for side in image.shape[-2:])
+        return decimate(image[..., :rows, :columns], self.k, (self.k // 2, self.k // 2))
+
+    def camera(self, camera: CameraMetadata) -> CameraMetadata:
+        x, y = ((j + self.k // 2 + 0.5) / self.k - 0.5 for j in camera.jitter_px)
         return replace(camera, jitter_px=(x, y))
 
-    display = (geometry.view.display[0] / k, geometry.view.display[1] / k)
-    return replace(
-        geometry,
-        depth=thin(geometry.depth),
-        motion_px=None if geometry.motion_px is None else thin(geometry.motion_px) / k,
-        position=None if geometry.position is None else thin(geometry.position),
-        camera=shifted(geometry.camera),
-        previous=shifted(geometry.previous),
+    def view(self, view: View) -> View:
         # a display of a whole number of thinned pixels would move the rays
-        view=View(display=display, top=geometry.view.top / k, left=geometry.view.left / k),  # type: ignore[arg-type]
-    )
+        height, width = view.display
+        display = (height / self.k, width / self.k)
+        return View(display=display, top=view.top / self.k, left=view.left / self.k)  # type: ignore[arg-type]
+
+    def geometry(self, geometry: Geometry) -> Geometry:
+        motion, position = geometry.motion_px, geometry.position
+        return Geometry(
+            depth=self.image(geometry.depth),
+            motion_px=None if motion is None else self.image(motion) / self.k,
+            position=None if position is None else self.image(position),
+            camera=self.camera(geometry.camera),
+            previous=self.camera(geometry.previous),
+            view=self.view(geometry.view),
+        )
 
 
 def find_position_unit(
@@ -194,8 +202,9 @@ def find_position_unit(
 
     A point in the right unit projects onto its own pixel. None without matrices or points.
     """
-    size = (position.shape[-2], position.shape[-1])
-    own = _own_positions(size, camera.jitter_px)
+    thinning = _Thinning.of(position)
+    position, camera, view = thinning.image(position), thinning.camera(camera), thinning.view(view)
+    own = _own_positions((position.shape[-2], position.shape[-1]), camera.jitter_px)
     found = []
     for unit in DEPTH_UNITS_M:
         landed = projected(position * unit, camera, view)
@@ -222,7 +231,7 @@ def find_depth(
         frames: with camera matrices; several, as one may stand still.
         declared: readings that take part beside the usual ones.
     """
-    thinned = [_thinned(f) for f in frames]
+    thinned = [_Thinning.of(f.depth).geometry(f) for f in frames]
     by_position = [f for f in thinned if f.position is not None]
     by_motion = [f for f in thinned if f.motion_px is not None]
     for measure, error, usable in (
@@ -321,6 +330,8 @@ class NormalFinding:
 
 def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalFinding:
     """Tell packed from plain by length, and world from view space by what faces the camera."""
+    thinning = _Thinning.of(stored)
+    stored, camera, view = thinning.image(stored), thinning.camera(camera), thinning.view(view)
     plain, unpacked = stored, stored * 2.0 - 1.0
     lengths = {False: length(plain), True: length(unpacked)}
     there = {packed: size > 0.1 for packed, size in lengths.items()}

@@ -209,8 +209,10 @@ def _with_geometry(
         return _with_jitter(reader, found, presumed.motion)
     placed = _find_depth(reader, stored, presumed.depth, unit=found.position_unit_m)
     ties = found.motion.ties if found.motion is not None else ()
+    # the errors of tied readings are far apart, or no number of frames tells them apart
+    few = dict(list(stored.items())[-3:])
     moved = {
-        candidate: _find_depth(reader, stored, presumed.depth, motion=candidate.convention)
+        candidate: _find_depth(reader, few, presumed.depth, motion=candidate.convention)
         for candidate in ties
     }
     ranked = sorted(moved, key=lambda c: _error(moved[c]))

@@ -22,7 +22,7 @@ from rtsr_cli.core.io.provenance import STAMP, config_digest, digest
 from rtsr_cli.core.io.streaming import READ_AHEAD_BYTES, BackgroundWriter
 from rtsr_cli.core.synth.choices import Role, SynthOptions
 from rtsr_cli.core.synth.exposure import random_scene
-from rtsr_cli.core.synth.render import ALL_BUFFERS, GEOMETRY, render_frame, render_reference
+from rtsr_cli.core.synth.render import GEOMETRY, render_frame, render_reference
 from rtsr_cli.core.synth.scene import Scene
 from rtsr_cli.core.synth.writing import (
     BASE,
@@ -32,6 +32,7 @@ from rtsr_cli.core.synth.writing import (
     capture_text,
     holds_divided,
     stored_bytes,
+    written_buffers,
 )
 
 COMMAND = "synth"
@@ -105,7 +106,13 @@ class ShotPlan:
         divided = holds_divided(self.options.file_layout)
         followed = {Buffer.LIGHTING, Buffer.MATERIAL} if divided else set()
         whole = role is not Role.HR or self.options.file_layout.tree is not None
-        return frozenset({*(ALL_BUFFERS if whole else GEOMETRY), *followed})
+        written = written_buffers(self.options.file_layout)
+        return frozenset({*(b for b in written if whole or b in GEOMETRY), *followed})
+
+    def rendered(self, role: Role) -> tuple[Buffer, ...]:
+        """Return the buffers that are rendered for a role's files."""
+        written = written_buffers(self.options.file_layout)
+        return tuple(b for b in written if role is not Role.HR or b in GEOMETRY)
 
     def stamp(self, number: int, role: Role) -> str:
         """Return the stamp of a file."""
@@ -239,7 +246,7 @@ def _render(plan: ShotPlan, number: int, role: Role, threads: int) -> Frame:
         number,
         size,
         jitter_px=options.jitter_px(number) if jittered else (0.0, 0.0),
-        buffers=GEOMETRY if role is Role.HR else ALL_BUFFERS,
+        buffers=plan.rendered(role),
         threads=threads,
     )
     if role is not Role.HR or options.file_layout.tree is None:

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from rtsr_cli.core.derive import DerivationConfig, derive_lighting, derive_material
-from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.capture_writing import HEADING, motion_lines, toml_value
 from rtsr_cli.core.io.layouts import Layout
 from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.synth.render import ALL_BUFFERS
 
 BASE = "frame"
 """Base name of the files."""
@@ -28,8 +29,30 @@ def holds_divided(layout: Layout) -> bool:
     return Buffer.LIGHTING in layout.buffers and Buffer.COLOR not in layout.buffers
 
 
+MOTION_STEPS = 1024
+"""Vectors are rounded to this share of a pixel: the rest is noise that does not compress."""
+
+
+def written_buffers(layout: Layout) -> tuple[Buffer, ...]:
+    """Buffers that are worth their place in a file.
+
+    Positions follow from depth and camera, so that only layouts with files of their own for each
+    buffer get them.
+    """
+    return tuple(b for b in ALL_BUFFERS if layout.files or b is not Buffer.POSITION)
+
+
 def as_stored(frame: Frame, layout: Layout) -> Frame:
-    """Add the buffers of a layout that follow from others: divided lighting and its divisor."""
+    """Round vectors, and add the buffers of a layout that follow from others.
+
+    Those are divided lighting and its divisor, where the layout has them in place of radiance.
+    """
+    vectors = {
+        b: (frame.gbuffer[b] * MOTION_STEPS).round() / MOTION_STEPS
+        for b in VECTOR_BUFFERS
+        if b in frame.gbuffer
+    }
+    frame = replace(frame, gbuffer=frame.gbuffer.with_buffers(vectors))
     gbuffer = frame.gbuffer
     if not holds_divided(layout) or not {Buffer.ALBEDO, Buffer.DEPTH} <= set(gbuffer):
         return frame
