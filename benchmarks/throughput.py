@@ -1,6 +1,6 @@
 """Wall time of `rtsr demodulate --jobs 2` on 1080p frames against OpenEXR alone on the same cores.
 
-    python benchmarks/throughput.py [--frames 6] [--pairs 5]
+    python benchmarks/throughput.py [--frames 24] [--pairs 5]
 
 The frames are `sample_data/` captures enlarged to 1920 x 1080, with grain on the radiance, all
 channels, ZIP. OpenEXR alone reads the same files and writes arrays of the same output channels:
@@ -103,7 +103,7 @@ def seconds(target: Path, run: Callable[[], None]) -> tuple[float, float]:
 
 
 @click.command()
-@click.option("--frames", "count", default=6, show_default=True, type=click.IntRange(1))
+@click.option("--frames", "count", default=24, show_default=True, type=click.IntRange(1))
 @click.option("--pairs", default=5, show_default=True, type=click.IntRange(1))
 def main(count: int, pairs: int) -> None:
     """Print medians a frame, and the ratios of the paired runs."""
