@@ -126,7 +126,7 @@ def _buffer_facts(found: SetInspection, buffer: Buffer, statistics: Statistics) 
     }
 
 
-def _candidate_facts(candidate: Candidate) -> dict[str, Any]:
+def _candidate_facts(candidate: Candidate, *, tied: bool) -> dict[str, Any]:
     convention = candidate.convention
     return {
         "unit": convention.unit.value,
@@ -139,7 +139,7 @@ def _candidate_facts(candidate: Candidate) -> dict[str, Any]:
         "error": round(candidate.error, 5),
         "margin": round(candidate.margin, 4),
         "significance": round(candidate.significance, 2),
-        "tied": candidate.tied,
+        "tied": tied,
     }
 
 
@@ -154,13 +154,14 @@ def _motion_facts(found: SetInspection) -> dict[str, Any] | None:
     best = measured.best
     jitter = measured.jitter
     others = [c for c in candidates if best is None or c.convention != best.convention]
+    margin = round(others[0].margin, 4) if best is not None and others else None
     used = reader.conventions.motion
     return {
-        "best": None if best is None else _with_jitter(best, jitter),
-        "margin": round(others[0].margin, 4) if best is not None and others else None,
+        "best": None if best is None else _best_facts(best, margin, jitter),
+        "margin": margin,
         "by_geometry": measured.by_geometry is not None,
         "ties": [str(c.convention) for c in finding.ties] if finding is not None else [],
-        "candidates": [_candidate_facts(c) for c in candidates],
+        "candidates": [_candidate_facts(c, tied=c.tied and best is None) for c in candidates],
         "unmoved_error": None if finding is None else round(finding.unmoved_error, 5),
         "moving": None if finding is None else round(finding.moving, 5),
         "jitter": None
@@ -171,8 +172,12 @@ def _motion_facts(found: SetInspection) -> dict[str, Any] | None:
     }
 
 
-def _with_jitter(best: Candidate, jitter: JitterFinding | None) -> dict[str, Any]:
-    return _candidate_facts(best) | {"jittered": None if jitter is None else jitter.in_vectors}
+def _best_facts(
+    best: Candidate, margin: float | None, jitter: JitterFinding | None
+) -> dict[str, Any]:
+    """Facts of the reading that stands alone; its margin is that over the next one."""
+    in_vectors = None if jitter is None else jitter.in_vectors
+    return _candidate_facts(best, tied=False) | {"margin": margin, "jittered": in_vectors}
 
 
 def _depth_facts(found: SetInspection) -> dict[str, Any] | None:
