@@ -144,10 +144,11 @@ def _motion(settled: Settled) -> Iterator[str]:
     used = finding.of(settled.reader.conventions.motion)
     listed = [*finding.candidates[:MOST_CANDIDATES], *([used] if used is not None else [])]
     for candidate in dict.fromkeys(listed):
-        alone = settled.measured.by_geometry is candidate
-        tie = " (tie, told apart by camera and depth)" if alone else " (tie)"
-        mark = tie if candidate.tied and len(finding.ties) > 1 else ""
+        mark = " (tie)" if candidate in finding.ties and len(finding.ties) > 1 else ""
+        if settled.measured.by_geometry is candidate:
+            mark += " (singled out by camera and depth)"
         behind = f"{candidate.margin:.1%} behind" if candidate.margin else "best"
+        mark += " (the winner's vectors)" if candidate.same_vectors else ""
         mark += " (as it is read)" if candidate is used else ""
         yield _line("", f"  {candidate.error:.3f}  {candidate.convention}: {behind}{mark}")
     jitter = settled.measured.jitter

@@ -161,7 +161,11 @@ def _motion_facts(found: SetInspection) -> dict[str, Any] | None:
         "margin": margin,
         "by_geometry": measured.by_geometry is not None,
         "ties": [str(c.convention) for c in finding.ties] if finding is not None else [],
-        "candidates": [_candidate_facts(c, tied=c.tied and best is None) for c in candidates],
+        "candidates": [
+            _candidate_facts(c, tied=best is None and c in finding.ties) for c in candidates
+        ]
+        if finding is not None
+        else [],
         "unmoved_error": None if finding is None else round(finding.unmoved_error, 5),
         "moving": None if finding is None else round(finding.moving, 5),
         "jitter": None

@@ -70,6 +70,10 @@ LEAST_BLOCK_PIXELS = 8
 EXPLAINS = 0.9
 """The winner's error is below this share of that of taking everything for still, or it is none."""
 
+SAME_VECTORS_PX = 0.2
+"""Vectors of neighbouring files that are this close do not tell which file is meant: interpolation
+alone makes such a difference."""
+
 SIGNIFICANT_T = 3.0
 """Standard errors by which a hypothesis must lie behind to be ruled out."""
 
@@ -84,6 +88,7 @@ class Candidate:
         margin: 1 - best error / this error; 0 for the best.
         significance: that difference in standard errors.
         offsets_px: constant offset that fits best, for each triple.
+        same_vectors: the winner's vectors to within `SAME_VECTORS_PX`, out of another file.
     """
 
     convention: MotionConvention
@@ -91,6 +96,7 @@ class Candidate:
     margin: float
     significance: float
     offsets_px: tuple[Jitter, ...]
+    same_vectors: bool = False
 
     @property
     def tied(self) -> bool:
@@ -118,16 +124,25 @@ class MotionFinding:
     def best(self) -> Candidate | None:
         """The winner, None if there is none or it explains little more than standing still.
 
-        Of readings that tie, one whose vectors lie in their frame's own file comes first.
+        Where the vectors of neighbouring files are alike, those of the frame's own file win.
         """
         if not self.candidates or self.candidates[0].error > EXPLAINS * self.unmoved_error:
             return None
-        return min(self.candidates, key=lambda c: (not c.tied, abs(c.convention.file_offset)))
+        alike = [c for c in self.candidates if c is self.candidates[0] or c.same_vectors]
+        own = [c for c in alike if not c.convention.file_offset]
+        tied = [c for c in self.candidates if c.tied]
+        return (own or sorted(tied, key=lambda c: abs(c.convention.file_offset)))[0]
 
     @property
     def ties(self) -> tuple[Candidate, ...]:
-        """The winner and those that cannot be told from it."""
-        return tuple(c for c in self.candidates if c.tied) if self.best else ()
+        """The winner and those that cannot be told from it, but for those that say the same."""
+        best = self.best
+        if best is None:
+            return ()
+        first = self.candidates[0]
+        alike = {id(c) for c in self.candidates if c is first or c.same_vectors}
+        same = alike if id(best) in alike else set()
+        return (best, *(c for c in self.candidates if c.tied and id(c) not in {*same, id(best)}))
 
     def of(self, convention: MotionConvention) -> Candidate | None:
         """Return what was measured about a convention; jitter is not part of the hypothesis."""
@@ -314,6 +329,7 @@ def _final(
             margin=float(1.0 - means[best] / means[i].clamp(min=1e-9)),
             significance=_significance(errors[i] - errors[best]),
             offsets_px=tuple(by_triple[i] for by_triple in offsets),
+            same_vectors=i != best and _same_vectors(triples, convention, finalists[best]),
         )
         for i, convention in enumerate(finalists)
     ]
@@ -323,6 +339,19 @@ def _final(
         moving=moving,
         triples=tuple(t.number for t in triples),
     )
+
+
+def _same_vectors(
+    triples: Sequence[Triple], one: MotionConvention, other: MotionConvention
+) -> bool:
+    """Tell whether two readings differ in the file only, and hardly in the vectors."""
+    if replace(one, file_offset=0) != replace(other, file_offset=0):
+        return False
+    apart = [
+        (t.shift(one, OFFSET_PIXELS)[1] - t.shift(other, OFFSET_PIXELS)[1]).abs().amax(0).median()
+        for t in triples
+    ]
+    return float(torch.stack(apart).amax()) < SAME_VECTORS_PX
 
 
 def _significance(differences: Tensor) -> float:

@@ -47,7 +47,14 @@ PICTURES = (Buffer.COLOR, Buffer.ALBEDO, Buffer.NORMAL, Buffer.POSITION)
 """What sticks to surfaces."""
 
 GEOMETRY_RATIO = 0.5
-"""Of tied readings of motion, the one that geometry explains this much better than all others."""
+"""Of close readings of motion, the one that geometry explains this much better than all others."""
+
+LEAST_APART_PX = 0.03
+"""Readings whose vectors hardly differ are not told apart by the last digits of a matrix."""
+
+CLOSE_MARGIN = 0.15
+MOST_CLOSE = 8
+"""Readings whose error is this share above the best one's are held against camera and depth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,15 +215,21 @@ def _with_geometry(
     if Buffer.DEPTH not in reader.stored or not reader.has_camera:
         return _with_jitter(reader, found, presumed.motion)
     placed = _find_depth(reader, stored, presumed.depth, unit=found.position_unit_m)
-    ties = found.motion.ties if found.motion is not None else ()
-    # the errors of tied readings are far apart, or no number of frames tells them apart
+    finding = found.motion
+    ties = finding.ties if finding is not None else ()
+    near = finding.candidates[:MOST_CLOSE] if finding is not None and ties else ()
+    close = [c for c in near if c.margin < CLOSE_MARGIN]
+    # the errors of close readings are far apart, or no number of frames tells them apart
     few = dict(list(stored.items())[-3:])
     moved = {
         candidate: _find_depth(reader, few, presumed.depth, motion=candidate.convention)
-        for candidate in ties
+        for candidate in dict.fromkeys([*ties, *close])
     }
     ranked = sorted(moved, key=lambda c: _error(moved[c]))
-    clear = len(ranked) > 1 and _error(moved[ranked[0]]) < GEOMETRY_RATIO * _error(moved[ranked[1]])
+    errors = [_error(moved[c]) for c in ranked]
+    clear = len(errors) > 1 and errors[0] < min(
+        GEOMETRY_RATIO * errors[1], errors[1] - LEAST_APART_PX
+    )
     chosen = ranked[0] if clear else None
     along = moved[chosen or ties[0]] if ties else DepthFinding()
     depth = placed if placed.best is not None else along

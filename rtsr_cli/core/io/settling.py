@@ -112,15 +112,18 @@ def _motion(settled: Settled, capture: Capture) -> Settled:
     against = measured.motion.of(presumed) if measured.motion is not None else None
     agreed = best is not None and best.convention == _plain(presumed)
     declared = capture.motion.declared()
-    if best is not None and not agreed and (_contradicted(against) or _unproven(settled, capture)):
+    clear = _contradicted(against) or measured.by_geometry is not None
+    if best is not None and not agreed and (clear or _unproven(settled, capture)):
         # what is declared stays; what is not is taken from the measurement
         chosen = replace(best.convention, **declared)
         if _plain(chosen) != best.convention:
-            percent = against.margin if against is not None else 1.0
+            lower = against.margin if against is not None else 1.0
+            proof = (
+                "as camera and depth tell" if measured.by_geometry else f"error {lower:.0%} lower"
+            )
             text = (
                 f"motion is declared as {presumed}, but the frames fit {best.convention} better "
-                f"(error {percent:.0%} lower); the declaration is obeyed. Correct it, or check "
-                "with 'rtsr inspect'"
+                f"({proof}); the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
             )
             return _warned(settled, text)
         note = f"motion measured: {chosen} (without measurement: {presumed})"

@@ -247,3 +247,21 @@ def test_a_centre_of_one_half_is_seen_and_small_vectors_are_not_taken_for_it() -
 def test_jitter_is_no_part_of_the_hypothesis() -> None:
     finding = found(MotionConvention())
     assert finding.of(replace(MotionConvention(), jittered=True)) == finding.best
+
+
+def test_alike_vectors_of_neighbouring_files_are_no_tie_and_the_frames_own_win() -> None:
+    steady = {
+        n: Evidence(
+            features=normalised(frame((3.0 * n, 2.0 * n))),
+            nearest=None,
+            stored=field((-3.0, -2.0)),
+        )
+        for n in range(4)
+    }
+    finding = find_motion(steady, screen=SIZE)
+    assert finding.best is not None
+    assert finding.best.convention.file_offset == 0
+    tied = {c.convention for c in finding.ties}
+    assert MotionConvention() in tied
+    assert MotionConvention(file_offset=1) not in tied
+    assert MotionConvention(file_offset=-1) not in tied
