@@ -49,7 +49,7 @@ PICTURES = (Buffer.COLOR, Buffer.ALBEDO, Buffer.NORMAL, Buffer.POSITION)
 GEOMETRY_RATIO = 0.5
 """Of close readings of motion, the one that geometry explains this much better than all others."""
 
-LEAST_APART_PX = 0.03
+LEAST_APART_PX = 0.005
 """Readings whose vectors hardly differ are not told apart by the last digits of a matrix."""
 
 CLOSE_MARGIN = 0.15
