@@ -153,7 +153,7 @@ def _motion(settled: Settled) -> Iterator[str]:
         yield _line("", f"  {candidate.error:.3f}  {candidate.convention}: {behind}{mark}")
     jitter = settled.measured.jitter
     if jitter is not None:
-        yield _line("jitter", f"{jitter.verdict} (largest offset left {jitter.spread_px:.2f} px)")
+        yield _line("jitter", f"{jitter.verdict} (largest offset found {jitter.spread_px:.2f} px)")
 
 
 def _depth_proof(settled: Settled) -> str:

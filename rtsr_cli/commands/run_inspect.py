@@ -65,7 +65,8 @@ def _write(
         known = declared(shot, chosen["in_folder"], options).capture
     except RtsrError:
         known = Capture()
-    text = capture_toml(inspection.main.settled, known, inspection.main.guessed)
+    main = inspection.main
+    text = capture_toml(main.settled, known, main.guessed, main.unknown)
     write_atomically(path, partial(_put, text))
     click.echo(f"{path}: written", err=chosen["as_json"])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -278,12 +279,7 @@ def test_a_capture_started_by_write_and_completed_by_hand_works(
     dump = renamed(textured, tmp_path / "dump", OTHER_NAMES)
     assert rtsr("inspect", dump, "--write").exit_code == 3
     path = dump / "capture.toml"
-    path.write_text(
-        path.read_text()
-        .replace("# ", "", -1)
-        .replace("What the", "# What the", 1)
-        .replace("channels that", "# channels that", 1)
-    )
+    path.write_text(re.sub(r"^# (\w+ = )", r"\1", path.read_text(), flags=re.MULTILINE))
     found = facts(rtsr, dump)
     assert {"color", "albedo", "motion", "normal"} <= set(found["buffers"])
     assert found["motion"]["best"]["direction"] == "previous-minus-current"
@@ -410,3 +406,25 @@ def test_the_folder_dump_is_read_by_measurement_not_by_its_names(
         for channel, expected in planes.items():
             found = outputs["folders"][number][channel].astype(np.float32)
             assert np.allclose(found, expected.astype(np.float32), rtol=5e-3, atol=2e-3)
+
+
+def test_zero_motion_under_a_moving_camera_is_warned_about_by_every_command(
+    rtsr: Run, textured: Path, changed: Changed, tmp_path: Path
+) -> None:
+    still = changed(textured, rescaled(0, 0))
+    run = rtsr("upscale", still, tmp_path / "out", "--simulate-lr", 4, "--system", "bicubic")
+    assert run.exit_code == 0
+    assert "motion pass is missing" in run.stderr
+
+
+def test_names_that_tell_nothing_leave_a_skeleton_to_start_from(
+    rtsr: Run, textured: Path, tmp_path: Path
+) -> None:
+    dump = renamed(textured, tmp_path / "dump", {c: f"qq.{c}" for c in "RGB"})
+    for path in sorted(dump.glob("*.exr")):
+        planes = read_channels(path, read_header(path).channels)
+        write_exr(path, {f"zz{i}.K": plane for i, plane in enumerate(planes.values())})
+    assert rtsr("inspect", dump, "--write").exit_code == 3
+    text = (dump / "capture.toml").read_text()
+    for part in ("color (3)", "motion (2)", "zz0.K", '["mv:R", "mv:G"]'):
+        assert part in text

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.io.capture import Capture
@@ -19,7 +19,10 @@ ALWAYS = frozenset({"unit", "direction", "y_axis", "jittered"})
 
 
 def capture_toml(
-    settled: Settled | None, capture: Capture, guessed: Mapping[Buffer, tuple[str, ...]]
+    settled: Settled | None,
+    capture: Capture,
+    guessed: Mapping[Buffer, tuple[str, ...]],
+    unknown: Mapping[str, Sequence[str]],
 ) -> str:
     """Return the text of a capture.toml.
 
@@ -27,12 +30,14 @@ def capture_toml(
         settled: how the frames are read, None if they cannot be.
         capture: what was declared already; it is kept.
         guessed: suggestions for unknown channels, written as comments.
+        unknown: channels that no buffer takes, per file sequence.
     """
     lines = [HEADING]
     if settled is not None:
         lines += _general(settled, capture)
         lines += _conventions(settled)
-    lines += _buffers(capture, guessed)
+    lines += [*skeleton(unknown), *_buffers(capture, guessed)] if unknown else []
+    lines += _buffers(capture, guessed) if not unknown else []
     return "\n".join(lines) + "\n"
 
 
@@ -115,6 +120,19 @@ def _buffers(capture: Capture, guessed: Mapping[Buffer, tuple[str, ...]]) -> lis
         lines.append("# channels that no buffer takes; take away the # where the guess is right:")
         lines += [f"# {b} = {toml_value(places)}" for b, places in guessed.items()]
     return ["[buffers]", *lines] if lines else []
+
+
+def skeleton(channels: Mapping[str, Sequence[str]]) -> list[str]:
+    """Comments that say how to declare buffers, and which channels of which files there are."""
+    names = ", ".join(f"{b} ({BUFFER_SPECS[b].channels})" for b in Buffer if b is not Buffer.SKY)
+    return [
+        "# [buffers] says which channel is which buffer, with as many channels as the number says:",
+        f"# {names}",
+        '#     color = "beauty.RGB"              the channels beauty.R, beauty.G, beauty.B',
+        '#     motion = ["mv:R", "mv:G"]         channels R and G of the files mv.0001.exr, ...',
+        '#     depth = {channel = "Z", file = "*", factor = 0.01, zero = 0.0}',
+        *(f"# there are, in {key or 'the files'}: {' '.join(c)}" for key, c in channels.items()),
+    ]
 
 
 def _specs(specs: object) -> object:

@@ -8,6 +8,7 @@ when capture.toml names it and declares its motion.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
@@ -63,7 +64,7 @@ def settle(reader: FrameReader, capture: Capture, *, named: bool, motion: bool =
     settled = Settled(reader=replace(reader, conventions=presumed), measured=measured)
     if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
         settled = replace(settled, undecided=_undocumented(reader))
-    for step in (_motion, _jitter, _depth, _position, _normal):
+    for step in (_plausible, _motion, _jitter, _depth, _position, _normal):
         settled = step(settled, capture)
     return replace(settled, reader=_bound(settled.reader))
 
@@ -101,6 +102,33 @@ def _contradicted(candidate: Candidate | None) -> bool:
         and candidate.margin >= WIDE_MARGIN
         and candidate.significance >= WIDE_SIGNIFICANCE
     )
+
+
+UNFIT = 1.5
+"""Vectors whose best reading is this much worse than no motion at all are not the frames'."""
+
+
+def _plausible(settled: Settled, capture: Capture) -> Settled:
+    """Warn of vectors that are all zero though the camera moves, or that fit no frame at all."""
+    del capture
+    finding, reader = settled.measured.motion, settled.reader
+    if finding is None:
+        return settled
+    poses = [reader.cameras[n].world_to_camera for n in settled.measured.frames]
+    moves = any(a is not None and b is not None and not a.equal(b) for a, b in pairwise(poses))
+    if finding.moving == 0.0 and moves:
+        return _warned(
+            settled,
+            "motion is zero in every pixel though the camera moves: the motion pass is missing",
+        )
+    best = finding.candidates[0].error if finding.candidates else 0.0
+    if best > UNFIT * finding.unmoved_error + WIDE_MARGIN:
+        return _warned(
+            settled,
+            "the motion vectors say that things move, the frames do not follow them: the same "
+            "frame several times, or vectors of another sequence?",
+        )
+    return settled
 
 
 def _motion(settled: Settled, capture: Capture) -> Settled:
