@@ -23,8 +23,8 @@ from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.brdf_lut import LutConvention, lut_for
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
-STRIP_PIXELS = 1 << 18
-"""Pixels that are derived at a time: a plane of 1 MiB."""
+STRIP_PIXELS = 1 << 16
+"""Pixels that are derived at a time: a colour of 768 KiB, so that what it is made of stays near."""
 
 CAMERA = "camera"
 """Pseudo-requirement: matrices in the header, in a side-car, or recoverable from buffers."""
@@ -216,7 +216,7 @@ def _f0(gbuffer: GBuffer) -> Color:
 
 def _metallic(gbuffer: GBuffer) -> Plane:
     """0 in the F0 workflow, which has no metallic buffer."""
-    if Buffer.METALLIC in gbuffer or Buffer.SPECULAR not in gbuffer:
+    if Buffer.METALLIC in gbuffer:
         return gbuffer[Buffer.METALLIC]
     return torch.zeros_like(gbuffer[Buffer.ALBEDO][:, :1])
 
@@ -225,9 +225,17 @@ def _brdf(frame: Frame, config: DerivationConfig) -> Color:
     gbuffer = frame.gbuffer
     if Buffer.MATERIAL in gbuffer:
         return gbuffer[Buffer.MATERIAL]
+    if Buffer.SPECULAR not in gbuffer:
+        return dm.metallic_material_term(
+            gbuffer[Buffer.ALBEDO],
+            metallic=gbuffer[Buffer.METALLIC],
+            roughness=gbuffer[Buffer.ROUGHNESS],
+            nov=derive_nov(frame),
+            lut=lut_for(config.lut),
+        )
     return dm.material_term(
         gbuffer[Buffer.ALBEDO],
-        _f0(gbuffer),
+        gbuffer[Buffer.SPECULAR],
         metallic=_metallic(gbuffer),
         roughness=gbuffer[Buffer.ROUGHNESS],
         nov=derive_nov(frame),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -13,7 +14,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.io.outputs import buffer_channels, image_channels
-from rtsr_cli.core.shapes import Color, Image, Mask, Size
+from rtsr_cli.core.shapes import Image, Mask, Size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +32,23 @@ class FrameParts:
     undivided: float = 0.0
 
 
-def as_stored(image: Color, *, full: bool) -> Color:
-    """Return the values that a file will hold."""
-    return image if full else image.half().float()
+class Sheet:
+    """The layers of one frame as its file holds them, laid down in strips of rows."""
+
+    def __init__(self, size: Size, *, full: bool) -> None:
+        """Start empty; layers are half unless `full`."""
+        self.layers: dict[Buffer, torch.Tensor] = {}
+        self._size = size
+        self._full = full
+
+    def put(self, top: int, buffer: Buffer, strip: Image) -> Image:
+        """Lay a strip down where it belongs; return it as it is stored."""
+        full = self._full and buffer is not Buffer.LIGHTING_MASK
+        if buffer not in self.layers:
+            dtype = torch.float32 if full else torch.float16
+            self.layers[buffer] = torch.empty(1, strip.shape[1], *self._size, dtype=dtype)
+        stored = self.layers[buffer][:, :, top : top + strip.shape[2]].copy_(strip)
+        return strip if full else stored.float()
 
 
 def divided(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:
@@ -41,25 +56,18 @@ def divided(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts
 
     Only the quotient's own rounding is then left in the recomposed radiance.
     """
-    layers: dict[Buffer, torch.Tensor] = {}
+    sheet = Sheet(frame.size, full=full)
     error, count = 0.0, 0.0
     for top, strip in strips(frame):
-        parts = divide(strip, config, full=full)
-        lighting = as_stored(parts.lighting, full=full)
+        put = partial(sheet.put, top)
+        parts = divide(strip, config, put)
+        lighting = put(Buffer.LIGHTING, parts.lighting)
         product = dm.remodulate(lighting, parts.material, parts.emission)
         error = max(error, dm.recomposition_error(strip.gbuffer[Buffer.COLOR], product))
         count += float(parts.mask.sum(dtype=torch.float64))
-        for buffer, image in (
-            (Buffer.LIGHTING, lighting),
-            (Buffer.MATERIAL, parts.material),
-            (Buffer.LIGHTING_MASK, parts.mask),
-            (Buffer.EMISSION, parts.emission),
-        ):
-            if image is not None:
-                wide = full and buffer is not Buffer.LIGHTING_MASK
-                _lay(layers, buffer, image, top, frame.size, full=wide)
+        put(Buffer.LIGHTING_MASK, parts.mask)
     channels: dict[str, Any] = {}
-    for buffer, image in layers.items():
+    for buffer, image in sheet.layers.items():
         channels |= buffer_channels(buffer, image, full=image.dtype == torch.float32)
     channels["mask"] = channels.pop(Buffer.LIGHTING_MASK.value)
     height, width = frame.size
@@ -74,36 +82,32 @@ def strips(frame: Frame) -> Iterator[tuple[int, Frame]]:
         yield top, frame.crop(top, 0, (min(rows, height - top), width))
 
 
-def _lay(
-    layers: dict[Buffer, torch.Tensor],
-    buffer: Buffer,
-    strip: Image,
-    top: int,
-    size: Size,
-    *,
-    full: bool,
-) -> None:
-    """Put a strip where it belongs in a picture of the whole frame, as the file stores it."""
-    if buffer not in layers:
-        dtype = torch.float32 if full else torch.float16
-        layers[buffer] = torch.empty(1, strip.shape[1], *size, dtype=dtype)
-    layers[buffer][:, :, top : top + strip.shape[2]].copy_(strip)
+def divide(
+    frame: Frame, config: DerivationConfig, put: Callable[[Buffer, Image], Image]
+) -> dm.Demodulated:
+    """Demodulate with a divisor and an emission that a file can hold exactly, and put them there.
 
-
-def divide(frame: Frame, config: DerivationConfig, *, full: bool) -> dm.Demodulated:
-    """Demodulate with a divisor and an emission that a file can hold exactly."""
+    Args:
+        frame: radiance and what its divisor follows from.
+        config: the divisor.
+        put: stores a layer and returns what is stored.
+    """
     softplus = config.mode is dm.DemodulationMode.SOFTPLUS
-    material = as_stored(derive_material(frame, config), full=full)
+    material = put(Buffer.MATERIAL, derive_material(frame, config))
     sky: Mask = torch.zeros_like(material[:, :1]) if softplus else derive_sky(frame.gbuffer)
     emission = None if softplus else frame.gbuffer.buffers.get(Buffer.EMISSION)
-    return dm.demodulate(
+    parts = dm.demodulate(
         frame.gbuffer[Buffer.COLOR],
         material,
         sky=sky,
         emission=emission,
         epsilon=config.epsilon,
-        stored=lambda image: as_stored(image, full=full),
+        stored=partial(put, Buffer.EMISSION),
     )
+    if not bool(parts.mask.all()):
+        # where nothing is divided the file's divisor is 1
+        put(Buffer.MATERIAL, parts.material)
+    return parts
 
 
 def recomposed(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:

@@ -271,7 +271,7 @@ class Stored:
 
 
 def to_memory(buffer: Buffer, stored: Tensor, frame: Stored) -> Tensor:
-    """Convert one buffer from its file's convention to memory's.
+    """Convert one buffer from its file's convention to memory's; `stored` may be overwritten.
 
     Raises:
         MissingBufferError: the conversion needs camera matrices that are not there.
@@ -306,15 +306,15 @@ def _object_id(stored: Tensor, _: Stored) -> Tensor:
 
 def _nonnegative(stored: Tensor, _: Stored) -> Tensor:
     """Colours below 0 are rounding of the renderer."""
-    return stored.clamp(min=0.0)
+    return stored.clamp_(min=0.0)
 
 
 def _unit_interval(stored: Tensor, _: Stored) -> Tensor:
-    return stored.clamp(0.0, 1.0)
+    return stored.clamp_(0.0, 1.0)
 
 
 def _roughness(stored: Tensor, frame: Stored) -> Tensor:
-    return roughness_to_perceptual(stored.clamp(0.0, 1.0), frame.conventions.roughness)
+    return roughness_to_perceptual(stored.clamp_(0.0, 1.0), frame.conventions.roughness)
 
 
 def _normal(stored: Tensor, frame: Stored) -> Tensor:

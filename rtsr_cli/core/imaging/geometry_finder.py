@@ -1,7 +1,7 @@
-"""Finding how a dump stores depth and normals, by geometry that only the right reading satisfies.
+"""Finding how a dump stores depth, by geometry that only the right reading satisfies.
 
-Depth: surface points of the right depth, carried into the previous camera, move as the motion
-vectors say (or lie where the position buffer says). Normals: what is seen faces the camera.
+Surface points of the right depth, carried into the previous camera, move as the motion vectors
+say, or lie where the position buffer says.
 """
 
 from __future__ import annotations
@@ -15,14 +15,11 @@ from torch import Tensor
 
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
-from rtsr_cli.core.frames.camera import CameraMetadata, View, ray_axes, view_cosine_from_camera
+from rtsr_cli.core.frames.camera import CameraMetadata, View, ray_axes
 from rtsr_cli.core.frames.conventions import (
     DepthConvention,
     DepthKind,
-    NormalConvention,
-    NormalSpace,
     depth_to_metres,
-    normal_to_world,
 )
 from rtsr_cli.core.frames.vectors import length
 from rtsr_cli.core.imaging.resampling import decimate
@@ -47,9 +44,6 @@ LEAST_PARALLAX_PX = 0.05
 
 LARGEST_OFFSET_PX = 1.25
 """Jitter differs by less than a pixel between frames."""
-
-UNIT_TOLERANCE = 0.1
-"""Unit normals: mean deviation of their length from 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,31 +153,36 @@ def projected(world: Vector3, camera: CameraMetadata, view: View) -> Tensor | No
 
 
 @dataclass(frozen=True)
-class _Thinning:
+class Thinning:
     """Every k-th pixel of a large frame, as a frame of that size whose samples are shifted."""
 
     k: int
 
     @classmethod
-    def of(cls, image: Tensor) -> _Thinning:
+    def of(cls, image: Tensor) -> Thinning:
+        """Keep so few pixels of an image of this size."""
         height, width = image.shape[-2:]
         return cls(math.ceil(math.sqrt(max(1.0, height * width / MOST_PIXELS))))
 
     def image(self, image: Tensor) -> Tensor:
+        """Thin an image."""
         rows, columns = (side // self.k * self.k for side in image.shape[-2:])
         return decimate(image[..., :rows, :columns], self.k, (self.k // 2, self.k // 2))
 
     def camera(self, camera: CameraMetadata) -> CameraMetadata:
+        """Move the jitter to where the kept pixels are."""
         x, y = ((j + self.k // 2 + 0.5) / self.k - 0.5 for j in camera.jitter_px)
         return replace(camera, jitter_px=(x, y))
 
     def view(self, view: View) -> View:
+        """Return where the kept pixels lie."""
         # a display of a whole number of thinned pixels would move the rays
         height, width = view.display
         display = (height / self.k, width / self.k)
         return View(display=display, top=view.top / self.k, left=view.left / self.k)  # type: ignore[arg-type]
 
     def geometry(self, geometry: Geometry) -> Geometry:
+        """Thin the geometry of a frame."""
         motion, position = geometry.motion_px, geometry.position
         return Geometry(
             depth=self.image(geometry.depth),
@@ -202,7 +201,7 @@ def find_position_unit(
 
     A point in the right unit projects onto its own pixel. None without matrices or points.
     """
-    thinning = _Thinning.of(position)
+    thinning = Thinning.of(position)
     position, camera, view = thinning.image(position), thinning.camera(camera), thinning.view(view)
     own = _own_positions((position.shape[-2], position.shape[-1]), camera.jitter_px)
     found = []
@@ -231,7 +230,7 @@ def find_depth(
         frames: with camera matrices; several, as one may stand still.
         declared: readings that take part beside the usual ones.
     """
-    thinned = [_Thinning.of(f.depth).geometry(f) for f in frames]
+    thinned = [Thinning.of(f.depth).geometry(f) for f in frames]
     by_position = [f for f in thinned if f.position is not None]
     by_motion = [f for f in thinned if f.motion_px is not None]
     for measure, error, usable in (
@@ -309,54 +308,3 @@ def _median(error: Tensor, valid: Tensor) -> float | None:
     values = error[valid]
     values = torch.where(torch.isfinite(values), values, torch.full_like(values, 1e9))
     return float(values.median()) if values.numel() >= LEAST_POINTS else None
-
-
-@dataclass(frozen=True, kw_only=True)
-class NormalFinding:
-    """What the stored normals are; a part is None where the files do not tell.
-
-    Attributes:
-        packed: whether (n + 1) / 2 is stored.
-        space: axes.
-        facing: share of surfaces that face the camera, for each space that could be tried.
-        unit_error: mean deviation of the length from 1, as chosen.
-    """
-
-    packed: bool | None = None
-    space: NormalSpace | None = None
-    facing: dict[str, float]
-    unit_error: float = 0.0
-
-
-def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalFinding:
-    """Tell packed from plain by length, and world from view space by what faces the camera."""
-    thinning = _Thinning.of(stored)
-    stored, camera, view = thinning.image(stored), thinning.camera(camera), thinning.view(view)
-    plain, unpacked = stored, stored * 2.0 - 1.0
-    lengths = {False: length(plain), True: length(unpacked)}
-    there = {packed: size > 0.1 for packed, size in lengths.items()}
-    if min(int(mask.sum()) for mask in there.values()) < LEAST_POINTS:
-        return NormalFinding(facing={})
-    deviation = {p: float((lengths[p][there[p]] - 1.0).abs().mean()) for p in lengths}
-    packed = deviation[True] < deviation[False]
-    nonzero = there[packed]
-    if deviation[packed] > UNIT_TOLERANCE:
-        return NormalFinding(facing={}, unit_error=deviation[packed])
-    facing = {}
-    for space in NormalSpace:
-        convention = NormalConvention(space=space, packed=packed)
-        try:
-            world = normal_to_world(stored, convention, camera, where="")
-        except MissingBufferError:
-            continue
-        cosine = view_cosine_from_camera(world, camera, view, jitter_px=camera.jitter_px)
-        if cosine is not None:
-            facing[space.value] = float((cosine[nonzero] > 0).float().mean())
-    best = max(facing, key=lambda name: facing[name]) if facing else None
-    clear = len(facing) == 2 and max(facing.values()) - min(facing.values()) > 0.02
-    return NormalFinding(
-        packed=packed,
-        space=NormalSpace(best) if best is not None and clear else None,
-        facing=facing,
-        unit_error=deviation[packed],
-    )

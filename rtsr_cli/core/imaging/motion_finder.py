@@ -11,21 +11,16 @@ Differences are paired over blocks of the image, so that a margin comes with its
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol, TypeVar
 
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.frames.motion import (
-    Axes,
-    Jitter,
-    MotionConvention,
-    MotionDirection,
-    MotionUnit,
-    YAxis,
-)
+from rtsr_cli.core.frames.motion import Jitter, MotionConvention
+from rtsr_cli.core.imaging.motion_hypotheses import hypotheses
 from rtsr_cli.core.imaging.motion_trials import (
     Evidence,
     Samples,
@@ -35,15 +30,6 @@ from rtsr_cli.core.imaging.motion_trials import (
     picture_of,
 )
 from rtsr_cli.core.shapes import Size
-
-PIXEL_SCALES = (1.0, 1 / 8, 1 / 6, 1 / 4, 1 / 3, 1 / 2, 2.0, 3.0, 4.0, 6.0, 8.0)
-"""Vectors in pixels of another resolution: the ratios of upscalers."""
-
-UV_SCALES = (1.0, 2.0)
-"""2: the encoding 0.5 + 0.5 v of a vector v that spans -1..1 over the whole screen."""
-
-CENTRES = (0.0, 0.5)
-"""Stored values that mean no motion."""
 
 STILL_PX = 1e-4
 """A stored vector this close to its centre is no motion, whatever its unit."""
@@ -76,6 +62,17 @@ alone makes such a difference."""
 
 SIGNIFICANT_T = 3.0
 """Standard errors by which a hypothesis must lie behind to be ruled out."""
+
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Each(Protocol):
+    """`map`, or something that does the same in several threads."""
+
+    def __call__(self, work: Callable[[T], R], items: Iterable[T], /) -> Iterable[R]:
+        """Return the results in the order of the items."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,28 +147,6 @@ class MotionFinding:
         return next((c for c in self.candidates if c.convention == plain), None)
 
 
-def hypotheses(centre: float) -> list[MotionConvention]:
-    """Every reading of vectors that have this centre."""
-    units = [(MotionUnit.PIXELS, s) for s in PIXEL_SCALES]
-    units += [(MotionUnit.UV, s) for s in UV_SCALES] + [(MotionUnit.NDC, 1.0)]
-    timings = [(d, 0) for d in MotionDirection]
-    timings += [(d, o) for d in MotionDirection if not d.to_next for o in (1, -1)]
-    return [
-        MotionConvention(
-            unit=unit,
-            scale=scale,
-            direction=direction,
-            file_offset=offset,
-            y_axis=y_axis,
-            axes=axes,
-            zero=centre,
-        )
-        for (direction, offset), (unit, scale), y_axis, axes in itertools.product(
-            timings, units, YAxis, Axes
-        )
-    ]
-
-
 def centre_of(stored: Tensor) -> float:
     """Stored value of no motion: 0.5 where everything lies in 0..1 and most of it near 0.5."""
     low, high = float(stored.min()), float(stored.max())
@@ -207,13 +182,20 @@ def _triples(frames: Mapping[int, Evidence], centre: float, screen: Size) -> lis
 
 
 def _screened(
-    triples: Sequence[Triple], tried: Sequence[MotionConvention]
+    triples: Sequence[Triple], tried: Sequence[MotionConvention], each: Each
 ) -> list[MotionConvention]:
     """Sort hypotheses by their mean error on few pixels; those that lead outside come last."""
     totals = torch.zeros(len(tried))
-    for triple, start in itertools.product(triples, range(0, len(tried), SCREEN_BATCH)):
+    for errors in each(partial(_screening_errors, tried), triples):
+        totals += errors
+    return [tried[i] for i in totals.argsort(stable=True).tolist()]
+
+
+def _screening_errors(tried: Sequence[MotionConvention], triple: Triple) -> Tensor:
+    errors = torch.ones(len(tried))
+    few = triple.samples.first(SCREEN_PIXELS)
+    for start in range(0, len(tried), SCREEN_BATCH):
         batch = tried[start : start + SCREEN_BATCH]
-        few = triple.samples.first(SCREEN_PIXELS)
         pictures, shifts = zip(*(triple.shift(h, SCREEN_PIXELS) for h in batch), strict=True)
         for other in dict.fromkeys(pictures):
             chosen = [i for i, picture in enumerate(pictures) if picture is other]
@@ -221,8 +203,8 @@ def _screened(
             count = inside.sum(1)
             mean = (error * inside).sum(1) / count.clamp(min=1)
             mean = torch.where(count > LEAST_INSIDE * len(few.x), mean, torch.ones_like(mean))
-            totals[[start + i for i in chosen]] += mean
-    return [tried[i] for i in totals.argsort(stable=True).tolist()]
+            errors[[start + i for i in chosen]] = mean
+    return errors
 
 
 @dataclass(frozen=True)
@@ -273,6 +255,7 @@ def find_motion(
     *,
     screen: Size,
     include: Sequence[MotionConvention] = (),
+    each: Each = map,
 ) -> MotionFinding:
     """Rank every reading of the stored vectors.
 
@@ -282,6 +265,7 @@ def find_motion(
         screen: (height, width) that uv and ndc span; the images may be a part of it.
         include: conventions that take part in the final whatever the screening says (a preset,
             a declaration).
+        each: how work is done on every triple of frames: one after the other, or at a time.
     """
     stored = torch.cat([e.stored.flatten() for e in frames.values()])
     centre = centre_of(stored)
@@ -292,9 +276,9 @@ def find_motion(
     if not triples:
         return MotionFinding(candidates=(), unmoved_error=1.0, moving=moving, triples=numbers)
     tried = [h for h in hypotheses(centre) if all(t.allows(h) for t in triples)]
-    screened = _screened(triples, tried)
+    screened = _screened(triples, tried, each)
     finalists = list(dict.fromkeys([*screened[:FINALISTS], *_tryable(include, triples)]))
-    return _final(triples, finalists, moving=moving)
+    return _final(triples, finalists, each, moving=moving)
 
 
 def _tryable(
@@ -305,15 +289,9 @@ def _tryable(
 
 
 def _final(
-    triples: Sequence[Triple], finalists: Sequence[MotionConvention], *, moving: float
+    triples: Sequence[Triple], finalists: Sequence[MotionConvention], each: Each, *, moving: float
 ) -> MotionFinding:
-    blocks, offsets = [], []
-    for triple in triples:
-        trials = [_try(triple, convention) for convention in finalists]
-        other, shift = triple.shift(replace(finalists[0], scale=0.0), FINAL_PIXELS)
-        unmoved, _ = differences(triple.samples, other, shift)
-        blocks.append(_block_means(triple, trials, unmoved))
-        offsets.append([trial.offset for trial in trials])
+    blocks, offsets = zip(*each(partial(_final_errors, finalists), triples), strict=True)
     plain, moved = (torch.cat(parts, dim=1) for parts in zip(*blocks, strict=True))
     if moved.shape[1] == 0:
         return MotionFinding(candidates=(), unmoved_error=1.0, moving=moving, triples=())
@@ -339,6 +317,16 @@ def _final(
         moving=moving,
         triples=tuple(t.number for t in triples),
     )
+
+
+def _final_errors(
+    finalists: Sequence[MotionConvention], triple: Triple
+) -> tuple[tuple[Tensor, ...], list[Jitter]]:
+    """Block means of every finalist on one triple, and the offsets that fit best."""
+    trials = [_try(triple, convention) for convention in finalists]
+    other, shift = triple.shift(replace(finalists[0], scale=0.0), FINAL_PIXELS)
+    unmoved, _ = differences(triple.samples, other, shift)
+    return _block_means(triple, trials, unmoved), [trial.offset for trial in trials]
 
 
 def _same_vectors(

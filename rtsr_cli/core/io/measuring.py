@@ -22,16 +22,15 @@ from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.geometry_finder import (
     DepthFinding,
     Geometry,
-    NormalFinding,
     find_depth,
-    find_normals,
     find_position_unit,
 )
 from rtsr_cli.core.imaging.jitter_finder import JitterFinding, find_jitter
 from rtsr_cli.core.imaging.motion_finder import Candidate, MotionFinding, find_motion
 from rtsr_cli.core.imaging.motion_trials import Evidence, normalised
+from rtsr_cli.core.imaging.normal_finder import NormalFinding, find_normals
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.streaming import single_threaded
+from rtsr_cli.core.io.streaming import in_threads, single_threaded
 from rtsr_cli.core.shapes import Size
 
 GROUP = 4
@@ -142,7 +141,8 @@ def _read(reader: FrameReader, numbers: Sequence[int]) -> dict[int, Mapping[Buff
     wanted = {Buffer.MOTION, Buffer.FORWARD, Buffer.DEPTH, Buffer.OBJECT_ID, *PICTURES}
     buffers = wanted & reader.stored
     try:
-        return {n: reader.read_raw(n, buffers) for n in numbers}
+        frames = in_threads(partial(reader.read_raw, buffers=buffers), numbers)
+        return dict(zip(numbers, frames, strict=True))
     except RtsrError:
         return {}
 
@@ -185,8 +185,8 @@ def _find_motion(
 ) -> MotionFinding:
     rows, columns = _window(reader.size)
 
-    def evidence(number: int, buffers: Mapping[Buffer, Tensor]) -> Evidence:
-        part = {b: t[..., rows, columns] for b, t in buffers.items()}
+    def evidence(number: int) -> Evidence:
+        part = {b: t[..., rows, columns] for b, t in stored[number].items()}
         pictures = [normalised(_picture(b, part[b])) for b in PICTURES if b in part]
         return Evidence(
             features=torch.cat(pictures, dim=1),
@@ -195,8 +195,9 @@ def _find_motion(
             jitter_px=reader.cameras[number].jitter_px,
         )
 
-    frames = {number // reader.step: evidence(number, b) for number, b in stored.items()}
-    return find_motion(frames, screen=reader.view.display, include=(presumed,))
+    found = zip(stored, in_threads(evidence, stored), strict=True)
+    frames = {number // reader.step: part for number, part in found}
+    return find_motion(frames, screen=reader.view.display, include=(presumed,), each=in_threads)
 
 
 def _picture(buffer: Buffer, stored: Tensor) -> Tensor:

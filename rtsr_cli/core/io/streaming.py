@@ -16,6 +16,9 @@ V = TypeVar("V")
 READ_AHEAD_BYTES = 1 << 30
 """Frames read ahead may take this much memory together; one is always read ahead."""
 
+AT_ONCE = 2
+"""Frames that are measured at a time."""
+
 Loaded = tuple[K, Future[V]]
 """An item and its finished future; asking the future raises what loading raised."""
 
@@ -58,6 +61,14 @@ def single_threaded(work: Callable[[], V]) -> V:
         1, "rtsr-measure", initializer=torch.set_num_threads, initargs=(1,)
     ) as pool:
         return pool.submit(work).result()
+
+
+def in_threads(work: Callable[[K], V], items: Iterable[K]) -> list[V]:
+    """`map`, `AT_ONCE` items at a time, each with one torch thread; results in order."""
+    with ThreadPoolExecutor(
+        AT_ONCE, "rtsr-each", initializer=torch.set_num_threads, initargs=(1,)
+    ) as pool:
+        return list(pool.map(work, items))
 
 
 def _finished(loaded: Loaded[K, V]) -> Loaded[K, V]:

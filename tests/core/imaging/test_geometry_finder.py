@@ -13,11 +13,11 @@ from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind, NormalS
 from rtsr_cli.core.imaging.geometry_finder import (
     Geometry,
     find_depth,
-    find_normals,
     find_position_unit,
     projected,
     to_world,
 )
+from rtsr_cli.core.imaging.normal_finder import find_normals
 
 SIZE = (60, 80)
 VIEW = View(display=SIZE)

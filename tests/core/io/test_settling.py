@@ -13,9 +13,10 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind, NormalSpace
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
-from rtsr_cli.core.imaging.geometry_finder import DepthCandidate, DepthFinding, NormalFinding
+from rtsr_cli.core.imaging.geometry_finder import DepthCandidate, DepthFinding
 from rtsr_cli.core.imaging.jitter_finder import JitterFinding, JitterVerdict
 from rtsr_cli.core.imaging.motion_finder import Candidate, MotionFinding
+from rtsr_cli.core.imaging.normal_finder import NormalFinding
 from rtsr_cli.core.io import settling
 from rtsr_cli.core.io.capture import Capture
 from rtsr_cli.core.io.exr import write_exr
