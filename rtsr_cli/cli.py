@@ -116,6 +116,8 @@ def _interrupt(number: int, _: FrameType | None) -> None:
 
 def main() -> NoReturn:
     """Entry point of `rtsr`."""
+    # torch then asks for huge pages: a frame's arrays cost far fewer page faults
+    os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
     for number in STOPPING:
         signal.signal(number, _interrupt)
     group(prog_name="rtsr")
