@@ -27,11 +27,14 @@ CONES_TO_RGB = (
 END_LIGHTNESS = 0.97
 """Oklab lightness of the greatest error; it grows in even steps from 0."""
 
-START_HUE_DEG, END_HUE_DEG = 280.0, 465.0
-"""Oklab hues of the ends: blue-violet, and through red (390) to yellow (465 = 105)."""
+START_HUE_DEG, END_HUE_DEG = 285.0, 465.0
+"""Oklab hues of the ends: violet, and through red (390) to yellow (465 = 105)."""
 
-MAX_CHROMA = 0.19
-"""Oklab chroma of the ramp's middle; inside the sRGB gamut but for a narrow stretch, clipped."""
+MAX_CHROMA = 0.16
+"""Greatest Oklab chroma of the ramp; more would leave the sRGB gamut."""
+
+CHROMA_SPAN, CHROMA_SHAPE = 0.94, 0.75
+"""Share of a half wave that chroma runs through, so that the end keeps some; its exponent."""
 
 STEPS = 256
 """Colours of the ramp."""
@@ -40,11 +43,11 @@ STEPS = 256
 def heat_ramp(steps: int = STEPS) -> Tensor:
     """Display-encoded sRGB (steps, 3) from black to pale yellow, lightness in even steps.
 
-    L = 0.97 t,   chroma = 0.19 sin(pi t)^(3/4),   hue = 280 .. 465 degrees      (Oklab)
+    L = 0.97 t,   chroma = 0.16 sin(0.94 pi t)^(3/4),   hue = 285 .. 465 degrees      (Oklab)
     """
     t = torch.linspace(0.0, 1.0, steps, dtype=torch.float64)
     hue = torch.deg2rad(START_HUE_DEG + (END_HUE_DEG - START_HUE_DEG) * t)
-    chroma = MAX_CHROMA * torch.sin(math.pi * t).clamp(min=0.0) ** 0.75
+    chroma = MAX_CHROMA * torch.sin(math.pi * CHROMA_SPAN * t) ** CHROMA_SHAPE
     lab = torch.stack([END_LIGHTNESS * t, chroma * hue.cos(), chroma * hue.sin()], dim=1)
     cones = (lab @ lab.new_tensor(OKLAB_TO_CUBE_ROOTS).t()) ** 3
     linear = cones @ cones.new_tensor(CONES_TO_RGB).t()

@@ -220,8 +220,8 @@ def ms_ssim(test: Image, ref: Image) -> Scores:
 
         prod_{j=1..4} cs_j^w_j * (l_5 cs_5)^w_5       [Wang, Simoncelli and Bovik 2003, Eq. 7]
 
-    Each scale is the mean of 2 x 2 pixels of the one before (an odd last row or column falls
-    away); whole windows only; a negative mean counts as 0; the mean over the channels is last.
+    Each scale is the mean of 2 x 2 pixels of the one before (of those there are at an odd end);
+    whole windows only; a negative mean counts as 0; the mean over the channels is last.
 
     Args:
         test: values in the space to compare in, range 0..1.
@@ -237,6 +237,6 @@ def ms_ssim(test: Image, ref: Image) -> Scores:
     for weight in fine:
         _, contrast = _scale_means(test, ref)
         product = product * contrast.clamp(min=0.0) ** weight
-        test, ref = F.avg_pool2d(test, 2), F.avg_pool2d(ref, 2)
+        test, ref = (F.avg_pool2d(image, 2, ceil_mode=True) for image in (test, ref))
     whole, _ = _scale_means(test, ref)
     return (product * whole.clamp(min=0.0) ** coarsest).mean(1)
