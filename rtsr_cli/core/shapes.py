@@ -31,5 +31,11 @@ IdMap: TypeAlias = Int[Tensor, "n 1 h w"]
 TileMap: TypeAlias = Float[Tensor, "n c th tw"]
 """One value a tile."""
 
+PixelMap: TypeAlias = Float[Tensor, "n h w"]
+"""An error or a score of every pixel, all channels together."""
+
+Scores: TypeAlias = Float[Tensor, " n"]
+"""One figure an image."""
+
 Size: TypeAlias = tuple[int, int]
 """(height, width)."""
