@@ -20,6 +20,7 @@ COMMANDS = {
     "precompute-lut": "Write the split-sum BRDF table (A and B over NoV and roughness).",
     "demodulate": "Divide radiance into lighting and material, or multiply back.",
     "upscale": "Reconstruct high-resolution frames from low-resolution ones.",
+    "evaluate": "Judge result folders against a reference: metrics, regions, a report.",
     "synth": "Render random analytic scenes with exact buffers.",
     "systems": "List the systems, their inputs, scales and weights.",
 }

@@ -37,6 +37,12 @@ def decode_reinhard(tonemapped: Image) -> Image:
     return bounded / (1.0 - bounded)
 
 
+def encode_aces(linear: Image) -> Image:
+    """ACES fit x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14), clipped to 0..1 [Narkowicz 2016]."""
+    x = linear.clamp(min=0.0, max=MAX_HALF)
+    return (x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)).clamp_(0.0, 1.0)
+
+
 def encode_log(lighting: Image, scale: float) -> Image:
     """Compress to log(1 + lighting / k), k = `scale` of the whole frame."""
     return torch.log1p(lighting.clamp(min=0.0) / scale)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -45,6 +46,29 @@ def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
             raise RuntimeError(output.geterror() or "the picture was cut short")
 
     write_atomically(path, write)
+
+
+JPEG_QUALITY = "jpeg:90"
+
+
+def encoded(rgb: NDArray[np.uint8], kind: str) -> bytes:
+    """Return (height, width, 3) values as the bytes of a "png" or "jpeg" file.
+
+    Raises:
+        OutputError: the picture cannot be encoded.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture.{kind}"
+        spec = oiio.ImageSpec(rgb.shape[1], rgb.shape[0], rgb.shape[2], "uint8")
+        spec.attribute("compression", JPEG_QUALITY if kind == "jpeg" else "zip")
+        output = oiio.ImageOutput.create(str(path))
+        if output is None or not (
+            output.open(str(path), spec)
+            and output.write_image(np.ascontiguousarray(rgb))
+            and output.close()
+        ):
+            raise OutputError(f"{path}: this OpenImageIO cannot write {kind}")
+        return path.read_bytes()
 
 
 COLOUR_NAMES = {

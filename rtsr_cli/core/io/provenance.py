@@ -18,6 +18,9 @@ from rtsr_cli.core.io.exr import read_header
 STAMP = "rtsr:stamp"
 """Header attribute: hash of config, weights and inputs; no dates, no absolute paths."""
 
+PREDICTED = "rtsr:predicted"
+"""Header attribute of frames that no renderer made: 1 where a system predicted them."""
+
 DIGEST_BYTES = 16
 
 Signature = tuple[int, int]
@@ -138,6 +141,11 @@ def provenance(
         STAMP: stamp,
         **extra,
     }
+
+
+def is_predicted(attributes: Mapping[str, Any]) -> bool:
+    """Tell whether a file says of itself that it is a predicted frame."""
+    return str(attributes.get(PREDICTED, 0)) not in {"0", "False", ""}
 
 
 def color_tag(conventions: Conventions) -> dict[str, str]:

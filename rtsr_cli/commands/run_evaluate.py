@@ -1,0 +1,223 @@
+"""`rtsr evaluate` after parsing: comparisons, one run, a table, files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from rtsr_cli.commands import evaluation_text as text
+from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.running import FAILED, LOG, device_named, selection
+from rtsr_cli.core.errors import FrameFolderError, MetricUnavailableError
+from rtsr_cli.core.evaluation import results
+from rtsr_cli.core.evaluation.comparing import (
+    Comparison,
+    CompareOptions,
+    method_names,
+    open_comparisons,
+)
+from rtsr_cli.core.evaluation.illustrating import moments, strips
+from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judged_shot, result_of
+from rtsr_cli.core.evaluation.protocols import PROTOCOLS
+from rtsr_cli.core.evaluation.running import RunOptions
+from rtsr_cli.core.evaluation.scoring import Rules
+from rtsr_cli.core.io.atomic import check_writable, write_atomically
+from rtsr_cli.core.io.opening import ReadOptions
+from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.io.survey import MissingPolicy
+from rtsr_cli.core.metrics.flip import DEFAULT_PPD
+from rtsr_cli.core.metrics.lpips import Lpips
+from rtsr_cli.core.metrics.ssim import SsimConvention
+from rtsr_cli.core.metrics.vmaf import check_available
+from rtsr_cli.core.reporting.report import html_report
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluated:
+    """A result, and what its pictures are made from; nothing of the latter after a merge."""
+
+    result: Mapping[str, Any]
+    shots: Sequence[JudgedShot] = ()
+    judgement: Judgement | None = None
+
+
+def run_evaluate(chosen: Mapping[str, Any]) -> int:
+    """Judge, or join parts; print and write; return the exit code."""
+    demanded: tuple[results.Condition, ...] = ()
+    if chosen["fail_under"]:
+        demanded = results.conditions(chosen["fail_under"], chosen["metrics"])
+    for path in chosen["outputs"]:
+        check_writable(path.parent)
+    found = _merged(chosen["tests"]) if chosen["merge"] else _judged(chosen)
+    if found is None:
+        return 0
+    _tell(chosen, found.result)
+    for path in chosen["outputs"]:
+        content = WRITERS[path.suffix.lower()](found)
+        write_atomically(path, lambda part, text=content: _put(text, part))
+        LOG.info("%s: written", path)
+    missed = results.failures(found.result, demanded)
+    for line in missed:
+        LOG.error("Missed: %s", line)
+    return FAILED if missed else 0
+
+
+def _put(content: str, path: Path) -> None:
+    path.write_text(content, encoding="utf-8")
+
+
+def _html(found: Evaluated) -> str:
+    if found.judgement is None:
+        return html_report(found.result, (), ())
+    return html_report(
+        found.result, tuple(moments(found.shots, found.judgement)), tuple(strips(found.shots))
+    )
+
+
+WRITERS: Mapping[str, Callable[[Evaluated], str]] = {
+    ".json": lambda found: text.as_json(found.result),
+    ".csv": lambda found: text.as_csv(found.result),
+    ".html": _html,
+}
+"""What a suffix of `--output` writes."""
+
+
+def _judged(chosen: Mapping[str, Any]) -> Evaluated | None:
+    """Survey, judge and put together; None for a dry run."""
+    protocol = PROTOCOLS[chosen["protocol"]]
+    options = CompareOptions(
+        gbuffer=chosen["gbuffer"],
+        samples=chosen["samples_per_pixel"],
+        selection=selection(chosen),
+        predicted_only=protocol.predicted_only,
+        read=ReadOptions(
+            layout=chosen["layout"],
+            capture=chosen["capture_file"],
+            on_missing=MissingPolicy(chosen["on_missing"]),
+            sharded=chosen["shard"] is not None,
+        ),
+    )
+    tests = method_names(chosen["tests"])
+    comparisons = open_comparisons(tests, chosen["reference"], options)
+    judgement = _judgement(chosen, tests)
+    for comparison in comparisons:
+        _announce(chosen, comparison)
+    if chosen["dry_run"]:
+        return None
+    shots = []
+    with tqdm(total=sum(len(c.numbers) for c in comparisons), unit="frame", disable=None) as bar:
+        for comparison in comparisons:
+            shots.append(judged_shot(comparison, judgement, lambda: bar.update()))
+    return Evaluated(result=result_of(shots, judgement), shots=shots, judgement=judgement)
+
+
+def _judgement(chosen: Mapping[str, Any], tests: Mapping[str, Path]) -> Judgement:
+    protocol = PROTOCOLS[chosen["protocol"]]
+    convention = SsimConvention(chosen["ssim_convention"] or protocol.ssim_convention)
+    device = device_named(chosen["device"])
+    rules = Rules(
+        protocol=protocol,
+        metrics=chosen["metrics"],
+        ssim=convention,
+        ppd=chosen["ppd"] or DEFAULT_PPD,
+    )
+    rules, unavailable = _equipped(rules, chosen, device)
+    return Judgement(
+        run=RunOptions(
+            rules=rules,
+            border=chosen["border"],
+            skip_first=chosen["skip_first"],
+            jobs=chosen["jobs"],
+            device=device,
+        ),
+        options={
+            "border": chosen["border"],
+            "skip_first": chosen["skip_first"],
+            "samples_per_pixel": chosen["samples_per_pixel"],
+            "ssim_convention": convention.value,
+            "ppd": rules.ppd,
+        },
+        inputs={
+            "reference": str(chosen["reference"]),
+            "gbuffer": str(chosen["gbuffer"] or chosen["reference"]),
+            "tests": {name: str(path) for name, path in tests.items()},
+        },
+        unavailable=unavailable,
+    )
+
+
+def _equipped(
+    rules: Rules, chosen: Mapping[str, Any], device: str
+) -> tuple[Rules, dict[str, str]]:
+    """Load what metrics need; one that cannot be had is left out, and said."""
+    unavailable: dict[str, str] = {}
+    if "lpips" in rules.metrics:
+        try:
+            network = Lpips.load(chosen["lpips_weights"], device)
+            rules = replace(rules, lpips=network.map)
+        except MetricUnavailableError as error:
+            unavailable["lpips"] = str(error)
+    if "vmaf" in rules.metrics:
+        try:
+            check_available()
+        except MetricUnavailableError as error:
+            unavailable["vmaf"] = str(error)
+    for reason in unavailable.values():
+        LOG.warning("Warning: %s", reason)
+    left = tuple(name for name in rules.metrics if name not in unavailable)
+    return replace(rules, metrics=left), unavailable
+
+
+def _announce(chosen: Mapping[str, Any], comparison: Comparison) -> None:
+    height, width = comparison.size
+    facts = {
+        "shot": comparison.shot,
+        "frames": ranges(comparison.numbers),
+        "size": [width, height],
+        "reference": str(comparison.reference.frames.root),
+        "gbuffer": None if comparison.gbuffer is None else str(comparison.gbuffer.frames.root),
+    }
+    if chosen["as_json"]:
+        emit({"event": "plan", **facts})
+        return
+    LOG.info(
+        "%s: frames %s, %d x %d, against %s; buffers: %s",
+        comparison.shot or ", ".join(comparison.tests),
+        facts["frames"],
+        width,
+        height,
+        facts["reference"],
+        facts["gbuffer"] or "none",
+    )
+
+
+def _merged(paths: Sequence[Path]) -> Evaluated:
+    """Join the JSON files of parts."""
+    parts = []
+    for path in paths:
+        try:
+            parts.append((str(path), json.loads(path.read_text(encoding="utf-8"))))
+        except (OSError, ValueError) as error:
+            raise FrameFolderError(
+                f"{path}: is no result of 'rtsr evaluate --output part.json' ({error})"
+            ) from error
+    return Evaluated(result=results.merged(parts))
+
+
+def _tell(chosen: Mapping[str, Any], result: Mapping[str, Any]) -> None:
+    if chosen["as_json"]:
+        emit({"event": "done", **result})
+        return
+    for line in text.table(result):
+        LOG.info("%s", line)
+    if any(any(r for r in test["regions"].values()) for test in result["tests"].values()):
+        for line in text.region_table(result):
+            LOG.debug("%s", line)
+    for key, test in result["tests"].items():
+        for note in test["notes"]:
+            LOG.warning("Note: %s: %s", key, note)

@@ -1,0 +1,293 @@
+"""Which frame is judged against which: test folders, their reference and its G-buffer.
+
+Shots go by their paths below each folder, frames by number. Everything that headers tell is
+checked before a pixel is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.exr import read_header
+from rtsr_cli.core.io.opening import ReadOptions, declared, open_set, shots_of
+from rtsr_cli.core.io.provenance import is_predicted
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import Selection, ranges
+from rtsr_cli.core.io.shots import Shot, frame_set
+from rtsr_cli.core.io.survey import MissingPolicy, open_frames
+from rtsr_cli.core.shapes import Size
+
+REFERENCE_FOLDERS = ("reference", "hr", "")
+"""Where below a shot of REF the pictures may lie, in the order they are looked for."""
+
+GBUFFER_FOLDERS = ("hr", "")
+"""Where below a shot the buffers of the output resolution may lie."""
+
+DEBUG_FOLDER = "debug"
+"""Subfolder of outputs that holds no result."""
+
+SURFACE = frozenset({Buffer.DEPTH, Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.MOTION})
+"""Buffers of which at least one makes a G-buffer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions:
+    """What is compared.
+
+    Attributes:
+        gbuffer: folder of the buffers, None for the reference's own.
+        samples: K, the reference (and G-buffer) hold K x K samples of each judged pixel.
+        selection: frames.
+        predicted_only: only frames stamped `rtsr:predicted`.
+        read: how frames are read.
+    """
+
+    gbuffer: Path | None = None
+    samples: int = 1
+    selection: Selection = field(default_factory=Selection)
+    predicted_only: bool = False
+    read: ReadOptions = field(default_factory=ReadOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """One shot: several methods' frames, the reference's, and its buffers where there are any.
+
+    Attributes:
+        shot: path below the test folders, "" for the folder itself.
+        tests: method -> its frames.
+        reference: true frames, `samples` times as large along each axis.
+        gbuffer: buffers of the reference's size, or None.
+        numbers: frames that are judged.
+    """
+
+    shot: str
+    tests: Mapping[str, FrameReader]
+    reference: FrameReader
+    gbuffer: FrameReader | None
+    numbers: tuple[int, ...]
+    samples: int
+
+    @property
+    def size(self) -> Size:
+        """(height, width) of a judged frame."""
+        return next(iter(self.tests.values())).size
+
+    @property
+    def step(self) -> int:
+        """Numbers that one motion vector spans."""
+        return self.reference.step if self.gbuffer is None else self.gbuffer.step
+
+    def previous(self, number: int) -> int | None:
+        """Return the frame that this one's motion leads to, None after a cut or hole."""
+        before = number - self.step
+        resets = self.reference.resets if self.gbuffer is None else self.gbuffer.resets
+        return before if before in self.numbers and number not in resets else None
+
+
+def method_names(folders: Sequence[Path]) -> dict[str, Path]:
+    """Name test folders by their paths below what they have in common.
+
+    Raises:
+        FrameFolderError: a folder is given twice.
+    """
+    resolved = [folder.resolve() for folder in folders]
+    if len(set(resolved)) < len(resolved):
+        raise FrameFolderError(f"{folders[0]}: the same folder is given twice; name each once")
+    parents = [path.parent for path in resolved]
+    common = parents[0]
+    while not all(parent.is_relative_to(common) for parent in parents):
+        common = common.parent
+    pairs = zip(resolved, folders, strict=True)
+    return {path.relative_to(common).as_posix(): folder for path, folder in pairs}
+
+
+def open_comparisons(
+    tests: Mapping[str, Path], reference: Path, options: CompareOptions
+) -> list[Comparison]:
+    """Survey and check everything that is compared.
+
+    Raises:
+        RtsrError: a folder, shot or frame is missing, or sizes differ.
+    """
+    shots = {method: _test_shots(folder) for method, folder in tests.items()}
+    names = sorted({name for by_name in shots.values() for name in by_name})
+    for method, by_name in shots.items():
+        lacking = [name for name in names if name not in by_name]
+        if lacking:
+            raise FrameFolderError(
+                f"{tests[method]}: shot '{lacking[0]}' is missing, another test folder has it; "
+                "judge them one by one, or make it"
+            )
+    return [
+        _compared({m: by_name[name] for m, by_name in shots.items()}, name, reference, options)
+        for name in names
+    ]
+
+
+def _test_shots(folder: Path) -> dict[str, Shot]:
+    found = shots_of(folder, ReadOptions())
+    return {
+        "" if shot.name == "." else shot.name: shot
+        for shot in found
+        if DEBUG_FOLDER not in Path(shot.name).parts
+    }
+
+
+def _compared(
+    shots: Mapping[str, Shot], name: str, reference: Path, options: CompareOptions
+) -> Comparison:
+    tests = {method: _pictures(shot, shot.root, options.read) for method, shot in shots.items()}
+    truth_shot = _shot_of(reference, name, REFERENCE_FOLDERS)
+    truth = _pictures(truth_shot, reference, options.read)
+    gbuffer = _gbuffer(name, reference, truth, options)
+    for method, reader in tests.items():
+        _check_size(reader, truth, options.samples, method)
+    numbers = _numbers(tests, truth, options)
+    return Comparison(
+        shot=name,
+        tests=tests,
+        reference=truth,
+        gbuffer=gbuffer,
+        numbers=numbers,
+        samples=options.samples,
+    )
+
+
+def _shot_of(root: Path, name: str, below: Sequence[str]) -> Shot:
+    """Find the frames of one shot below a folder; "" is the folder's own, or its only shot's.
+
+    Raises:
+        FrameFolderError: there are none; names where they were looked for.
+    """
+    for sub in below:
+        folder = root / name / sub
+        frames = frame_set(folder) if folder.is_dir() else None
+        if frames is not None:
+            return Shot(name=name or ".", root=folder, frames=frames)
+    others = [] if name else shots_of(root, ReadOptions())
+    if len(others) == 1:
+        return others[0]
+    more = f"; it holds {', '.join(shot.name for shot in others)}: name one" if others else ""
+    places = ", ".join(repr(sub) for sub in below if sub)
+    raise FrameFolderError(
+        f"{root / name}: no numbered EXR frames here or in {places} below, to judge "
+        f"{f'shot {name!r}' if name else 'the frames'} by{more}"
+    )
+
+
+def _pictures(shot: Shot, root: Path, options: ReadOptions) -> FrameReader:
+    """Open frames for their radiance alone: nothing about motion need be known."""
+    _refuse_single_channel(shot)
+    known = declared(shot, root, options)
+    reader = open_frames(
+        shot.frames,
+        layout=options.layout or known.capture.layout or shot.layout,
+        capture=known.capture,
+        side_car=known.side_car,
+        on_missing=options.on_missing,
+        jittered=False,
+    )
+    if Buffer.COLOR not in reader.stored:
+        raise FrameFolderError(
+            f"{shot.frames.root}: no radiance (channels R, G, B) in these frames; layout "
+            f"'{reader.layout.name}' found: {', '.join(sorted(reader.stored))}"
+        )
+    return reader
+
+
+def _refuse_single_channel(shot: Shot) -> None:
+    for stream in shot.frames.streams.values():
+        path = next(iter(stream.files.values()))
+        channels = read_header(path).channels
+        if len(channels) == 1 and len(shot.frames.streams) == 1:
+            raise FrameFolderError(
+                f"{path}: has the single channel '{next(iter(channels))}'; R, G and B are judged: "
+                "write it three times, or name the folder of colour pictures"
+            )
+
+
+def _gbuffer(
+    name: str, reference: Path, truth: FrameReader, options: CompareOptions
+) -> FrameReader | None:
+    """Open the buffers of the judged resolution; the reference's own are there or not."""
+    root = options.gbuffer or reference
+    try:
+        shot = _shot_of(root, name, GBUFFER_FOLDERS)
+    except FrameFolderError:
+        if options.gbuffer is not None:
+            raise
+        return None
+    if options.gbuffer is None and not _has_surface(shot):
+        return None
+    reader = open_set(shot.frames, shot, root, options.read, jittered=False)
+    if reader.size != truth.size:
+        if options.gbuffer is None:
+            return None
+        raise FrameFolderError(
+            f"{reader.frames.root}: buffers are {_text(reader.size)}, the reference is "
+            f"{_text(truth.size)}; give buffers of the reference's size"
+        )
+    return reader
+
+
+def _has_surface(shot: Shot) -> bool:
+    paths = [next(iter(stream.files.values())) for stream in shot.frames.streams.values()]
+    return len(paths) > 1 or any(len(read_header(path).channels) > 4 for path in paths)  # noqa: PLR2004
+
+
+def _text(size: Size) -> str:
+    return f"{size[1]} x {size[0]}"
+
+
+def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: str) -> None:
+    height, width = (side // samples for side in truth.size)
+    if reader.size == (height, width):
+        return
+    ratio = truth.size[0] // reader.size[0]
+    whole = ratio > 1 and (reader.size[0] * ratio, reader.size[1] * ratio) == truth.size
+    hint = f", or give --samples-per-pixel {ratio} if it holds so many samples" if whole else ""
+    raise FrameFolderError(
+        f"{reader.frames.root}: frames of '{method}' are {_text(reader.size)}, the reference "
+        f"{truth.frames.root} asks for {_text((height, width))}; compare frames of one size{hint}"
+    )
+
+
+def _numbers(
+    tests: Mapping[str, FrameReader], truth: FrameReader, options: CompareOptions
+) -> tuple[int, ...]:
+    """Frames to judge: the same in every folder, or those that all have under `skip`.
+
+    Raises:
+        FrameFolderError: a folder lacks a frame that another has; names both.
+    """
+    there = {str(r.frames.root): set(r.numbers) - set(r.held) for r in (truth, *tests.values())}
+    if options.predicted_only:
+        there |= {str(r.frames.root): _predicted(r) for r in tests.values()}
+        there[str(truth.frames.root)] &= set().union(*(_predicted(r) for r in tests.values()))
+    every = sorted(set().union(*there.values()))
+    chosen = set(options.selection.of(every))
+    if options.read.on_missing is MissingPolicy.ERROR:
+        for root, numbers in there.items():
+            lacking = chosen - numbers
+            if lacking:
+                raise FrameFolderError(
+                    f"{root}: frames {ranges(lacking)} are missing, which others have; make them, "
+                    "choose frames with --frames, or judge what all have with --on-missing skip"
+                )
+    common = tuple(n for n in every if n in chosen and all(n in s for s in there.values()))
+    if not common:
+        what = "stamped rtsr:predicted " if options.predicted_only else ""
+        raise FrameFolderError(
+            f"{truth.frames.root}: no frame {what}to judge is in all folders"
+            + (f" (--frames leaves none of {ranges(every)})" if every else "")
+        )
+    return common
+
+
+def _predicted(reader: FrameReader) -> set[int]:
+    return {n for n in reader.numbers if is_predicted(read_header(reader.path(n)).attributes)}

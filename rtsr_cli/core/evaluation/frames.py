@@ -1,0 +1,108 @@
+"""Reading what is judged: one frame of the reference, the tests and the buffers, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.evaluation.comparing import Comparison
+from rtsr_cli.core.evaluation.regions import REGION_BUFFERS
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import ColorSpace
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.io.preview import to_rec709
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.simulation import averaged
+from rtsr_cli.core.shapes import Color, Mask
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedFrame:
+    """Everything that is compared of one frame, cut by the border.
+
+    Attributes:
+        number: frame number.
+        reference: linear Rec.709, finite.
+        tests: method -> the same.
+        valid: method -> pixels that are finite there and in the reference, 1 x 1 x h x w booleans.
+        nonfinite: method -> pixels that are not, in the test alone.
+        gbuffer: buffers, None where there are none.
+    """
+
+    number: int
+    reference: Color
+    tests: Mapping[str, Color]
+    valid: Mapping[str, Mask]
+    nonfinite: Mapping[str, int]
+    gbuffer: Frame | None
+
+
+def read_judged(
+    comparison: Comparison, number: int, *, border: int, device: str = "cpu"
+) -> JudgedFrame:
+    """Read one frame of every folder.
+
+    Raises:
+        FrameFolderError: a file is damaged, or the border leaves nothing.
+    """
+    height, width = comparison.size
+    inside = (height - 2 * border, width - 2 * border)
+    if min(inside) < 1:
+        raise FrameFolderError(
+            f"{comparison.reference.frames.root}: a border of {border} pixels leaves nothing of "
+            f"{width} x {height}; choose a smaller --border"
+        )
+    reference, known = _radiance(comparison.reference, number, comparison.samples)
+    tests, valid, nonfinite = {}, {}, {}
+    for method, reader in comparison.tests.items():
+        test, finite = _radiance(reader, number, 1)
+        nonfinite[method] = int((~finite).sum())
+        tests[method] = _cut(test, border).to(device)
+        valid[method] = _cut(finite & known, border).to(device)
+    gbuffer = None
+    if comparison.gbuffer is not None and number in comparison.gbuffer.numbers:
+        wanted = REGION_BUFFERS & comparison.gbuffer.stored
+        full = averaged(comparison.gbuffer.read(number, wanted), comparison.samples)
+        gbuffer = full.crop(border, border, inside).to(device)
+    return JudgedFrame(
+        number=number,
+        reference=_cut(reference, border).to(device),
+        tests=tests,
+        valid=valid,
+        nonfinite=nonfinite,
+        gbuffer=gbuffer,
+    )
+
+
+def _cut(image: Tensor, border: int) -> Tensor:
+    return image[..., border : image.shape[-2] - border, border : image.shape[-1] - border]
+
+
+def _radiance(reader: FrameReader, number: int, samples: int) -> tuple[Color, Tensor]:
+    """Linear Rec.709 of a frame, not finite pixels black, and which pixels are finite."""
+    frame = reader.read(number, (Buffer.COLOR,))
+    color = averaged(frame, samples).gbuffer[Buffer.COLOR]
+    space = reader.conventions.colorspace
+    if space not in {None, ColorSpace.REC709}:
+        matrix = color.new_tensor(to_rec709(ColorSpace(space)))
+        color = torch.einsum("rc,nchw->nrhw", matrix, color)
+    finite = torch.isfinite(color).all(1, keepdim=True)
+    if not bool(finite.all()):
+        color = color.masked_fill(~finite, 0.0)
+    return color, finite
+
+
+def without_motion_jump(frame: Frame) -> Frame:
+    """Return the frame with motion that is not finite turned to leave the image."""
+    gbuffer = frame.gbuffer
+    if Buffer.MOTION not in gbuffer:
+        return frame
+    motion = gbuffer[Buffer.MOTION]
+    if bool(torch.isfinite(motion).all()):
+        return frame
+    lost = motion.nan_to_num(nan=1e6, posinf=1e6, neginf=-1e6)
+    return replace(frame, gbuffer=gbuffer.with_buffers({Buffer.MOTION: lost}))

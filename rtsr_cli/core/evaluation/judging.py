@@ -1,0 +1,225 @@
+"""Judging test folders against a reference: from folders to one result.
+
+The result is plain values, the same that `--output` writes as JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from rtsr_cli import __version__
+from rtsr_cli.core.evaluation import results
+from rtsr_cli.core.evaluation.comparing import Comparison
+from rtsr_cli.core.evaluation.frames import JudgedFrame
+from rtsr_cli.core.evaluation.protocols import Protocol, Shown
+from rtsr_cli.core.evaluation.regions import REGION_MEANINGS, Region
+from rtsr_cli.core.evaluation.running import RunOptions, score_shot
+from rtsr_cli.core.evaluation.scoring import METRICS, REFERENCE_WARPED, Rules
+from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.metrics.vmaf import Vmaf, default_model
+
+VMAF = "vmaf"
+
+REFERENCE = ""
+"""Stands for the reference among methods."""
+
+MOST_ROWS = 512
+"""Rows of an EPI picture; longer sequences are thinned."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slice:
+    """One row of every frame, for an EPI picture.
+
+    Attributes:
+        row: its number in the judged picture.
+        rows: method, or "" for the reference, -> 1 x 3 x 1 x w of display values a frame.
+    """
+
+    row: int
+    rows: dict[str, list[Tensor]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kept:
+    """What is kept of a frame beside its scores, by method and for the reference.
+
+    Attributes:
+        row: 1 x 3 x 1 x w.
+        pictures: h x w x 3 bytes, empty where VMAF is not asked for.
+    """
+
+    row: Mapping[str, Tensor]
+    pictures: Mapping[str, NDArray[np.uint8]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Keeper:
+    """Takes from each frame what is needed after its scores are known."""
+
+    protocol: Protocol
+    row: int
+    numbers: frozenset[int]
+    pictures: bool
+
+    def __call__(self, frame: JudgedFrame) -> Kept:
+        linear = {REFERENCE: frame.reference, **frame.tests}
+        shown = {method: Shown(color, self.protocol) for method, color in linear.items()}
+        cut = slice(self.row, self.row + 1)
+        thinned = shown if frame.number in self.numbers else {}
+        return Kept(
+            row={m: s.protocol.structure(s.linear[:, :, cut]).half().cpu() for m, s in thinned.items()},
+            pictures={m: s.eight_bit().cpu().numpy() for m, s in shown.items()}
+            if self.pictures
+            else {},
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedShot:
+    """Everything found out about one shot.
+
+    Attributes:
+        comparison: what was compared.
+        frames: method -> frame number -> `FrameScores.facts`.
+        sequence: method -> metric -> what judges the sequence as a whole.
+        slice: rows for the EPI picture.
+    """
+
+    comparison: Comparison
+    frames: Mapping[str, Mapping[str, Any]]
+    sequence: Mapping[str, Mapping[str, float | None]]
+    slice: Slice
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """How a judgement is described in its result.
+
+    Attributes:
+        run: how frames are judged.
+        options: what of it users chose, for the result.
+        inputs: folders, for the result.
+        unavailable: metric -> why it was left out.
+        vmaf_model: VMAF's model, None for the one that the size calls for.
+    """
+
+    run: RunOptions
+    options: Mapping[str, Any]
+    inputs: Mapping[str, Any]
+    unavailable: Mapping[str, str] = field(default_factory=dict)
+    vmaf_model: str | None = None
+
+
+def judged_shot(
+    comparison: Comparison, judgement: Judgement, progress: Callable[[], object]
+) -> JudgedShot:
+    """Judge one shot; `progress` is called after every frame.
+
+    Raises:
+        RtsrError: a frame cannot be read, or VMAF's program fails.
+    """
+    options = judgement.run
+    height, width = (side - 2 * options.border for side in comparison.size)
+    every = -(-len(comparison.numbers) // MOST_ROWS)
+    sliced = Slice(row=height // 2)
+    videos: tuple[str, ...] = tuple(comparison.tests) if VMAF in options.rules.metrics else ()
+    keep = _Keeper(
+        protocol=options.rules.protocol,
+        row=sliced.row,
+        numbers=frozenset(comparison.numbers[::every]),
+        pictures=bool(videos),
+    )
+    frames: dict[str, dict[str, Any]] = {method: {} for method in comparison.tests}
+    with ExitStack() as stack:
+        model = judgement.vmaf_model or default_model(height)
+        scorers = {m: stack.enter_context(Vmaf((height, width), model)) for m in videos}
+        for found in score_shot(comparison, replace(options, keep=keep)):
+            for method, row in found.kept.row.items():
+                sliced.rows.setdefault(method, []).append(row)
+            for method, scorer in scorers.items():
+                scorer.add(found.kept.pictures[method], found.kept.pictures[REFERENCE])
+            for method, scores in found.scores.items():
+                frames[method][str(found.number)] = scores.facts()
+            progress()
+        videos_scored = {method: scorer.finish() for method, scorer in scorers.items()}
+    for method, video in videos_scored.items():
+        for facts, value in zip(frames[method].values(), video.frames, strict=True):
+            facts[VMAF] = value
+    sequence = {m: {"vmaf-harmonic": v.harmonic_mean} for m, v in videos_scored.items()}
+    return JudgedShot(comparison=comparison, frames=frames, sequence=sequence, slice=sliced)
+
+
+def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, Any]:
+    """Put the shots together as the JSON file has them."""
+    rules = judgement.run.rules
+    single = len(shots) == 1
+    tests: dict[str, Any] = {}
+    for shot in shots:
+        name = shot.comparison.shot
+        for method, frames in shot.frames.items():
+            key = f"{method}/{name}" if name and not single else method
+            summary = results.summarised(frames, shot.sequence.get(method))
+            tests[key] = {"method": method, "shot": name, **summary, "notes": _notes(shot, method)}
+    result = {
+        "protocol": rules.protocol.name,
+        "description": rules.protocol.description,
+        "version": __version__,
+        "options": dict(judgement.options),
+        "metrics": _metrics(judgement),
+        "regions": {region.value: REGION_MEANINGS[region] for region in Region},
+        "inputs": dict(judgement.inputs),
+        "versions": {"rtsr": __version__, "torch": torch.__version__},
+        "rules": results.INFINITE_RULE,
+        "tests": tests,
+    }
+    return result if single else {**result, "methods": results.grouped(tests)}
+
+
+def _metrics(judgement: Judgement) -> dict[str, Any]:
+    rules = judgement.run.rules
+    described: dict[str, Any] = {}
+    for name in (*rules.metrics, *judgement.unavailable):
+        metric = METRICS[name]
+        described[name] = {
+            "title": metric.title,
+            "unit": metric.unit,
+            "better": metric.better.value,
+            "convention": metric.meaning + _convention(name, rules),
+        }
+        if name in judgement.unavailable:
+            described[name]["unavailable"] = judgement.unavailable[name]
+        if name == "warped":
+            described[REFERENCE_WARPED] = {
+                **described[name],
+                "title": "Warped error of the reference",
+                "convention": "what the reference itself changes along motion",
+            }
+    return described
+
+
+def _convention(name: str, rules: Rules) -> str:
+    return {
+        "ssim": f"; convention {rules.ssim}",
+        "flip": f"; {rules.ppd:g} pixels per degree",
+        "hdr-flip": f"; {rules.ppd:g} pixels per degree",
+    }.get(name, "")
+
+
+def _notes(shot: JudgedShot, method: str) -> list[str]:
+    bad = {n: f["nonfinite"] for n, f in shot.frames[method].items() if f["nonfinite"]}
+    notes = []
+    if bad:
+        frames = ranges(int(n) for n in bad)
+        notes.append(f"{sum(bad.values())} pixels are NaN or Inf in frames {frames}; left out")
+    if shot.comparison.gbuffer is None:
+        notes.append("no buffers of this size: regions and temporal metrics cannot be made")
+    return notes

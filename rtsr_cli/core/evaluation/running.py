@@ -1,0 +1,88 @@
+"""Judging shots: frames stream through a few threads, results come out in order."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from rtsr_cli.core.evaluation.comparing import Comparison
+from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
+from rtsr_cli.core.evaluation.results import FrameScores
+from rtsr_cli.core.evaluation.scoring import Rules, score_frame
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """How to run.
+
+    Attributes:
+        rules: protocol and metrics.
+        border: pixels left out at each side.
+        skip_first: frames of each shot that take no part in means.
+        jobs: frames at a time, each with one torch thread.
+        device: of the tensors.
+        keep: what to take of every frame beside its scores.
+    """
+
+    rules: Rules
+    border: int = 0
+    skip_first: int = 0
+    jobs: int = 1
+    device: str = "cpu"
+    keep: Callable[[JudgedFrame], Any] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredFrame:
+    """One frame's scores by method, and what `keep` took of it."""
+
+    number: int
+    scores: Mapping[str, FrameScores]
+    kept: Any = None
+
+
+def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFrame]:
+    """Score every frame of a shot, in order; a few frames are in memory at a time.
+
+    A frame is read once, for its own scores and for those of the next one. Reading waits in the
+    same queue as scoring, ahead of it, so that any number of threads gets through.
+
+    Raises:
+        RtsrError: a frame cannot be read.
+    """
+    first = set(comparison.numbers[: options.skip_first])
+    read: dict[int, Future[JudgedFrame]] = {}
+    pending: deque[Future[ScoredFrame]] = deque()
+
+    def score(
+        number: int, frame: Future[JudgedFrame], before: Future[JudgedFrame] | None
+    ) -> ScoredFrame:
+        current = frame.result()
+        previous = None if before is None else before.result()
+        scores = score_frame(current, previous, options.rules, counted=number not in first)
+        kept = options.keep(current) if options.keep else None
+        return ScoredFrame(number=number, scores=scores, kept=kept)
+
+    with ThreadPoolExecutor(
+        options.jobs, "rtsr-judge", initializer=torch.set_num_threads, initargs=(1,)
+    ) as pool:
+        try:
+            for number in comparison.numbers:
+                read[number] = pool.submit(
+                    read_judged, comparison, number, border=options.border, device=options.device
+                )
+                previous = comparison.previous(number)
+                before = None if previous is None else read.get(previous)
+                pending.append(pool.submit(score, number, read[number], before))
+                for old in [n for n in read if n not in {number, number - comparison.step}]:
+                    del read[old]
+                if len(pending) > options.jobs:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()
