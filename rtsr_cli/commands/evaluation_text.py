@@ -35,22 +35,33 @@ def table(result: Result) -> Iterator[str]:
     yield from _aligned(result, rows)
     if "methods" in result:
         yield ""
-        means = [(f"{m} (mean of {f['shots']} shots)", f["mean"]) for m, f in result["methods"].items()]
+        means = [
+            (f"{m} (mean of {f['shots']} shots)", f["mean"]) for m, f in result["methods"].items()
+        ]
         yield from _aligned(result, means)
 
 
 def _aligned(result: Result, rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Iterator[str]:
     metrics = result["metrics"]
     names = [n for n in metrics if any(n in mean for _, mean in rows)]
-    heads = [metrics[n]["title"] + (f" {metrics[n]['unit']}" if metrics[n]["unit"] else "") for n in names]
+    heads = [
+        metrics[n]["title"] + (f" {metrics[n]['unit']}" if metrics[n]["unit"] else "")
+        for n in names
+    ]
     best = {n: _best([mean.get(n) for _, mean in rows], metrics[n]["better"]) for n in names}
     cells = [
-        [number(mean.get(n)) + ("*" if len(rows) > 1 and mean.get(n) == best[n] is not None else " ") for n in names]
+        [
+            number(mean.get(n))
+            + ("*" if len(rows) > 1 and mean.get(n) == best[n] is not None else " ")
+            for n in names
+        ]
         for _, mean in rows
     ]
     wide = max([len("test"), *(len(key) for key, _ in rows)])
     widths = [max(len(head), *(len(row[i]) for row in cells)) for i, head in enumerate(heads)]
-    yield "test".ljust(wide) + GAP + GAP.join(h.rjust(w) for h, w in zip(heads, widths, strict=True))
+    yield (
+        "test".ljust(wide) + GAP + GAP.join(h.rjust(w) for h, w in zip(heads, widths, strict=True))
+    )
     for (key, _), row in zip(rows, cells, strict=True):
         yield key.ljust(wide) + GAP + GAP.join(c.rjust(w) for c, w in zip(row, widths, strict=True))
 

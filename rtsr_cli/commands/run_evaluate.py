@@ -25,7 +25,7 @@ from rtsr_cli.core.evaluation.illustrating import moments, strips
 from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judged_shot, result_of
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.running import RunOptions
-from rtsr_cli.core.evaluation.scoring import Rules
+from rtsr_cli.core.evaluation.scoring import METRICS, Rules
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.selection import ranges
@@ -44,6 +44,11 @@ class Evaluated:
     result: Mapping[str, Any]
     shots: Sequence[JudgedShot] = ()
     judgement: Judgement | None = None
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Metrics that could not be had."""
+        return () if self.judgement is None else tuple(self.judgement.unavailable)
 
 
 def run_evaluate(chosen: Mapping[str, Any]) -> int:
@@ -64,7 +69,12 @@ def run_evaluate(chosen: Mapping[str, Any]) -> int:
     missed = results.failures(found.result, demanded)
     for line in missed:
         LOG.error("Missed: %s", line)
-    return FAILED if missed else 0
+    failed = [reason for shot in found.shots for reason in shot.failed]
+    for reason in failed:
+        LOG.error("Failed: %s", reason)
+    # one that was named is missed; of all of them, those that can be had are enough
+    lacking = found.lacking if set(chosen["metrics"]) < set(METRICS) else ()
+    return FAILED if missed or failed or lacking else 0
 
 
 def _put(content: str, path: Path) -> None:
@@ -151,9 +161,7 @@ def _judgement(chosen: Mapping[str, Any], tests: Mapping[str, Path]) -> Judgemen
     )
 
 
-def _equipped(
-    rules: Rules, chosen: Mapping[str, Any], device: str
-) -> tuple[Rules, dict[str, str]]:
+def _equipped(rules: Rules, chosen: Mapping[str, Any], device: str) -> tuple[Rules, dict[str, str]]:
     """Load what metrics need; one that cannot be had is left out, and said."""
     unavailable: dict[str, str] = {}
     if "lpips" in rules.metrics:

@@ -63,6 +63,8 @@ class Comparison:
         reference: true frames, `samples` times as large along each axis.
         gbuffer: buffers of the reference's size, or None.
         numbers: frames that are judged.
+        available: frames that every folder has; history is read of those too.
+        samples: K.
     """
 
     shot: str
@@ -70,7 +72,8 @@ class Comparison:
     reference: FrameReader
     gbuffer: FrameReader | None
     numbers: tuple[int, ...]
-    samples: int
+    available: tuple[int, ...]
+    samples: int = 1
 
     @property
     def size(self) -> Size:
@@ -86,7 +89,7 @@ class Comparison:
         """Return the frame that this one's motion leads to, None after a cut or hole."""
         before = number - self.step
         resets = self.reference.resets if self.gbuffer is None else self.gbuffer.resets
-        return before if before in self.numbers and number not in resets else None
+        return before if before in self.available and number not in resets else None
 
 
 def method_names(folders: Sequence[Path]) -> dict[str, Path]:
@@ -147,13 +150,14 @@ def _compared(
     gbuffer = _gbuffer(name, reference, truth, options)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
-    numbers = _numbers(tests, truth, options)
+    numbers, available = _numbers(tests, truth, options)
     return Comparison(
         shot=name,
         tests=tests,
         reference=truth,
         gbuffer=gbuffer,
         numbers=numbers,
+        available=available,
         samples=options.samples,
     )
 
@@ -259,8 +263,8 @@ def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: s
 
 def _numbers(
     tests: Mapping[str, FrameReader], truth: FrameReader, options: CompareOptions
-) -> tuple[int, ...]:
-    """Frames to judge: the same in every folder, or those that all have under `skip`.
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Frames to judge, and all that could be: what every folder has, or all have under `skip`.
 
     Raises:
         FrameFolderError: a folder lacks a frame that another has; names both.
@@ -279,14 +283,15 @@ def _numbers(
                     f"{root}: frames {ranges(lacking)} are missing, which others have; make them, "
                     "choose frames with --frames, or judge what all have with --on-missing skip"
                 )
-    common = tuple(n for n in every if n in chosen and all(n in s for s in there.values()))
+    available = tuple(n for n in every if all(n in s for s in there.values()))
+    common = tuple(n for n in available if n in chosen)
     if not common:
         what = "stamped rtsr:predicted " if options.predicted_only else ""
         raise FrameFolderError(
             f"{truth.frames.root}: no frame {what}to judge is in all folders"
             + (f" (--frames leaves none of {ranges(every)})" if every else "")
         )
-    return common
+    return common, available
 
 
 def _predicted(reader: FrameReader) -> set[int]:

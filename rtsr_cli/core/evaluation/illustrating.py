@@ -69,7 +69,9 @@ def _frames(shots: Sequence[JudgedShot], name: str) -> Iterator[tuple[float, Jud
     sign = 1.0 if METRICS[name].better is Better.LOWER else -1.0
     for shot in shots:
         for number in shot.comparison.numbers:
-            facts = [frames[str(number)] for frames in shot.frames.values()]
+            facts = [f[str(number)] for f in shot.frames.values() if str(number) in f]
+            if not facts:
+                continue
             values = [f.get(name) for f in facts]
             known = [v for v in values if v is not None and np.isfinite(v)]
             if facts[0]["counted"]:

@@ -76,7 +76,10 @@ class _Keeper:
         cut = slice(self.row, self.row + 1)
         thinned = shown if frame.number in self.numbers else {}
         return Kept(
-            row={m: s.protocol.structure(s.linear[:, :, cut]).half().cpu() for m, s in thinned.items()},
+            row={
+                m: s.protocol.structure(s.linear[:, :, cut]).half().cpu()
+                for m, s in thinned.items()
+            },
             pictures={m: s.eight_bit().cpu().numpy() for m, s in shown.items()}
             if self.pictures
             else {},
@@ -92,12 +95,14 @@ class JudgedShot:
         frames: method -> frame number -> `FrameScores.facts`.
         sequence: method -> metric -> what judges the sequence as a whole.
         slice: rows for the EPI picture.
+        failed: why frames could not be judged.
     """
 
     comparison: Comparison
     frames: Mapping[str, Mapping[str, Any]]
     sequence: Mapping[str, Mapping[str, float | None]]
     slice: Slice
+    failed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +130,7 @@ def judged_shot(
     """Judge one shot; `progress` is called after every frame.
 
     Raises:
-        RtsrError: a frame cannot be read, or VMAF's program fails.
+        RtsrError: VMAF's program fails.
     """
     options = judgement.run
     height, width = (side - 2 * options.border for side in comparison.size)
@@ -139,23 +144,33 @@ def judged_shot(
         pictures=bool(videos),
     )
     frames: dict[str, dict[str, Any]] = {method: {} for method in comparison.tests}
+    failed: list[str] = []
     with ExitStack() as stack:
         model = judgement.vmaf_model or default_model(height)
         scorers = {m: stack.enter_context(Vmaf((height, width), model)) for m in videos}
         for found in score_shot(comparison, replace(options, keep=keep)):
+            progress()
+            if found.failed:
+                failed.append(found.failed)
+                continue
             for method, row in found.kept.row.items():
                 sliced.rows.setdefault(method, []).append(row)
             for method, scorer in scorers.items():
                 scorer.add(found.kept.pictures[method], found.kept.pictures[REFERENCE])
             for method, scores in found.scores.items():
                 frames[method][str(found.number)] = scores.facts()
-            progress()
         videos_scored = {method: scorer.finish() for method, scorer in scorers.items()}
     for method, video in videos_scored.items():
         for facts, value in zip(frames[method].values(), video.frames, strict=True):
             facts[VMAF] = value
     sequence = {m: {"vmaf-harmonic": v.harmonic_mean} for m, v in videos_scored.items()}
-    return JudgedShot(comparison=comparison, frames=frames, sequence=sequence, slice=sliced)
+    return JudgedShot(
+        comparison=comparison,
+        frames=frames,
+        sequence=sequence,
+        slice=sliced,
+        failed=tuple(failed),
+    )
 
 
 def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, Any]:

@@ -211,12 +211,12 @@ def conditions(text: str, metrics: Sequence[str]) -> tuple[Condition, ...]:
         except ValueError:
             bound = math.nan
         if match is None or math.isnan(bound):
-            raise ConfigError(
-                f"'{part.strip()}' is no condition; write them as psnr>30,flip<0.1"
-            )
+            raise ConfigError(f"'{part.strip()}' is no condition; write them as psnr>30,flip<0.1")
         if match.group(1) not in metrics:
             hint = did_you_mean(match.group(1), metrics)
-            raise ConfigError(f"metric '{match.group(1)}' is not computed{hint}; add it to --metric")
+            raise ConfigError(
+                f"metric '{match.group(1)}' is not computed{hint}; add it to --metric"
+            )
         found.append(Condition(match.group(1), match.group(2), bound))
     return tuple(found)
 

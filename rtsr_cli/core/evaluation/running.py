@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
+from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.evaluation.comparing import Comparison
 from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.results import FrameScores
 from rtsr_cli.core.evaluation.scoring import Rules, score_frame
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
@@ -37,31 +39,40 @@ class RunOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredFrame:
-    """One frame's scores by method, and what `keep` took of it."""
+    """One frame's scores by method, and what `keep` took of it; or why it cannot be judged."""
 
     number: int
-    scores: Mapping[str, FrameScores]
+    scores: Mapping[str, FrameScores] = field(default_factory=dict)
     kept: Any = None
+    failed: str = ""
 
 
 def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFrame]:
     """Score every frame of a shot, in order; a few frames are in memory at a time.
 
     A frame is read once, for its own scores and for those of the next one. Reading waits in the
-    same queue as scoring, ahead of it, so that any number of threads gets through.
-
-    Raises:
-        RtsrError: a frame cannot be read.
+    same queue as scoring, ahead of it, so that any number of threads gets through. A frame that
+    cannot be read fails, and is no history for the next one.
     """
-    first = set(comparison.numbers[: options.skip_first])
+    first = set(comparison.available[: options.skip_first])
     read: dict[int, Future[JudgedFrame]] = {}
     pending: deque[Future[ScoredFrame]] = deque()
+
+    def frame_of(number: int) -> Future[JudgedFrame]:
+        if number not in read:
+            read[number] = pool.submit(
+                read_judged, comparison, number, border=options.border, device=options.device
+            )
+        return read[number]
 
     def score(
         number: int, frame: Future[JudgedFrame], before: Future[JudgedFrame] | None
     ) -> ScoredFrame:
+        error = frame.exception()
+        if isinstance(error, RtsrError):
+            return ScoredFrame(number=number, failed=str(error))
         current = frame.result()
-        previous = None if before is None else before.result()
+        previous = None if before is None or before.exception() else before.result()
         scores = score_frame(current, previous, options.rules, counted=number not in first)
         kept = options.keep(current) if options.keep else None
         return ScoredFrame(number=number, scores=scores, kept=kept)
@@ -71,12 +82,9 @@ def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFr
     ) as pool:
         try:
             for number in comparison.numbers:
-                read[number] = pool.submit(
-                    read_judged, comparison, number, border=options.border, device=options.device
-                )
                 previous = comparison.previous(number)
-                before = None if previous is None else read.get(previous)
-                pending.append(pool.submit(score, number, read[number], before))
+                before = None if previous is None else frame_of(previous)
+                pending.append(pool.submit(score, number, frame_of(number), before))
                 for old in [n for n in read if n not in {number, number - comparison.step}]:
                     del read[old]
                 if len(pending) > options.jobs:

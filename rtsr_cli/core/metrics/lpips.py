@@ -1,0 +1,2 @@
+class Lpips:
+    pass

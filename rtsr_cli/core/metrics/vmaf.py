@@ -1,0 +1,10 @@
+def default_model(h):
+    return "m"
+
+
+def check_available():
+    pass
+
+
+class Vmaf:
+    pass

@@ -1,0 +1,138 @@
+"""Means, intervals, merging and thresholds of scores."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from rtsr_cli.core.errors import ConfigError, FrameFolderError
+from rtsr_cli.core.evaluation.results import (
+    Condition,
+    FrameScores,
+    conditions,
+    failures,
+    grouped,
+    interval,
+    mean,
+    merged,
+    summarised,
+)
+
+
+def facts(
+    number: int, psnr: float | None, *, counted: bool = True, sky: float | None = None
+) -> Any:
+    return FrameScores(
+        number=number,
+        scores={"psnr": psnr},
+        regions={
+            "all": {"share": 1.0, "psnr": psnr},
+            "sky": None if sky is None else {"psnr": sky},
+        },
+        nonfinite=number,
+        counted=counted,
+    ).facts()
+
+
+def test_infinite_values_are_left_out_unless_all_are() -> None:
+    assert mean([math.inf, 20.0, 30.0]) == 25.0
+    assert mean([math.inf, math.inf]) == math.inf
+    assert mean([None, None]) is None
+    assert mean([None, 4.0]) == 4.0
+
+
+def test_an_interval_holds_the_mean_and_narrows_with_more_frames() -> None:
+    few, many = ([20.0 + (i * 7) % 5 for i in range(n)] for n in (6, 200))
+    low, high = interval(few) or (0.0, 0.0)
+    assert low < mean(few) < high  # type: ignore[operator]
+    tight = interval(many) or [0.0, 0.0]
+    assert tight[1] - tight[0] < (high - low) / 2
+    assert interval([30.0]) is None
+
+
+def test_the_interval_of_correlated_frames_is_wider_than_of_shuffled_ones() -> None:
+    slow = [20.0 + 5.0 * (i >= 32) for i in range(64)]
+    mixed = [20.0 + 5.0 * (i % 2) for i in range(64)]
+    wide, narrow = interval(slow), interval(mixed)
+    assert wide is not None
+    assert narrow is not None
+    assert wide[1] - wide[0] > 1.5 * (narrow[1] - narrow[0])
+
+
+def test_skipped_frames_are_listed_but_take_no_part_in_means() -> None:
+    found = summarised({"1": facts(1, 10.0, counted=False), "2": facts(2, 30.0)})
+    assert found["mean"] == {"psnr": 30.0}
+    assert list(found["frames"]) == ["1", "2"]
+    assert found["nonfinite"] == 3
+
+
+def test_a_region_that_no_frame_has_is_none_and_one_of_some_frames_their_mean() -> None:
+    frames = {"1": facts(1, 10.0), "2": facts(2, 30.0)}
+    assert summarised(frames)["regions"]["sky"] is None
+    frames["3"] = facts(3, 20.0, sky=44.0)
+    assert summarised(frames)["regions"]["sky"] == {"psnr": 44.0}
+
+
+def test_methods_are_averaged_over_shots_of_any_length() -> None:
+    tests = {
+        "a/long": {"method": "a", "mean": {"psnr": 20.0}},
+        "a/short": {"method": "a", "mean": {"psnr": 40.0}},
+    }
+    assert grouped(tests)["a"]["mean"] == {"psnr": 30.0}
+    assert grouped(tests)["a"]["shots"] == 2
+
+
+def part(*numbers: int, border: int = 0) -> dict[str, Any]:
+    frames = {str(n): facts(n, 10.0 * n) for n in numbers}
+    test = {"method": "a", "shot": "", "notes": [], **summarised(frames)}
+    return {"protocol": "rtsr", "options": {"border": border}, "metrics": {}, "tests": {"a": test}}
+
+
+def test_parts_join_to_what_one_run_gives() -> None:
+    joined = merged([("1.json", part(3, 4)), ("2.json", part(1, 2))])
+    whole = part(1, 2, 3, 4)
+    assert joined == whole
+    assert list(joined["tests"]["a"]["frames"]) == ["1", "2", "3", "4"]
+
+
+def test_parts_of_other_rules_or_with_a_frame_twice_are_refused() -> None:
+    with pytest.raises(FrameFolderError, match=r"2\.json: was judged with another options"):
+        merged([("1.json", part(1)), ("2.json", part(2, border=3))])
+    with pytest.raises(FrameFolderError, match=r"2\.json: frame 1 of 'a' is in another part"):
+        merged([("1.json", part(1)), ("2.json", part(1))])
+
+
+@pytest.mark.parametrize(
+    ("value", "relation", "bound", "holds"),
+    [
+        (30.0, ">", 30.0, False),
+        (30.0, ">=", 30.0, True),
+        (0.1, "<", 0.2, True),
+        (0.3, "<=", 0.2, False),
+        (math.inf, ">", 30.0, True),
+        (None, ">", 30.0, False),
+        (math.nan, "<", 30.0, False),
+    ],
+)
+def test_conditions(value: float | None, relation: str, bound: float, holds: bool) -> None:
+    assert Condition("psnr", relation, bound).holds(value) is holds
+
+
+def test_conditions_are_parsed_and_name_what_they_miss() -> None:
+    demanded = conditions("psnr>30, flip<=1e-1", ["psnr", "flip"])
+    assert [str(c) for c in demanded] == ["psnr>30", "flip<=0.1"]
+    result = {"tests": {"a": {"mean": {"psnr": 29.0, "flip": 0.05}}}}
+    assert failures(result, demanded) == ["a: psnr is 29, demanded psnr>30"]
+
+
+@pytest.mark.parametrize("text", ["psnr", "psnr>", "psnr=30", "psnr>x", "", "psnr>nan"])
+def test_what_is_no_condition_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="is no condition"):
+        conditions(text, ["psnr"])
+
+
+def test_a_condition_on_a_metric_that_is_not_computed_is_refused() -> None:
+    with pytest.raises(ConfigError, match="metric 'flop' is not computed, did you mean 'flip'"):
+        conditions("flop<1", ["psnr", "flip"])
