@@ -12,14 +12,15 @@ from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import (
     FAILED,
     LOG,
+    check_frames,
     log_binding,
     log_estimate,
     log_findings,
     log_repairs,
-    log_stopped,
     read_options,
     selection,
     skipped,
+    stopped,
     warn_if_nothing,
 )
 from rtsr_cli.core import demodulating
@@ -53,6 +54,7 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
         demodulating.plan_frames(name, reader, chosen["out_folder"] / name, options)
         for name, reader in found
     ]
+    check_frames(chosen, [plan.reader for plan in plans])
     for plan in plans:
         _announce(chosen, plan, options)
     if chosen["dry_run"]:
@@ -67,8 +69,10 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
             bar.update(not report.kept)
             _tell(chosen, report)
     code = _summary(chosen, reports, options)
-    if any(r.stops for r in reports):
-        log_stopped(sum(not r.kept and not r.failed for r in reports), pending)
+    for report in reports:
+        if report.stops:
+            done = sum(not r.kept and not r.failed for r in reports)
+            raise stopped(report.failed, done, pending)
     return code
 
 
@@ -114,7 +118,7 @@ def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan, options: Demodula
 def _tell(chosen: Mapping[str, Any], report: FrameReport) -> None:
     if chosen["as_json"]:
         emit({"event": "frame", **asdict(report)})
-    elif report.failed:
+    elif report.failed and not report.stops:
         LOG.error("Failed: %s", report.failed)
 
 

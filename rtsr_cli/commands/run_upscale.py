@@ -14,15 +14,16 @@ from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import (
     FAILED,
     LOG,
+    check_frames,
     device_named,
     log_binding,
     log_estimate,
     log_findings,
     log_repairs,
-    log_stopped,
     read_options,
     selection,
     skipped,
+    stopped,
     warn_if_nothing,
 )
 from rtsr_cli.core import planning, tiling, upscaling
@@ -66,6 +67,8 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
             passthrough=chosen["passthrough"],
         )
         jobs.append((plan, network))
+    check_frames(chosen, [plan.source.reader for plan, _ in jobs])
+    for plan, _ in jobs:
         _announce(chosen, plan, options)
     if chosen["dry_run"]:
         return 0
@@ -178,29 +181,29 @@ def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: in
     """Show progress, print the summary, return the exit code."""
     counts = dict.fromkeys(Status, 0)
     repaired: dict[str, int] = {}
-    stopped = False
+    blocked = ""
     started = time.perf_counter()
     with tqdm(total=pending, unit="frame", disable=None) as bar:
         for event in events:
             counts[event.status] += 1
-            stopped = event.stops
+            blocked = event.message if event.stops else ""
             if event.nonfinite:
                 repaired[event.path.name] = event.nonfinite
             if event.status is not Status.KEPT:
                 bar.update()
             if chosen["as_json"]:
                 emit({"event": "frame", **asdict(event)})
-            elif event.status is Status.FAILED:
+            elif event.status is Status.FAILED and not event.stops:
                 LOG.error("Failed: %s", event.message)
     seconds = time.perf_counter() - started
     totals = {status.value: count for status, count in counts.items()}
     if chosen["as_json"]:
-        found = {"nonfinite": sum(repaired.values()), "stopped": stopped}
+        found = {"nonfinite": sum(repaired.values()), "stopped": bool(blocked)}
         emit({"event": "done", "seconds": round(seconds, 3), **totals, **found})
     else:
         listed = ", ".join(f"{count} {status}" for status, count in totals.items())
         LOG.info("%s: %s, %.1f s", chosen["out_folder"], listed, seconds)
         log_repairs(repaired)
-    if stopped:
-        log_stopped(counts[Status.WRITTEN], pending)
+    if blocked:
+        raise stopped(blocked, counts[Status.WRITTEN], pending)
     return FAILED if counts[Status.FAILED] else 0

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.errors import ConfigError, FrameFolderError, OutputBlockedError
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard, ranges
@@ -59,6 +59,18 @@ def device_named(name: str) -> str:
             f"device '{name}' cannot be used ({str(error).splitlines()[0]}); choose --device cpu"
         ) from error
     return name
+
+
+def check_frames(chosen: Mapping[str, Any], readers: Sequence[FrameReader]) -> None:
+    """Refuse `--frames` that select nothing of any shot.
+
+    Raises:
+        FrameFolderError: names the numbers that there are.
+    """
+    wanted = chosen["frames"]
+    if wanted is not None and not any(wanted & set(reader.numbers) for reader in readers):
+        there = "; ".join(f"{r.frames.root} has {ranges(r.numbers)}" for r in readers)
+        raise FrameFolderError(f"--frames {ranges(wanted)} selects nothing: {there}")
 
 
 def warn_if_nothing(reader: FrameReader, selected: Sequence[int]) -> None:
@@ -127,12 +139,10 @@ def log_repairs(repaired: Mapping[str, int]) -> None:
     )
 
 
-def log_stopped(done: int, planned: int) -> None:
-    """Say how to go on after a run that a full disk ended."""
-    LOG.error(
-        "Stopped: %d of %d frames are done; the same command writes the rest, once there is space",
-        done,
-        planned,
+def stopped(message: str, done: int, planned: int) -> OutputBlockedError:
+    """Return the error of a run that ended because nothing can be written, and how to go on."""
+    return OutputBlockedError(
+        f"{message}. {done} of {planned} frames are done; the same command writes the rest then"
     )
 
 

@@ -16,6 +16,7 @@ from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
 Run = Callable[..., Result]
 Changed = Callable[[Path, Callable[[dict[str, Any], int], None]], Path]
 REFUSED, USAGE, FAILED = 3, 2, 1
+FOURTH = "frame.0004.exr"
 
 
 @pytest.fixture
@@ -259,9 +260,31 @@ def test_outputs_inside_the_input_tree_are_not_taken_for_a_shot(
 
 
 def test_a_selection_of_nothing_is_said(rtsr: Run, shot: Path, tmp_path: Path) -> None:
-    result = rtsr("upscale", shot, tmp_path / "out", "--frames", "50-60")
-    assert result.exit_code == 0
-    assert "nothing selected, its frames are 1-4" in result.stderr
+    for command in ("upscale", "demodulate"):
+        source = shot if command == "upscale" else shot / "lr"
+        message = refusal(rtsr(command, source, tmp_path / "out", "--frames", "50-60"))
+        assert f"--frames 50-60 selects nothing: {shot}/lr has 1-4" in message
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_shard_of_nothing_is_done(rtsr: Run, shot: Path, tmp_path: Path) -> None:
+    """A farm may have more machines than a shot has frames."""
+    choice = ("--frames", "1", "--shard", "1/2", "--system", "bicubic")
+    result = rtsr("upscale", shot, tmp_path / "out", *choice)
+    assert result.exit_code == 0, result.output
+    assert "nothing selected" in result.stderr
+
+
+def test_one_shot_without_selected_frames_is_warned_about_where_another_has_some(
+    rtsr: Run, shot: Path, tmp_path: Path
+) -> None:
+    tree = tmp_path / "tree"
+    shutil.copytree(shot / "lr", tree / "a")
+    shutil.copytree(shot / "lr", tree / "b")
+    (tree / "b" / FOURTH).unlink()
+    result = rtsr("upscale", tree, tmp_path / "out", "--scale", 2, "--frames", 4)
+    assert result.exit_code == 0, result.output
+    assert "b: nothing selected, its frames are 1-3" in result.stderr
 
 
 def test_a_layout_file_that_is_wrong_is_one_message(rtsr: Run, shot: Path, tmp_path: Path) -> None:
