@@ -173,7 +173,7 @@ def _motion_facts(found: SetInspection) -> dict[str, Any] | None:
         if jitter is None
         else {"verdict": jitter.verdict.value, "spread_px": round(jitter.spread_px, 3)},
         "used": str(used),
-        "undecided": settled.undecided or None,
+        "undecided": settled.motion_undecided or settled.undecided or None,
     }
 
 

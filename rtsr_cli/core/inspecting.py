@@ -211,7 +211,7 @@ def _with_pixels(
         for key, lacking in missing.items()
     ]
     problems += [*_pixel_problems(reader, statistics), *settled.warnings]
-    problems += [settled.undecided] if settled.undecided else []
+    problems += dict.fromkeys(t for t in (settled.undecided, settled.motion_undecided) if t)
     return replace(
         found,
         unknown=unknown,

@@ -287,9 +287,9 @@ def test_a_capture_started_by_write_and_completed_by_hand_works(
     assert run.exit_code == 0, run.output
 
 
-def test_motion_that_ties_and_that_nothing_declares_is_refused_with_the_choices(
-    rtsr: Run, textured: Path, tmp_path: Path
-) -> None:
+@pytest.fixture
+def undecided(textured: Path, tmp_path: Path) -> Path:
+    """A dump of other names, whose vectors are all zero, so that nothing tells what they mean."""
     dump = renamed(textured, tmp_path / "dump", OTHER_NAMES)
     for path in sorted(dump.glob("*.exr")):
         planes = dict(read_channels(path, read_header(path).channels))
@@ -298,16 +298,50 @@ def test_motion_that_ties_and_that_nothing_declares_is_refused_with_the_choices(
         write_exr(path, planes)
     (dump / "capture.toml").write_text(
         '[buffers]\ncolor = "hdr.RGB"\nalbedo = "base_col.RGB"\nmotion = "flow.UV"\n'
+        'normal = "nrm.XYZ"\ndepth = "viewz.V"\nroughness = "rgh"\nmetallic = "mtl"\n'
     )
-    run = ("upscale", dump, tmp_path / "out", "--simulate-lr", 4, "--system", "bicubic")
+    return dump
+
+
+def test_motion_that_nothing_decides_is_refused_with_the_choices_until_one_is_pasted(
+    rtsr: Run, undecided: Path, tmp_path: Path
+) -> None:
+    run = ("upscale", undecided, tmp_path / "out", "--simulate-lr", 4, "--system", "taau")
     refused = rtsr(*run)
     assert refused.exit_code == 3
-    assert "[motion] unit, direction and y_axis" in refused.output
+    assert "system 'taau' reads motion" in refused.stderr
+    (line,) = (line.strip() for line in refused.stderr.splitlines() if line.startswith("    "))
     assert not (tmp_path / "out").exists()
-    with (dump / "capture.toml").open("a") as file:
-        file.write('[motion]\nunit = "pixels"\ndirection = "previous-minus-current"\n')
-        file.write('y_axis = "down"\n')
+    capture = undecided / "capture.toml"
+    capture.write_text(f"{line}\n{capture.read_text()}")
     assert rtsr(*run).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("upscale", "--simulate-lr", 4, "--system", "bicubic"),
+        ("upscale", "--simulate-lr", 4),
+        ("demodulate", "--mode", "albedo"),
+    ],
+    ids=["bicubic", "default", "demodulate"],
+)
+def test_what_reads_no_motion_runs_whatever_it_may_mean(
+    rtsr: Run, undecided: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    name, *options = command
+    result = rtsr(name, undecided, tmp_path / "out", *options)
+    assert result.exit_code == 0, result.output
+    assert result.output.count("motion is not read") == 1
+    assert result.stderr == ""
+
+
+def test_readiness_knows_which_system_reads_motion(rtsr: Run, undecided: Path) -> None:
+    found = facts(rtsr, undecided)
+    assert found["systems"]["bicubic"]["ready"]
+    assert not found["systems"]["taau"]["ready"]
+    assert "a declared motion convention" in found["systems"]["taau"]["missing"]
+    assert found["motion"]["undecided"] in found["problems"]
 
 
 def test_gaps_damage_and_nan_are_problems_not_refusals(

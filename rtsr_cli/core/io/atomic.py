@@ -18,12 +18,19 @@ TEMPORARY_SUFFIX = ".rtsr-part"
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO})
 """The disk takes no more; an I/O error is what network drives say for it."""
 
-BLOCKING = FULL | {errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.ESTALE}
-"""What hits every file of a folder, not only the one that was being written: frames are of a size."""
+BLOCKING = FULL | {
+    errno.EFBIG,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOTDIR,
+    errno.ESTALE,
+}
+"""What hits every file of a folder, not only the one that was being written."""
 
 REMEDIES = {
     **dict.fromkeys(FULL, "free some space, or choose another output folder"),
-    errno.EFBIG: "raise the limit on the size of files (ulimit -f), or choose another output folder",
+    errno.EFBIG: "raise the limit on sizes of files (ulimit -f), or choose another output folder",
 }
 """What helps, by error number."""
 

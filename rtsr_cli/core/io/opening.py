@@ -134,15 +134,22 @@ def _first_channels(frames: FrameSet) -> dict[str, frozenset[str]]:
 
 
 def open_set(
-    frames: FrameSet, shot: Shot, root: Path, options: ReadOptions, *, jittered: bool
+    frames: FrameSet,
+    shot: Shot,
+    root: Path,
+    options: ReadOptions,
+    *,
+    jittered: bool,
+    vectors: bool = True,
 ) -> FrameReader:
-    """Survey one resolution of a shot, and settle how it is read.
+    """Survey one resolution of a shot, and settle how it is read; see `settled_set`.
 
     Raises:
         RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
     """
     return decided(
-        settled_set(frames, shot, root, options, jittered=jittered), sharded=options.sharded
+        settled_set(frames, shot, root, options, jittered=jittered, vectors=vectors),
+        sharded=options.sharded,
     )
 
 
@@ -153,9 +160,19 @@ def settled_set(
     options: ReadOptions,
     *,
     jittered: bool,
+    vectors: bool = True,
     headers: Headers | None = None,
 ) -> Settled:
     """Survey one resolution of a shot, and measure how it is stored; nothing need be decided.
+
+    Args:
+        frames: of that resolution.
+        shot: what they belong to.
+        root: IN.
+        options: how frames are read.
+        jittered: whether declared jitter applies.
+        vectors: whether motion will be read; of HR frames beside LR ones nobody does.
+        headers: of all files, if they are read already.
 
     Raises:
         RtsrError: a file or declaration is wrong.
@@ -171,8 +188,7 @@ def settled_set(
         on_missing=options.on_missing,
         jittered=jittered,
     )
-    # of HR frames beside LR ones nobody reads the vectors
-    return settle(reader, known.capture, named=name is not None, motion=frames is not shot.hr)
+    return settle(reader, known.capture, named=name is not None, motion=vectors)
 
 
 def open_radiance(
@@ -197,7 +213,7 @@ def open_radiance(
             yield shot.name, main
             continue
         yield f"{shot.name}/{LR_FOLDER}", main
-        hr = open_set(shot.hr, shot, folder, options, jittered=False)
+        hr = open_set(shot.hr, shot, folder, options, jittered=False, vectors=False)
         if wanted in hr.stored:
             yield f"{shot.name}/{HR_FOLDER}", hr
 
@@ -231,7 +247,9 @@ def open_pairs(
             yield shot.name, simulated_pairs(capture, simulation)
             continue
         lr = open_set(shot.frames, shot, folder, options, jittered=True)
-        hr = open_set(hr_frames, shot, folder, options, jittered=False) if hr_frames else None
+        hr = None
+        if hr_frames is not None:
+            hr = open_set(hr_frames, shot, folder, options, jittered=False, vectors=False)
         known = declared(shot, folder, options).capture
         skip = options.on_missing is MissingPolicy.SKIP
         yield shot.name, real_pairs(lr, hr, scale or known.scale, skip_missing=skip)

@@ -34,7 +34,7 @@ class Selection:
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """Write numbers compactly: 1-4, 7; with negative ones -3..2, as -3-2 can be read in two ways."""
+    """Write numbers compactly: 1-4, 7; with negative ones -3..2, as -3-2 reads in two ways."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][-1] + 1:
