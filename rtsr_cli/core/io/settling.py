@@ -200,8 +200,16 @@ def _jitter(settled: Settled, capture: Capture) -> Settled:
         note = f"jitter measured: {finding.verdict}; it is taken out"
         return _measured(settled, "jitter", note, motion=changed)
     text = _JITTER_WARNINGS.get(finding.verdict, "")
+    cameras = (settled.reader.cameras[n] for n in settled.measured.frames)
+    if finding.verdict is JitterVerdict.UNDECLARED and any(any(c.jitter_px) for c in cameras):
+        text = OTHER_JITTER
     return _warned(settled, text.format(finding.spread_px)) if text else settled
 
+
+OTHER_JITTER = (
+    "the frames jitter by up to {:.2f} px beside the offset that jitter_px declares for all of "
+    "them; declare jitter_px by frame"
+)
 
 _JITTER_WARNINGS = {
     JitterVerdict.UNDECLARED: "motion or frames contain a jitter of up to {:.2f} px that is not "
