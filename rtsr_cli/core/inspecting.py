@@ -190,11 +190,12 @@ def _inspect_set(
         return found
     lr = frames is not shot.hr
     try:
-        settled = settled_set(
-            readable, shot, root, options, jittered=lr, vectors=lr, headers=headers
-        )
+        settled = settled_set(readable, shot, root, options, jittered=lr, headers=headers)
     except RtsrError as error:
         return replace(found, problems=(*problems, _refusal(error, "a known layout")))
+    if not lr and settled.undecided == settled.motion_undecided:
+        # of HR frames beside LR ones commands read no vectors
+        settled = replace(settled, undecided="")
     return _with_pixels(replace(found, settled=settled), frames, settled, every=every)
 
 

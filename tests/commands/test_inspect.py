@@ -354,7 +354,7 @@ def captures(textured: Path, tmp_path: Path) -> Path:
 def spoil(path: Path) -> None:
     header = read_header(path)
     planes = {k: v.copy() for k, v in read_channels(path, header.channels).items()}
-    planes["R"][3, 4], planes["B"][0, 0] = np.nan, np.inf
+    planes["R"][2, 6], planes["B"][2, 2] = np.nan, np.inf
     write_exr(
         path,
         planes,

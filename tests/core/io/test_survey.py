@@ -277,7 +277,7 @@ def test_a_layout_that_matches_nothing_is_refused_with_the_folder(
         ([4], "4"),
         ([3, 1, 2], "1-3"),
         ([1, 2, 4, 6, 7], "1-2, 4, 6-7"),
-        ([-2, -1], "-2--1"),
+        ([-2, -1], "-2..-1"),
     ],
 )
 def test_ranges_are_written_compactly(numbers: list[int], text: str) -> None:

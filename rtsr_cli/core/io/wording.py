@@ -1,0 +1,68 @@
+"""What is wrong with a field of a user's file, in few words, from what pydantic says of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from rtsr_cli.core.errors import did_you_mean
+
+KINDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "finite_number": "a finite number",
+    "bool": "true or false",
+    "string": "text",
+    "list": "a list",
+    "tuple": "a list",
+    "frozen_set": "a list",
+    "dict": "a table",
+    "model": "a table",
+}
+"""What a value should be, by how the type of an error begins."""
+
+BOUNDS = {
+    "ge": "{} or more",
+    "gt": "more than {}",
+    "le": "{} or less",
+    "lt": "less than {}",
+}
+"""What is allowed, by the bound that a value broke."""
+
+
+LONGEST = 60
+"""Letters of a value that a message repeats."""
+
+
+def wording(error: Mapping[str, Any]) -> str:
+    """Say what is wrong with a value, and what is allowed.
+
+    Args:
+        error: of pydantic's `ValidationError.errors()`.
+    """
+    kind, context = error["type"], error.get("ctx", {})
+    value = shortened(repr(error["input"]))
+    for bound, text in BOUNDS.items():
+        if bound in context:
+            return f"{value} is out of range (allowed: {text.format(f'{context[bound]:g}')})"
+    if kind in {"enum", "literal_error"}:
+        names = re.findall(r"'([^']*)'", context["expected"])
+        return f"{value} is not known{did_you_mean(str(error['input']), names, listed='allowed')}"
+    if kind == "too_short":
+        return f"has {context['actual_length']} entries (allowed: {context['min_length']} or more)"
+    if kind == "too_long":
+        return f"has {context['actual_length']} entries (allowed: {context['max_length']} or less)"
+    if kind == "missing":
+        return "is missing"
+    if kind == "string_too_short":
+        return "is empty"
+    for begin, what in KINDS.items():
+        if kind.startswith(begin):
+            return f"{value} is not {what}"
+    return f"{error['msg'].removeprefix('Value error, ')} (got {value})"
+
+
+def shortened(text: str) -> str:
+    """Cut what would not fit into a line with the rest of the message."""
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
