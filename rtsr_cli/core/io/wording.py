@@ -22,14 +22,17 @@ KINDS = {
 }
 """What a value should be, by how the type of an error begins."""
 
-BOUNDS = {
-    "ge": "{} or more",
-    "gt": "more than {}",
-    "le": "{} or less",
-    "lt": "less than {}",
+TEXTS = {
+    "greater_than_equal": "{value} is out of range (allowed: {ge:g} or more)",
+    "greater_than": "{value} is out of range (allowed: more than {gt:g})",
+    "less_than_equal": "{value} is out of range (allowed: {le:g} or less)",
+    "less_than": "{value} is out of range (allowed: less than {lt:g})",
+    "too_short": "has {actual_length} entries (allowed: {min_length} or more)",
+    "too_long": "has {actual_length} entries (allowed: {max_length} or less)",
+    "missing": "is missing",
+    "string_too_short": "is empty",
 }
-"""What is allowed, by the bound that a value broke."""
-
+"""What is said, by the type of an error."""
 
 LONGEST = 60
 """Letters of a value that a message repeats."""
@@ -43,20 +46,11 @@ def wording(error: Mapping[str, Any]) -> str:
     """
     kind, context = error["type"], error.get("ctx", {})
     value = shortened(repr(error["input"]))
-    for bound, text in BOUNDS.items():
-        if bound in context:
-            return f"{value} is out of range (allowed: {text.format(f'{context[bound]:g}')})"
+    if kind in TEXTS:
+        return TEXTS[kind].format(value=value, **context)
     if kind in {"enum", "literal_error"}:
         names = re.findall(r"'([^']*)'", context["expected"])
         return f"{value} is not known{did_you_mean(str(error['input']), names, listed='allowed')}"
-    if kind == "too_short":
-        return f"has {context['actual_length']} entries (allowed: {context['min_length']} or more)"
-    if kind == "too_long":
-        return f"has {context['actual_length']} entries (allowed: {context['max_length']} or less)"
-    if kind == "missing":
-        return "is missing"
-    if kind == "string_too_short":
-        return "is empty"
     for begin, what in KINDS.items():
         if kind.startswith(begin):
             return f"{value} is not {what}"
