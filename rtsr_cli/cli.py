@@ -113,7 +113,8 @@ def group() -> None:
     """Neural reconstruction for real-time rendering, over folders of EXR frames.
 
     Point it at any engine's EXR folder: every command says what it understood and refuses what
-    is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused.
+    is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused, or
+    nothing can be written. inspect gives the code that its frames would lead to.
     """
     logger = logging.getLogger("rtsr")
     logger.handlers = [EchoHandler()]

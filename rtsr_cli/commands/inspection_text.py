@@ -150,7 +150,7 @@ def _motion(settled: Settled) -> Iterator[str]:
             mark += " (singled out by camera and depth)"
         behind = "best"
         if candidate.margin:
-            behind = f"{candidate.margin:.1%} behind, {candidate.significance:.1f} standard errors"
+            behind = f"{candidate.margin:.1%} behind, {candidate.significance:.2f} standard errors"
         mark += " (the winner's vectors)" if candidate.same_vectors else ""
         mark += " (as it is read)" if candidate is used else ""
         yield _line("", f"  {candidate.error:.3f}  {candidate.convention}: {behind}{mark}")

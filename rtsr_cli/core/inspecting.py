@@ -15,7 +15,6 @@ from rtsr_cli.core.io.capture import Capture
 from rtsr_cli.core.io.exr import ExrHeader, read_header
 from rtsr_cli.core.io.guessing import guesses
 from rtsr_cli.core.io.opening import ReadOptions, check_channels, declared, settled_set
-from rtsr_cli.core.io.pairs import DECLARED_MOTION
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.settling import Settled
@@ -88,10 +87,8 @@ class ShotInspection:
 
     @property
     def gravity(self) -> Gravity:
-        """The worst that a command with default options does about them."""
-        if any(DECLARED_MOTION in s.missing for s in self.systems.values()) and not any(
-            s.ready for s in self.systems.values()
-        ):
+        """The worst that a command with default options does about them; nothing may run at all."""
+        if not any(system.ready for system in self.systems.values()):
             return Gravity.REFUSED
         return max((p.gravity for p in self.problems), default=Gravity.REMARK)
 
