@@ -6,6 +6,8 @@ import logging
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from types import FrameType
 from typing import NoReturn
@@ -35,6 +37,8 @@ STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 SIGNALLED = 128
 """Plus the signal's number: the exit code that shells use."""
+
+INTERRUPTED = "Interrupted: what is finished is kept; run again for the rest"
 
 
 class LazyGroup(click.Group):
@@ -72,18 +76,28 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         """Run a command; what a user can cause ends in one message and an exit code."""
         try:
-            return super().invoke(ctx)
+            with _unwinding():
+                return super().invoke(ctx)
         except RtsrError as error:
             click.echo(f"Error: {error}", err=True)
+            _emit_error(ctx, error)
             ctx.exit(EXIT_REFUSED)
         except KeyboardInterrupt as interrupt:
             number = interrupt.args[0] if interrupt.args else signal.SIGINT
-            click.echo("Interrupted: what is finished is kept; run again for the rest", err=True)
+            click.echo(INTERRUPTED, err=True)
             ctx.exit(SIGNALLED + number)
         except BrokenPipeError:
             # the reader of a pipe went away; nothing is left to tell it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             ctx.exit(1)
+
+
+def _emit_error(ctx: click.Context, error: RtsrError) -> None:
+    """Say an error as an event, too, where events are what a script reads."""
+    from rtsr_cli.commands.options import JSON_CHOSEN, emit
+
+    if ctx.meta.get(JSON_CHOSEN):
+        emit({"event": "error", "message": str(error), "exit": EXIT_REFUSED})
 
 
 class EchoHandler(logging.Handler):
@@ -100,7 +114,8 @@ def group() -> None:
     """Neural reconstruction for real-time rendering, over folders of EXR frames.
 
     Point it at any engine's EXR folder: every command says what it understood and refuses what
-    is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused.
+    is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused, or
+    nothing can be written. inspect gives the code that its frames would lead to.
     """
     logger = logging.getLogger("rtsr")
     logger.handlers = [EchoHandler()]
@@ -115,11 +130,36 @@ def _interrupt(number: int, _: FrameType | None) -> None:
     raise KeyboardInterrupt(number)
 
 
+def leave(number: int, _: FrameType | None) -> NoReturn:
+    """End at once: before a command has begun, and after it has ended, nothing is to be saved."""
+    with suppress(OSError, RuntimeError, ValueError, AttributeError):
+        sys.stdout.flush()
+    os.write(2, f"{INTERRUPTED}\n".encode())
+    os._exit(SIGNALLED + number)
+
+
+@contextmanager
+def _unwinding() -> Iterator[None]:
+    """While a command runs, let the signals that otherwise end the process at once unwind it."""
+    if signal.getsignal(signal.SIGINT) is not leave:
+        yield
+        return
+    for number in STOPPING:
+        signal.signal(number, _interrupt)
+    try:
+        yield
+    finally:
+        for number in STOPPING:
+            # after a signal both are ignored, until the process has ended
+            if signal.getsignal(number) is _interrupt:
+                signal.signal(number, leave)
+
+
 def main() -> NoReturn:
     """Entry point of `rtsr`."""
     # torch then asks for huge pages: a frame's arrays cost far fewer page faults
     os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
     for number in STOPPING:
-        signal.signal(number, _interrupt)
+        signal.signal(number, leave)
     group(prog_name="rtsr")
     raise AssertionError("click ends the process")

@@ -14,7 +14,11 @@ from rtsr_cli.commands import options as opt
 @click.option(
     "--write", is_flag=True, help="Put what was found down as capture.toml in each shot's folder."
 )
-@click.option("--overwrite", is_flag=True, help="Let --write replace a capture.toml.")
+@click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Let --write replace a capture.toml; the former one is kept as capture.toml.bak.",
+)
 @click.option(
     "--all", "every", is_flag=True, help="Look at the pixels of every frame, not of 64 at most."
 )
@@ -31,6 +35,10 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     of them, which kind of depth and normals there are, what is missing for which system, and what
     is wrong with which frame. Channels that it does not know can be declared in capture.toml:
     --write makes one to start from.
+
+    Exit code: 0 if commands take the frames as they are; 1 if some would fail for their pixels
+    (damage, NaN) and the rest be done; 3 if commands would refuse them (files that cannot be read,
+    frames missing, a wrong declaration) or no system can run on them.
     """
     from rtsr_cli.commands.run_inspect import run_inspect
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.imaging.motion_finder import SIGNIFICANT_T
 from rtsr_cli.core.inspecting import SetInspection, ShotInspection
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.io.reading import FrameReader
@@ -147,10 +148,14 @@ def _motion(settled: Settled) -> Iterator[str]:
         mark = " (tie)" if candidate in finding.ties and len(finding.ties) > 1 else ""
         if settled.measured.by_geometry is candidate:
             mark += " (singled out by camera and depth)"
-        behind = f"{candidate.margin:.1%} behind" if candidate.margin else "best"
+        behind = "best"
+        if candidate.margin:
+            behind = f"{candidate.margin:.1%} behind, {candidate.significance:.2f} standard errors"
         mark += " (the winner's vectors)" if candidate.same_vectors else ""
         mark += " (as it is read)" if candidate is used else ""
         yield _line("", f"  {candidate.error:.3f}  {candidate.convention}: {behind}{mark}")
+    if len(finding.ties) > 1:
+        yield _line("", f"  tie: less than {SIGNIFICANT_T:g} standard errors behind the best")
     jitter = settled.measured.jitter
     if jitter is not None:
         yield _line("jitter", f"{jitter.verdict} (largest offset found {jitter.spread_px:.2f} px)")
@@ -177,7 +182,9 @@ def _roughness(found: SetInspection, reader: FrameReader) -> str:
 
 def _problems(found: SetInspection) -> Iterator[str]:
     for problem in found.problems:
-        yield _line("PROBLEM", problem)
+        first, *others = problem.text.splitlines()
+        yield _line("PROBLEM", first)
+        yield from (_line("", line) for line in others)
 
 
 def _systems(inspection: ShotInspection) -> Iterator[str]:

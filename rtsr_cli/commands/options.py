@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,9 +21,15 @@ from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+DOTS = re.compile(r"(?<=\d)\.\.(?=-?\d)")
+"""Between the bounds of a range, as `ranges` writes them where one is negative."""
+
+JSON_CHOSEN = "rtsr.json"
+"""Key of a context's `meta`: whether events go to stdout."""
+
 
 class Frames(click.ParamType[frozenset[int]]):
-    """Frame ranges: 1-100, 1-100x2, 1-3,5,7-20; negative numbers allowed."""
+    """Frame ranges: 1-100, 1-100x2, 1-3,5,7-20; -3..2 (or -3-2) where numbers are negative."""
 
     name = "RANGE"
 
@@ -33,7 +40,7 @@ class Frames(click.ParamType[frozenset[int]]):
         if isinstance(value, frozenset):
             return value
         try:
-            return frozenset(int(n) for n in FrameRange(value))
+            return frozenset(int(n) for n in FrameRange(DOTS.sub("-", value).replace(" ", "")))
         except (ParseException, ValueError):
             self.fail(f"'{value}' is no frame range; write 1-100, 1-100x2 or 1-3,7", param, ctx)
 
@@ -146,7 +153,17 @@ on_nonfinite = click.option(
     help="NaN and Inf in an input.",
 )
 dry_run = click.option("--dry-run", is_flag=True, help="Check everything, write nothing.")
-as_json = click.option("--json", "as_json", is_flag=True, help="One event a line, as JSON.")
+
+
+def _json_chosen(ctx: click.Context, _: click.Parameter, value: bool) -> bool:
+    """Let the group know, so that it says an error that ends the command as an event, too."""
+    ctx.meta[JSON_CHOSEN] = value
+    return value
+
+
+as_json = click.option(
+    "--json", "as_json", is_flag=True, callback=_json_chosen, help="One event a line, as JSON."
+)
 
 
 def _verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -12,15 +12,14 @@ from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import (
     FAILED,
     LOG,
-    log_binding,
-    log_estimate,
-    log_findings,
+    announce,
+    check_frames,
     log_repairs,
-    log_stopped,
+    plan_facts,
     read_options,
     selection,
-    skipped,
-    warn_if_nothing,
+    stopped,
+    until_stopped,
 )
 from rtsr_cli.core import demodulating
 from rtsr_cli.core.demodulating import DemodulateOptions, DemodulatePlan, FrameReport
@@ -30,7 +29,6 @@ from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_radiance
-from rtsr_cli.core.io.selection import ranges
 
 
 def run_demodulate(chosen: Mapping[str, Any]) -> int:
@@ -53,6 +51,7 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
         demodulating.plan_frames(name, reader, chosen["out_folder"] / name, options)
         for name, reader in found
     ]
+    check_frames(chosen, [plan.reader for plan in plans])
     for plan in plans:
         _announce(chosen, plan, options)
     if chosen["dry_run"]:
@@ -62,59 +61,31 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
     reports: list[FrameReport] = []
     pending = sum(len(plan.pending) for plan in plans)
     with tqdm(total=pending, unit="frame", disable=None) as bar:
-        for report in _reports(plans, options):
+        for report in until_stopped(demodulating.run_frames(p, options) for p in plans):
             reports.append(report)
             bar.update(not report.kept)
             _tell(chosen, report)
     code = _summary(chosen, reports, options)
-    if any(r.stops for r in reports):
-        log_stopped(sum(not r.kept and not r.failed for r in reports), pending)
+    for report in reports:
+        if report.stops:
+            done = sum(not r.kept and not r.failed for r in reports)
+            raise stopped(report.failed, done, pending)
     return code
 
 
-def _reports(plans: list[DemodulatePlan], options: DemodulateOptions) -> Iterator[FrameReport]:
-    for plan in plans:
-        for report in demodulating.run_frames(plan, options):
-            yield report
-            if report.stops:
-                return
-
-
 def _announce(chosen: Mapping[str, Any], plan: DemodulatePlan, options: DemodulateOptions) -> None:
-    reader = plan.reader
-    facts = {
-        "shot": plan.name,
-        "layout": reader.layout.name,
-        "frames": len(plan.selected),
-        "pending": len(plan.pending),
-        "skipped": skipped(reader, plan.selected, plan.pending),
+    facts = plan_facts(plan.name, [plan.reader], plan.selected, plan.pending)
+    facts |= {
         "read_bytes": plan.read_bytes,
         "write_bytes_at_most": plan.write_bytes(options),
-        "warnings": list(reader.warnings),
-        "notes": list(reader.notes),
     }
-    if chosen["as_json"]:
-        emit({"event": "plan", **facts})
-        return
-    LOG.info(
-        "%s: layout %s, frames %s; %d to write, %d done already",
-        reader.frames.root,
-        reader.layout.name,
-        ranges(plan.selected) or "none",
-        len(plan.pending),
-        len(plan.selected) - len(plan.pending),
-    )
-    log_findings(reader)
-    if chosen["dry_run"]:
-        log_estimate(facts)
-    log_binding(reader)
-    warn_if_nothing(reader, plan.selected)
+    announce(chosen, facts, [plan.reader], plan.selected)
 
 
 def _tell(chosen: Mapping[str, Any], report: FrameReport) -> None:
     if chosen["as_json"]:
         emit({"event": "frame", **asdict(report)})
-    elif report.failed:
+    elif report.failed and not report.stops:
         LOG.error("Failed: %s", report.failed)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -18,57 +19,97 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.geometry_finder import DepthFinding
 from rtsr_cli.core.imaging.jitter_finder import JitterFinding
 from rtsr_cli.core.imaging.motion_finder import Candidate
-from rtsr_cli.core.inspecting import SetInspection, ShotInspection, Statistics, inspect_shot
+from rtsr_cli.core.inspecting import (
+    SetInspection,
+    ShotInspection,
+    inspect_shot,
+    refused,
+)
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture
 from rtsr_cli.core.io.capture_writing import capture_toml
 from rtsr_cli.core.io.opening import ReadOptions, declared, shots_of
 from rtsr_cli.core.io.shots import Shot
 from rtsr_cli.core.io.survey import MissingPolicy
+from rtsr_cli.core.pixel_survey import Statistics
+from rtsr_cli.core.readiness import Gravity
 from rtsr_cli.models import load_system, system_names
 
-REFUSED = 3
-"""Exit code where the frames of some shot cannot be read as they are."""
+REFUSED, FAILED = 3, 1
+"""Exit codes where a command would refuse the frames as they are; where it would fail on some."""
+
+CODES = {
+    Gravity.REMARK: 0,
+    Gravity.PIXELS: FAILED,
+    Gravity.HOLES: REFUSED,
+    Gravity.REFUSED: REFUSED,
+}
 
 
 def run_inspect(chosen: Mapping[str, Any]) -> int:
-    """Inspect every shot; return the exit code."""
+    """Inspect every shot; return the exit code, the worst of all."""
     root = chosen["in_folder"]
     options = ReadOptions(
         layout=chosen["layout"], capture=chosen["capture_file"], on_missing=MissingPolicy.SKIP
     )
     systems = [load_system(name) for name in system_names()]
-    found: dict[str, ShotInspection] = {}
-    shots = shots_of(root, options)
+    try:
+        shots = shots_of(root, options)
+    except RtsrError as error:
+        if not chosen["as_json"]:
+            raise
+        click.echo(f"Error: {error}", err=True)
+        emit(shot_facts(refused(root, str(error), systems)))
+        return REFUSED
+    facts: dict[str, dict[str, Any]] = {}
+    codes = set()
     for shot in tqdm(shots, unit="shot", disable=None if len(shots) > 1 else True):
         inspection = inspect_shot(shot, root, options, systems=systems, every=chosen["every"])
-        found[shot.name] = inspection
+        facts[shot.name] = shot_facts(inspection)
+        codes.add(CODES[inspection.gravity])
         if not chosen["as_json"]:
             for line in report(inspection):
                 LOG.info("%s", line)
-        if chosen["write"]:
-            _write(shot, inspection, chosen, options)
+        in_the_way = _write(shot, inspection, chosen, options) if chosen["write"] else ""
+        if in_the_way:
+            facts[shot.name]["problems"].append(in_the_way)
+            codes.add(REFUSED)
     if chosen["as_json"]:
-        facts = {name: shot_facts(inspection) for name, inspection in found.items()}
         emit(next(iter(facts.values())) if len(facts) == 1 else {"shots": facts})
-    refused = any(i.main.settled is None or i.main.settled.undecided for i in found.values())
-    return REFUSED if refused else 0
+    return max(codes)
 
 
 def _write(
     shot: Shot, inspection: ShotInspection, chosen: Mapping[str, Any], options: ReadOptions
-) -> None:
+) -> str:
+    """Write capture.toml; return why it could not be, which does not keep the report back."""
     path = shot.root / CAPTURE_FILE
-    if path.exists() and not chosen["overwrite"]:
-        raise OutputError(f"{path} exists; give --overwrite to replace it")
     try:
         known = declared(shot, chosen["in_folder"], options).capture
     except RtsrError:
         known = Capture()
     main = inspection.main
     text = capture_toml(main.settled, known, main.guessed, main.unknown)
+    try:
+        also = _put_down(path, text, overwrite=chosen["overwrite"])
+    except OutputError as error:
+        click.echo(f"Error: {error}", err=True)
+        return str(error)
+    click.echo(f"{path}: written{also}", err=chosen["as_json"])
+    return ""
+
+
+def _put_down(path: Path, text: str, *, overwrite: bool) -> str:
+    """Write the file; return what became of a former one, whose comments are not carried over."""
+    if not path.exists():
+        write_atomically(path, partial(_put, text))
+        return ""
+    if not overwrite:
+        raise OutputError(f"{path} exists; give --overwrite to replace it")
+    kept = path.with_name(f"{path.name}.bak")
+    write_atomically(kept, partial(shutil.copyfile, path))
     write_atomically(path, partial(_put, text))
-    click.echo(f"{path}: written", err=chosen["as_json"])
+    return f"; the former one is kept as {kept.name}"
 
 
 def _put(text: str, path: Path) -> None:
@@ -111,7 +152,7 @@ def set_facts(found: SetInspection) -> dict[str, Any]:
             for buffer, statistics in found.statistics.items()
             if statistics.nonfinite
         },
-        "problems": list(found.problems),
+        "problems": [problem.text for problem in found.problems],
         "notes": [] if found.settled is None else list(found.settled.notes),
     }
 
@@ -173,7 +214,7 @@ def _motion_facts(found: SetInspection) -> dict[str, Any] | None:
         if jitter is None
         else {"verdict": jitter.verdict.value, "spread_px": round(jitter.spread_px, 3)},
         "used": str(used),
-        "undecided": settled.undecided or None,
+        "undecided": settled.motion_undecided or settled.undecided or None,
     }
 
 

@@ -7,30 +7,27 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from torch import nn
 from tqdm import tqdm
 
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import (
     FAILED,
     LOG,
+    announce,
+    check_frames,
     device_named,
-    log_binding,
-    log_estimate,
-    log_findings,
     log_repairs,
-    log_stopped,
+    plan_facts,
     read_options,
     selection,
-    skipped,
-    warn_if_nothing,
+    stopped,
+    until_stopped,
 )
 from rtsr_cli.core import planning, tiling, upscaling
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_pairs
 from rtsr_cli.core.io.pairs import Inputs, PairSource
-from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.simulation import JitterMode, Simulation
 from rtsr_cli.core.planning import Precision, ShotPlan, UpscaleOptions
 from rtsr_cli.core.system import System
@@ -66,12 +63,15 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
             passthrough=chosen["passthrough"],
         )
         jobs.append((plan, network))
+    check_frames(chosen, [plan.source.reader for plan, _ in jobs])
+    for plan, _ in jobs:
         _announce(chosen, plan, options)
     if chosen["dry_run"]:
         return 0
     for plan, _ in jobs:
         check_writable(plan.folder)
-    return _finish(chosen, _events(jobs, options), sum(len(p.pending) for p, _ in jobs))
+    events = until_stopped(upscaling.run_shot(*job, options) for job in jobs)
+    return _finish(chosen, events, sum(len(p.pending) for p, _ in jobs))
 
 
 def _pairs(chosen: Mapping[str, Any]) -> Iterator[tuple[str, PairSource]]:
@@ -120,87 +120,52 @@ def _stamped(chosen: Mapping[str, Any], system: System, source: PairSource) -> o
 
 
 def _announce(chosen: Mapping[str, Any], plan: ShotPlan, options: UpscaleOptions) -> None:
-    source, system = plan.source, plan.system
+    source, scale = plan.source, plan.source.scale
     height, width = source.lr_size
-    scale = source.scale
-    facts = {
-        "shot": plan.name,
-        "system": system.name,
+    facts = plan_facts(plan.name, source.readers, plan.selected, plan.pending)
+    facts |= {
+        "system": plan.system.name,
         "scale": scale,
         "lr_size": [width, height],
         "size": [width * scale, height * scale],
-        "layout": source.reader.layout.name,
-        "frames": len(plan.selected),
-        "pending": len(plan.pending),
-        "warnings": [text for reader in source.readers for text in reader.warnings],
-        "notes": [text for reader in source.readers for text in reader.notes],
-        "skipped": skipped(source.reader, plan.selected, plan.pending),
         "read_bytes": plan.read_bytes,
         "write_bytes_at_most": plan.write_bytes(options),
     }
-    if chosen["as_json"]:
-        emit({"event": "plan", **facts})
-        return
     default = " (the best that these inputs allow)" if chosen["system"] is None else ""
-    LOG.info(
-        "%s: layout %s, frames %s, %d x %d -> %d x %d, system %s%s; %d to write, %d done already",
-        source.reader.frames.root,
-        facts["layout"],
-        ranges(plan.selected) or "none",
-        width,
-        height,
-        width * scale,
-        height * scale,
-        system.name,
-        default,
-        len(plan.pending),
-        len(plan.selected) - len(plan.pending),
+    what = (
+        f", {width} x {height} -> {width * scale} x {height * scale}, "
+        f"system {plan.system.name}{default}"
     )
-    for reader in source.readers:
-        log_findings(reader)
-    if chosen["dry_run"]:
-        log_estimate(facts)
-    log_binding(source.reader)
-    warn_if_nothing(source.reader, plan.selected)
-
-
-def _events(
-    jobs: list[tuple[ShotPlan, nn.Module]], options: UpscaleOptions
-) -> Iterator[FrameEvent]:
-    for plan, network in jobs:
-        for event in upscaling.run_shot(plan, network, options):
-            yield event
-            if event.stops:
-                return
+    announce(chosen, facts, source.readers, plan.selected, what)
 
 
 def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: int) -> int:
     """Show progress, print the summary, return the exit code."""
     counts = dict.fromkeys(Status, 0)
     repaired: dict[str, int] = {}
-    stopped = False
+    blocked = ""
     started = time.perf_counter()
     with tqdm(total=pending, unit="frame", disable=None) as bar:
         for event in events:
             counts[event.status] += 1
-            stopped = event.stops
+            blocked = event.message if event.stops else ""
             if event.nonfinite:
                 repaired[event.path.name] = event.nonfinite
             if event.status is not Status.KEPT:
                 bar.update()
             if chosen["as_json"]:
                 emit({"event": "frame", **asdict(event)})
-            elif event.status is Status.FAILED:
+            elif event.status is Status.FAILED and not event.stops:
                 LOG.error("Failed: %s", event.message)
     seconds = time.perf_counter() - started
     totals = {status.value: count for status, count in counts.items()}
     if chosen["as_json"]:
-        found = {"nonfinite": sum(repaired.values()), "stopped": stopped}
+        found = {"nonfinite": sum(repaired.values()), "stopped": bool(blocked)}
         emit({"event": "done", "seconds": round(seconds, 3), **totals, **found})
     else:
         listed = ", ".join(f"{count} {status}" for status, count in totals.items())
         LOG.info("%s: %s, %.1f s", chosen["out_folder"], listed, seconds)
         log_repairs(repaired)
-    if stopped:
-        log_stopped(counts[Status.WRITTEN], pending)
+    if blocked:
+        raise stopped(blocked, counts[Status.WRITTEN], pending)
     return FAILED if counts[Status.FAILED] else 0

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Protocol, TypeVar
 
 import torch
 
-from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.commands.options import emit
+from rtsr_cli.core.errors import ConfigError, FrameFolderError, OutputBlockedError
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard, ranges
@@ -23,6 +24,17 @@ MAX_LISTED = 10
 
 FAILED = 1
 """Exit code where some frames failed and the rest are done."""
+
+
+class Event(Protocol):
+    """What became of a frame."""
+
+    @property
+    def stops(self) -> bool:
+        """True if no other frame could be written either."""
+
+
+E = TypeVar("E", bound=Event)
 
 
 def read_options(chosen: Mapping[str, Any]) -> ReadOptions:
@@ -61,12 +73,80 @@ def device_named(name: str) -> str:
     return name
 
 
+def check_frames(chosen: Mapping[str, Any], readers: Sequence[FrameReader]) -> None:
+    """Refuse `--frames` that select nothing of any shot.
+
+    Raises:
+        FrameFolderError: names the numbers that there are.
+    """
+    wanted = chosen["frames"]
+    if wanted is not None and not any(wanted & set(reader.numbers) for reader in readers):
+        there = "; ".join(f"{r.frames.root} has {ranges(r.numbers)}" for r in readers)
+        raise FrameFolderError(f"--frames {ranges(wanted)} selects nothing: {there}")
+
+
 def warn_if_nothing(reader: FrameReader, selected: Sequence[int]) -> None:
     """Say so where `--frames` and `--shard` leave nothing of a shot; farms may overshoot."""
     if not selected:
         LOG.warning(
             "%s: nothing selected, its frames are %s", reader.frames.root, ranges(reader.numbers)
         )
+
+
+def plan_facts(
+    name: str,
+    readers: Sequence[FrameReader],
+    selected: Sequence[int],
+    pending: Collection[int],
+) -> dict[str, Any]:
+    """What every plan says; the first reader names and numbers the outputs."""
+    return {
+        "shot": name,
+        "layout": readers[0].layout.name,
+        "frames": len(selected),
+        "pending": len(pending),
+        "skipped": skipped(readers[0], selected, pending),
+        "warnings": [text for reader in readers for text in reader.warnings],
+        "notes": [text for reader in readers for text in reader.notes],
+    }
+
+
+def announce(
+    chosen: Mapping[str, Any],
+    facts: Mapping[str, Any],
+    readers: Sequence[FrameReader],
+    selected: Sequence[int],
+    what: str = "",
+) -> None:
+    """Say what is going to be done to a shot; `what` is said between its frames and its counts."""
+    if chosen["as_json"]:
+        emit({"event": "plan", **facts})
+        return
+    main = readers[0]
+    LOG.info(
+        "%s: layout %s, frames %s%s; %d to write, %d done already",
+        main.frames.root,
+        main.layout.name,
+        ranges(selected) or "none",
+        what,
+        facts["pending"],
+        facts["frames"] - facts["pending"],
+    )
+    for reader in readers:
+        log_findings(reader)
+    if chosen["dry_run"]:
+        log_estimate(facts)
+    log_binding(main)
+    warn_if_nothing(main, selected)
+
+
+def until_stopped(runs: Iterable[Iterator[E]]) -> Iterator[E]:
+    """Go through the events of one shot after the other, up to the one that stops them all."""
+    for run in runs:
+        for event in run:
+            yield event
+            if event.stops:
+                return
 
 
 def log_findings(reader: FrameReader) -> None:
@@ -127,12 +207,10 @@ def log_repairs(repaired: Mapping[str, int]) -> None:
     )
 
 
-def log_stopped(done: int, planned: int) -> None:
-    """Say how to go on after a run that a full disk ended."""
-    LOG.error(
-        "Stopped: %d of %d frames are done; the same command writes the rest, once there is space",
-        done,
-        planned,
+def stopped(message: str, done: int, planned: int) -> OutputBlockedError:
+    """Return the error of a run that ended because nothing can be written, and how to go on."""
+    return OutputBlockedError(
+        f"{message}. {done} of {planned} frames are done; the same command writes the rest then"
     )
 
 

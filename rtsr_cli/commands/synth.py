@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
+from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, PAIR_LAYOUTS
 
 MAX_SIDE = 16384
 
@@ -89,6 +89,10 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     """
     if chosen["samples"] > 1 and chosen["scale"] is None and chosen["jitter"] != "none":
         raise click.UsageError("--samples stores every sample of a pixel; leave --jitter out")
+    if chosen["scale"] is None and chosen["layout"] in PAIR_LAYOUTS:
+        raise click.UsageError(
+            f"layout '{chosen['layout']}' keeps two resolutions apart; give --scale, e.g. --scale 2"
+        )
     from rtsr_cli.commands.run_synth import run_synth
 
     ctx.exit(run_synth(chosen))

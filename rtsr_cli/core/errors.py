@@ -41,9 +41,9 @@ class OutputBlockedError(OutputError):
     """A disk that is full or a folder that takes no more files: every other write fails alike."""
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str], *, listed: str = "there are") -> str:
     """Return `, did you mean 'x'?` for a near miss, and the list of what there is."""
     names = list(known)
     close = difflib.get_close_matches(word, names, n=1)
     hint = f", did you mean '{close[0]}'?" if close else ""
-    return f"{hint} (there are: {', '.join(names)})" if names else hint
+    return f"{hint} ({listed}: {', '.join(names)})" if names else hint

@@ -28,7 +28,7 @@ from rtsr_cli.core.io.outputs import (
     refuse_foreign,
     refuse_inputs,
 )
-from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.io.pairs import DECLARED_MOTION, Inputs, PairSource
 from rtsr_cli.core.io.passing import Passed, find_passed
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
@@ -162,6 +162,9 @@ def check_system(system: System, source: PairSource, inputs: Inputs) -> None:
     """
     root = source.reader.frames.root
     missing = source.missing(inputs)
+    if DECLARED_MOTION in missing:
+        undecided = source.reader.motion_undecided
+        raise FrameFolderError(f"{root}: system '{system.name}' reads motion, but {undecided}")
     if missing:
         raise FrameFolderError(
             f"{root}: system '{system.name}' cannot run, missing: {', '.join(missing)}. "

@@ -68,16 +68,13 @@ def test_a_full_disk_ends_the_run_after_one_message_and_running_again_finishes_i
 
     monkeypatch.setattr(Path, "write_bytes", full)
     result = rtsr(*arguments(command, captures, out))
-    assert result.exit_code == 1
-    failures = re.findall(r"Failed: (.*)", result.stderr)
-    assert len(failures) == 1
-    target = rf"{out}/frame\.000[234]\.exr"
+    assert result.exit_code == 3
     assert re.fullmatch(
-        rf"{target}: cannot be written \(No space left on device\); free some space, or choose "
-        "another output folder",
-        failures[0],
+        rf"Error: {out}/frame\.000[234]\.exr: cannot be written \(No space left on device\); free "
+        r"some space, or choose another output folder\. 1 of 4 frames are done; the same command "
+        r"writes the rest then\n",
+        result.stderr,
     )
-    assert "Stopped: 1 of 4 frames are done; the same command writes the rest" in result.stderr
     assert_whole(out, FRAMES[:1])
     monkeypatch.undo()
     assert rtsr(*arguments(command, captures, out)).exit_code == 0
@@ -107,10 +104,10 @@ def test_a_disk_that_is_really_full(
     # leaves room for less than the whole run, and hardly for the first file
     (small_disk / "ballast").write_bytes(bytes(ballast << 10))
     result = rtsr(*arguments(command, captures, small_disk), *options)
-    assert result.exit_code == 1, result.output
-    assert result.stderr.count("Failed: ") == 1
+    assert result.exit_code == 3, result.output
+    assert result.stderr.count("\n") == 1
     assert "No space left on device" in result.stderr
-    assert "Stopped: " in result.stderr
+    assert "of 4 frames are done" in result.stderr
     assert not [p for p in small_disk.rglob("*") if p.name.endswith(TEMPORARY_SUFFIX)]
     for path in small_disk.glob("*.exr"):
         assert read_channels(path, read_header(path).channels)
@@ -118,17 +115,22 @@ def test_a_disk_that_is_really_full(
         assert path.read_bytes().endswith(b"IEND\xae\x42\x60\x82")
 
 
-def test_files_that_may_not_grow_fail_each_with_its_name(captures: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", [*COMMANDS, "synth"])
+def test_a_limit_on_the_size_of_files_ends_the_run_in_one_message(
+    captures: Path, tmp_path: Path, command: str
+) -> None:
     out = tmp_path / "out"
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))"
     run = f"{limit}; import sys; from rtsr_cli.cli import main; main()"
-    command = [sys.executable, "-c", run, *map(str, arguments("demodulate", captures, out))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 1, done.stderr
-    named = re.findall(r"Failed: (\S+): cannot be written \(File too large\)", done.stderr)
-    assert sorted(named) == [str(out / name) for name in FRAMES]
-    assert "Traceback" not in done.stderr
-    assert list(out.iterdir()) == []
+    asked = arguments(command, captures, out)
+    asked = ["synth", out, "--size", "64x48", "--frames", "1-4"] if command == "synth" else asked
+    line = [sys.executable, "-c", run, *map(str, asked)]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 3, done.stderr
+    assert re.match(rf"Error: {out}/\S+: cannot be written \(File too large\)", done.stderr)
+    assert "ulimit -f" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in out.iterdir() if path.suffix != ".toml"] == []
 
 
 @pytest.mark.parametrize("command", COMMANDS)

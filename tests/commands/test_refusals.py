@@ -16,6 +16,7 @@ from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
 Run = Callable[..., Result]
 Changed = Callable[[Path, Callable[[dict[str, Any], int], None]], Path]
 REFUSED, USAGE, FAILED = 3, 2, 1
+FOURTH = "frame.0004.exr"
 
 
 @pytest.fixture
@@ -177,7 +178,7 @@ def test_outputs_never_replace_their_inputs(rtsr: Run, shot: Path) -> None:
     lr = shot / "lr"
     before = (lr / "frame.0001.exr").read_bytes()
     message = refusal(rtsr("upscale", lr, lr, "--scale", 2, "--overwrite"))
-    assert "would replace its own input" in message
+    assert f"{lr}: OUT is IN itself" in message
     assert (lr / "frame.0001.exr").read_bytes() == before
 
 
@@ -236,7 +237,7 @@ def test_no_file_of_a_shot_is_replaced_even_with_overwrite(
     out = shot / "hr" if command == "upscale" else shot
     choice = ("--system", "bicubic") if command == "upscale" else ()
     message = refusal(rtsr(command, shot, out, *choice, "--overwrite"))
-    assert "would replace its own input" in message
+    assert "choose another output folder" in message
     assert {p: p.read_bytes() for p in before} == before
 
 
@@ -248,20 +249,61 @@ def test_a_frame_that_only_hr_lacks_can_be_skipped(rtsr: Run, shot: Path, tmp_pa
     assert "3 written" in result.output
 
 
-def test_outputs_inside_the_input_tree_are_not_taken_for_a_shot(
+def test_outputs_that_would_be_taken_for_inputs_next_time_are_refused(
     rtsr: Run, shot: Path, tmp_path: Path
 ) -> None:
     lr = shot / "lr"
-    for _ in range(2):
-        result = rtsr("upscale", lr, lr / "out", "--scale", 2)
+    message = refusal(rtsr("upscale", lr, lr / "out" / "a", "--scale", 2))
+    assert f"{lr}/out/a: lies inside IN, where its frames would be taken for inputs" in message
+    assert not (lr / "out").exists()
+    tree = tmp_path / "tree"
+    shutil.copytree(shot, tree / "a")
+    assert "lies inside IN" in refusal(rtsr("upscale", tree, tree / "out"))
+
+
+def test_outputs_beside_lr_and_hr_are_none_of_their_frames(rtsr: Run, shot: Path) -> None:
+    for written in ("4 written, 0 kept", "0 written, 4 kept"):
+        result = rtsr("upscale", shot, shot / "out", "--system", "bicubic")
         assert result.exit_code == 0, result.output
-    assert "0 written, 4 kept" in result.output
+        assert written in result.output
+
+
+def test_outputs_among_hr_frames_of_elsewhere_are_refused(
+    rtsr: Run, shot: Path, tmp_path: Path
+) -> None:
+    hr = shutil.move(shot / "hr", tmp_path / "elsewhere")
+    for path in sorted(Path(hr).iterdir()):
+        path.rename(path.with_name(path.name.replace("frame", "other")))
+    message = refusal(rtsr("upscale", shot / "lr", hr, "--hr", hr))
+    assert "holds frames that are read" in message
 
 
 def test_a_selection_of_nothing_is_said(rtsr: Run, shot: Path, tmp_path: Path) -> None:
-    result = rtsr("upscale", shot, tmp_path / "out", "--frames", "50-60")
-    assert result.exit_code == 0
-    assert "nothing selected, its frames are 1-4" in result.stderr
+    for command in ("upscale", "demodulate"):
+        source = shot if command == "upscale" else shot / "lr"
+        message = refusal(rtsr(command, source, tmp_path / "out", "--frames", "50-60"))
+        assert f"--frames 50-60 selects nothing: {shot}/lr has 1-4" in message
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_shard_of_nothing_is_done(rtsr: Run, shot: Path, tmp_path: Path) -> None:
+    """A farm may have more machines than a shot has frames."""
+    choice = ("--frames", "1", "--shard", "1/2", "--system", "bicubic")
+    result = rtsr("upscale", shot, tmp_path / "out", *choice)
+    assert result.exit_code == 0, result.output
+    assert "nothing selected" in result.stderr
+
+
+def test_one_shot_without_selected_frames_is_warned_about_where_another_has_some(
+    rtsr: Run, shot: Path, tmp_path: Path
+) -> None:
+    tree = tmp_path / "tree"
+    shutil.copytree(shot / "lr", tree / "a")
+    shutil.copytree(shot / "lr", tree / "b")
+    (tree / "b" / FOURTH).unlink()
+    result = rtsr("upscale", tree, tmp_path / "out", "--scale", 2, "--frames", 4)
+    assert result.exit_code == 0, result.output
+    assert "b: nothing selected, its frames are 1-3" in result.stderr
 
 
 def test_a_layout_file_that_is_wrong_is_one_message(rtsr: Run, shot: Path, tmp_path: Path) -> None:

@@ -168,6 +168,8 @@ def test_the_declaration_says_how_motion_is_stored(rtsr, tmp_path):
         (("--size", "100"), 2, "write 1920x1080"),
         (("--size", "100x64", "--scale", "3"), 3, "cannot be divided by --scale 3"),
         (("--layout", "blendr"), 2, "no layout is called 'blendr'"),
+        (("--layout", "nss"), 2, "keeps two resolutions apart; give --scale"),
+        (("--layout", "nsrd"), 2, "keeps two resolutions apart; give --scale"),
         (("--samples", "2", "--jitter", "halton"), 2, "leave --jitter out"),
     ],
 )

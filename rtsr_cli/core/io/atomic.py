@@ -18,10 +18,20 @@ TEMPORARY_SUFFIX = ".rtsr-part"
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO})
 """The disk takes no more; an I/O error is what network drives say for it."""
 
-BLOCKING = FULL | {errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.ESTALE}
+BLOCKING = FULL | {
+    errno.EFBIG,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOTDIR,
+    errno.ESTALE,
+}
 """What hits every file of a folder, not only the one that was being written."""
 
-REMEDIES = dict.fromkeys(FULL, "free some space, or choose another output folder")
+REMEDIES = {
+    **dict.fromkeys(FULL, "free some space, or choose another output folder"),
+    errno.EFBIG: "raise the limit on sizes of files (ulimit -f), or choose another output folder",
+}
 """What helps, by error number."""
 
 ABANDONED_S = 24 * 3600.0

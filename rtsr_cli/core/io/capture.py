@@ -38,6 +38,7 @@ from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUni
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
 from rtsr_cli.core.io.channel_tables import BufferTable
 from rtsr_cli.core.io.layout_names import LAYOUT_SUFFIX
+from rtsr_cli.core.io.wording import wording
 
 CAPTURE_FILE = "capture.toml"
 
@@ -246,7 +247,7 @@ def _describe(item: Mapping[str, Any], kind: Any) -> str:
     if "[key]" in item["loc"] and item["type"] == "enum":
         return f"{place}: no such buffer{did_you_mean(str(loc[-1]), [b.value for b in Buffer])}"
     if item["type"] != "extra_forbidden":
-        return f"{place}: {item['msg'].removeprefix('Value error, ')} (got {item['input']!r})"
+        return f"{place}: {wording(item)}"
     return f"{place}: no such field{did_you_mean(str(loc[-1]), _field_names(kind, loc[:-1]))}"
 
 

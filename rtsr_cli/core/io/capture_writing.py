@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.io.capture import Capture
@@ -81,12 +81,10 @@ def _conventions(settled: Settled) -> list[str]:
     conventions: Conventions = settled.reader.conventions
     stored = settled.reader.stored
     lines = []
-    if stored & {Buffer.MOTION, Buffer.FORWARD}:
-        comment = "# " if settled.undecided else ""
-        if settled.undecided:
-            lines += ["", f"# undecided: {settled.undecided}"]
-        lines += ["[motion]" if not settled.undecided else "# [motion]"]
-        lines += [comment + line for line in motion_lines(conventions.motion)]
+    if settled.motion_undecided:
+        lines += ["", *(f"# {line.strip()}" for line in settled.motion_undecided.splitlines())]
+    elif stored.intersection(VECTOR_BUFFERS):
+        lines += ["[motion]", *motion_lines(conventions.motion)]
     if Buffer.DEPTH in stored:
         depth = conventions.depth
         lines += ["[depth]", f"kind = {toml_value(depth.kind)}"]

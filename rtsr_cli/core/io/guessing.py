@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+import re
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 
 KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
-    Buffer.MOTION: ("motion", "vel", "mvec", "mv", "vector", "flow", "backward"),
+    Buffer.MOTION: ("motion", "vel", "mvec", "mv", "mo", "vector", "flow", "backward"),
     Buffer.FORWARD: ("forward",),
     Buffer.ALBEDO: ("albedo", "basecolor", "base_color", "base", "diffcol", "diffuse"),
     Buffer.NORMAL: ("normal", "nrm", "nml", "norm"),
@@ -21,9 +22,25 @@ KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
     Buffer.POSITION: ("worldpos", "position", "pos"),
     Buffer.NOV: ("nov", "ndotv"),
     Buffer.REACTIVE: ("reactive", "translucen"),
-    Buffer.COLOR: ("color", "colour", "beauty", "radiance", "combined", "final", "hdr", "image"),
+    Buffer.COLOR: (
+        "color",
+        "colour",
+        "beauty",
+        "radiance",
+        "combined",
+        "final",
+        "hdr",
+        "lit",
+        "image",
+    ),
 }
-"""What names of channels, layers and files contain, the telling ones first."""
+"""What names of channels, layers and files contain, the telling ones first; see `_says`."""
+
+WHOLE, BEGINNING = 2, 3
+"""Words of so many letters must be a whole word of the name, or begin one: they are in many."""
+
+WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+"""A part of a name: sceneDepth, scene_depth and SceneDepth have two."""
 
 
 def guesses(channels: Mapping[str, Collection[str]]) -> dict[Buffer, tuple[str, ...]]:
@@ -39,8 +56,11 @@ def guesses(channels: Mapping[str, Collection[str]]) -> dict[Buffer, tuple[str, 
     groups: dict[str, list[str]] = defaultdict(list)
     for stream, names in channels.items():
         place = f"{stream}:" if len(channels) > 1 and stream else ""
+        layers = Counter(_layer(name) for name in names)
         for name in sorted(names):
-            groups[f"{stream}/{_layer(name)}"].append(f"{place}{name}")
+            # one channel alone is called what its name says
+            layer = _layer(name) if layers[_layer(name)] > 1 else name
+            groups[f"{stream}/{layer}"].append(f"{place}{name}")
     found: dict[Buffer, tuple[str, ...]] = {}
     for key, places in groups.items():
         buffer = _meant(key, len(places))
@@ -50,16 +70,31 @@ def guesses(channels: Mapping[str, Collection[str]]) -> dict[Buffer, tuple[str, 
 
 
 def _layer(channel: str) -> str:
-    return channel.rpartition(".")[0] or channel
+    """The name without its component: `mo` of mo.x, mo_x and moX, nothing of R."""
+    before, separated, _ = channel.rpartition(".")
+    if separated:
+        return before
+    is_component = channel[-1:].lower() in COMPONENTS
+    apart = len(channel) == 1 or channel[-2] in "_-" or channel[-1].isupper()
+    return channel[:-1].rstrip("_-") if is_component and apart else channel
 
 
 def _meant(name: str, count: int) -> Buffer | None:
     """The first buffer whose keyword the name contains and that needs no more channels."""
-    lower = name.lower()
+    parts = [part.lower() for part in WORD.findall(name)]
     for buffer, words in KEYWORDS.items():
-        if count >= BUFFER_SPECS[buffer].channels and any(word in lower for word in words):
+        enough = count >= BUFFER_SPECS[buffer].channels
+        if enough and any(_says(word, name.lower(), parts) for word in words):
             return buffer
     return None
+
+
+def _says(word: str, name: str, parts: Collection[str]) -> bool:
+    if len(word) <= WHOLE:
+        return word in parts
+    if len(word) <= BEGINNING:
+        return any(part.startswith(word) for part in parts)
+    return word in name
 
 
 COMPONENTS = {"r": 0, "x": 0, "u": 0, "g": 1, "y": 1, "v": 1, "b": 2, "z": 2, "a": 3, "w": 3}
@@ -68,6 +103,9 @@ COMPONENTS = {"r": 0, "x": 0, "u": 0, "g": 1, "y": 1, "v": 1, "b": 2, "z": 2, "a
 
 def _in_order(places: Collection[str]) -> tuple[str, ...]:
     def rank(place: str) -> int:
-        return COMPONENTS.get(place.rpartition(".")[2][:1].lower(), 0)
+        channel = place.rpartition(":")[2]
+        _, separated, component = channel.rpartition(".")
+        letter = component[:1] if separated else channel[-1:]
+        return COMPONENTS.get(letter.lower(), 0)
 
     return tuple(sorted(places, key=lambda p: (rank(p), p)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,15 @@ from rtsr_cli.core.io.pairs import PairSource, real_pairs, simulated_pairs
 from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.settling import Settled, decided, settle
-from rtsr_cli.core.io.shots import HR_FOLDER, LR_FOLDER, FrameSet, Shot, find_shots, frame_set
+from rtsr_cli.core.io.shots import (
+    HR_FOLDER,
+    LR_FOLDER,
+    FrameSet,
+    Shot,
+    find_shots,
+    frame_set,
+    refuse_among,
+)
 from rtsr_cli.core.io.side_cars import CameraRow, read_cameras, with_reversed
 from rtsr_cli.core.io.simulation import Simulation
 from rtsr_cli.core.io.survey import Headers, MissingPolicy, open_frames
@@ -31,7 +39,7 @@ class ReadOptions:
         layout: preset or layout file, or None to detect it.
         capture: file in place of each shot's capture.toml.
         on_missing: what holes in the numbering mean.
-        output: folder that is not searched for shots, because it is written to.
+        output: where frames will be written; it must not lie where they would be taken for inputs.
         sharded: whether other runs write other parts of the same shots.
     """
 
@@ -119,11 +127,21 @@ def check_shot(shot: Shot, root: Path, options: ReadOptions, hr: FrameSet | None
     Raises:
         FrameFolderError: one is in none of them.
     """
-    capture = declared(shot, root, options).capture
+    sets = [s for s in (shot.frames, hr or shot.hr) if s is not None]
+    check_channels(declared(shot, root, options).capture, options, sets, shot.root)
+
+
+def check_channels(
+    capture: Capture, options: ReadOptions, sets: Sequence[FrameSet], where: Path
+) -> None:
+    """Hold every channel that the user spelled out to be in one of some sets.
+
+    Raises:
+        FrameFolderError: one is in none of them.
+    """
     buffers = declared_buffers(options.layout or capture.layout, capture)
     if buffers:
-        sets = [s for s in (shot.frames, hr or shot.hr) if s is not None]
-        check_declared(buffers, [_first_channels(s) for s in sets], str(shot.root))
+        check_declared(buffers, [_first_channels(s) for s in sets], str(where))
 
 
 def _first_channels(frames: FrameSet) -> dict[str, frozenset[str]]:
@@ -134,15 +152,22 @@ def _first_channels(frames: FrameSet) -> dict[str, frozenset[str]]:
 
 
 def open_set(
-    frames: FrameSet, shot: Shot, root: Path, options: ReadOptions, *, jittered: bool
+    frames: FrameSet,
+    shot: Shot,
+    root: Path,
+    options: ReadOptions,
+    *,
+    jittered: bool,
+    vectors: bool = True,
 ) -> FrameReader:
-    """Survey one resolution of a shot, and settle how it is read.
+    """Survey one resolution of a shot, and settle how it is read; see `settled_set`.
 
     Raises:
         RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
     """
     return decided(
-        settled_set(frames, shot, root, options, jittered=jittered), sharded=options.sharded
+        settled_set(frames, shot, root, options, jittered=jittered, vectors=vectors),
+        sharded=options.sharded,
     )
 
 
@@ -153,9 +178,19 @@ def settled_set(
     options: ReadOptions,
     *,
     jittered: bool,
+    vectors: bool = True,
     headers: Headers | None = None,
 ) -> Settled:
     """Survey one resolution of a shot, and measure how it is stored; nothing need be decided.
+
+    Args:
+        frames: of that resolution.
+        shot: what they belong to.
+        root: IN.
+        options: how frames are read.
+        jittered: whether declared jitter applies.
+        vectors: whether motion will be read; of HR frames beside LR ones nobody does.
+        headers: of all files, if they are read already.
 
     Raises:
         RtsrError: a file or declaration is wrong.
@@ -171,8 +206,7 @@ def settled_set(
         on_missing=options.on_missing,
         jittered=jittered,
     )
-    # of HR frames beside LR ones nobody reads the vectors
-    return settle(reader, known.capture, named=name is not None, motion=frames is not shot.hr)
+    return settle(reader, known.capture, named=name is not None, motion=vectors)
 
 
 def open_radiance(
@@ -197,7 +231,7 @@ def open_radiance(
             yield shot.name, main
             continue
         yield f"{shot.name}/{LR_FOLDER}", main
-        hr = open_set(shot.hr, shot, folder, options, jittered=False)
+        hr = open_set(shot.hr, shot, folder, options, jittered=False, vectors=False)
         if wanted in hr.stored:
             yield f"{shot.name}/{HR_FOLDER}", hr
 
@@ -231,7 +265,9 @@ def open_pairs(
             yield shot.name, simulated_pairs(capture, simulation)
             continue
         lr = open_set(shot.frames, shot, folder, options, jittered=True)
-        hr = open_set(hr_frames, shot, folder, options, jittered=False) if hr_frames else None
+        hr = None
+        if hr_frames is not None:
+            hr = open_set(hr_frames, shot, folder, options, jittered=False, vectors=False)
         known = declared(shot, folder, options).capture
         skip = options.on_missing is MissingPolicy.SKIP
         yield shot.name, real_pairs(lr, hr, scale or known.scale, skip_missing=skip)
@@ -249,4 +285,6 @@ def _hr_frames(
     frames = frame_set(chosen, folders_of(searched_layouts(shot.root, options)))
     if frames is None:
         raise FrameFolderError(f"{chosen}: no numbered EXR frames here (--hr)")
+    if options.output is not None:
+        refuse_among(options.output / shot.name, frames)
     return frames

@@ -23,6 +23,9 @@ from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.simulation import Simulation, averaged, decimated
 from rtsr_cli.core.shapes import Size
 
+DECLARED_MOTION = "a declared motion convention"
+"""What is missing where nothing decides how vectors are stored."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
@@ -99,11 +102,19 @@ def _available(
     """Resolve required buffers plus those optional ones that can be had."""
 
     def resolve(buffers: Collection[Buffer]) -> Needs:
-        return needs(buffers, reader.stored, has_camera=reader.has_camera, config=inputs.derivation)
+        return needs(
+            buffers, reader.readable, has_camera=reader.has_camera, config=inputs.derivation
+        )
 
     extra = tuple(b for b in optional if not resolve((b,)).missing)
     used = (*wanted, *extra)
     return resolve(used), used
+
+
+def _undeclared(missing: Collection[str], reader: FrameReader) -> tuple[str, ...]:
+    """Say of vectors that are there that it is their declaration that is missing."""
+    unread = {f"{size}{b}" for size in ("", "lr ") for b in reader.stored - reader.readable}
+    return tuple(dict.fromkeys(DECLARED_MOTION if m in unread else m for m in missing))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +159,7 @@ class RealPairs:
         if inputs.hr:
             hr = () if self.hr is None else _available(inputs.hr, (), self.hr, inputs)[0].missing
             lacking += ["hr frames"] if self.hr is None else [f"hr {m}" for m in hr]
-        return tuple(lacking)
+        return _undeclared(lacking, self.lr)
 
     def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
         """Files of both resolutions."""
@@ -216,7 +227,8 @@ class SimulatedPairs:
 
     def missing(self, inputs: Inputs) -> tuple[str, ...]:
         """Name what the capture lacks."""
-        return _available(inputs.lr + inputs.hr, (), self.capture, inputs)[0].missing
+        lacking = _available(inputs.lr + inputs.hr, (), self.capture, inputs)[0].missing
+        return _undeclared(lacking, self.capture)
 
     def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
         """Files of the capture."""

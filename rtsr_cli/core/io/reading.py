@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.frames import conventions as conv
-from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.binding import Binding, BoundComponent
@@ -39,6 +39,7 @@ class FrameReader:
         cameras: per frame, header and side-car and capture.toml together.
         step: numbers that one motion vector spans.
         warnings, notes: what was found out about the files, for the user.
+        motion_undecided: why vectors cannot be read, with the choices; empty if they can.
     """
 
     frames: FrameSet
@@ -53,6 +54,7 @@ class FrameReader:
     step: int
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    motion_undecided: str = ""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -69,6 +71,11 @@ class FrameReader:
     def stored(self) -> frozenset[Buffer]:
         """Buffers that the files hold."""
         return frozenset(self.binding)
+
+    @property
+    def readable(self) -> frozenset[Buffer]:
+        """Buffers that the files hold, and of which it is known how."""
+        return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ())
 
     @property
     def has_camera(self) -> bool:

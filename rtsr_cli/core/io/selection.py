@@ -34,11 +34,15 @@ class Selection:
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """Write numbers compactly: 1-4, 7."""
+    """Write numbers compactly: 1-4, 7; with negative ones -3..2, as -3-2 reads in two ways."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][-1] + 1:
             runs[-1].append(number)
         else:
             runs.append([number])
-    return ", ".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else str(r[0]) for r in runs)
+    return ", ".join(_run(r[0], r[-1]) for r in runs)
+
+
+def _run(first: int, last: int) -> str:
+    return str(first) if first == last else f"{first}{'..' if first < 0 else '-'}{last}"

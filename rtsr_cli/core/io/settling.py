@@ -18,6 +18,7 @@ from rtsr_cli.core.imaging.jitter_finder import JitterVerdict
 from rtsr_cli.core.imaging.motion_finder import Candidate
 from rtsr_cli.core.io.capture import Capture
 from rtsr_cli.core.io.measuring import Measured, measure
+from rtsr_cli.core.io.motion_choices import undecided
 from rtsr_cli.core.io.reading import FrameReader
 
 WIDE_MARGIN = 0.02
@@ -39,7 +40,8 @@ class Settled:
         warnings: contradictions, for the user.
         notes: what was measured instead of presumed, for the user.
         by_measurement: names of conventions that neither the preset nor a declaration gave.
-        undecided: why the conventions are not settled, empty if they are.
+        undecided: why the frames cannot be read as anything, empty if they can.
+        motion_undecided: why vectors cannot be read, empty if they can; the rest may be.
     """
 
     reader: FrameReader
@@ -48,6 +50,7 @@ class Settled:
     notes: tuple[str, ...] = ()
     by_measurement: tuple[str, ...] = ()
     undecided: str = ""
+    motion_undecided: str = ""
 
 
 def settle(reader: FrameReader, capture: Capture, *, named: bool, motion: bool = True) -> Settled:
@@ -65,8 +68,13 @@ def settle(reader: FrameReader, capture: Capture, *, named: bool, motion: bool =
     if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
         settled = replace(settled, undecided=_undocumented(reader))
     for step in (_plausible, _motion, _jitter, _depth, _position, _normal):
-        settled = step(settled, capture)
-    return replace(settled, reader=_bound(settled.reader))
+        if motion or step is not _motion:
+            settled = step(settled, capture)
+    text = settled.motion_undecided
+    if text and not (named or capture.buffers):
+        # nothing but its vectors could have proved a layout that nobody named
+        settled = replace(settled, undecided=text)
+    return replace(settled, reader=_bound(replace(settled.reader, motion_undecided=text)))
 
 
 def _undocumented(reader: FrameReader) -> str:
@@ -82,8 +90,8 @@ def decided(settled: Settled, *, sharded: bool) -> FrameReader:
     """Return the reader, or refuse one that nothing decides.
 
     Raises:
-        FrameFolderError: the choices tie and nothing declares; or parts of a sharded run might
-            measure differently.
+        FrameFolderError: nothing proves the layout; or parts of a sharded run might measure
+            differently.
     """
     if settled.undecided:
         raise FrameFolderError(f"{settled.reader.frames.root}: {settled.undecided}")
@@ -93,7 +101,14 @@ def decided(settled: Settled, *, sharded: bool) -> FrameReader:
             "declared, and --shard needs it declared so that all parts agree; run "
             "'rtsr inspect --write' once"
         )
-    return replace(settled.reader, warnings=settled.warnings, notes=settled.notes)
+    unread = (NOT_READ,) if settled.motion_undecided else ()
+    return replace(settled.reader, warnings=settled.warnings, notes=(*settled.notes, *unread))
+
+
+NOT_READ = (
+    "motion is not read: nothing decides how it is stored ('rtsr inspect' shows what is known)"
+)
+"""Said by commands that can do without; those that cannot are refused."""
 
 
 def _contradicted(candidate: Candidate | None) -> bool:
@@ -158,7 +173,7 @@ def _motion(settled: Settled, capture: Capture) -> Settled:
         return _measured(settled, "motion", note, motion=chosen)
     if agreed or not _unproven(settled, capture):
         return settled
-    return replace(settled, undecided=_undecided(settled))
+    return replace(settled, motion_undecided=undecided(reader, measured.motion))
 
 
 def _plain(convention: MotionConvention) -> MotionConvention:
@@ -168,24 +183,6 @@ def _plain(convention: MotionConvention) -> MotionConvention:
 def _unproven(settled: Settled, capture: Capture) -> bool:
     """Tell whether nothing but an unverified preset, or nothing at all, speaks for the vectors."""
     return not settled.reader.layout.verified and not capture.motion.decides()
-
-
-def _undecided(settled: Settled) -> str:
-    finding = settled.measured.motion
-    name = settled.reader.layout.name
-    remedy = (
-        "declare [motion] unit, direction and y_axis in capture.toml ('rtsr inspect' shows what "
-        "is known)"
-    )
-    if finding is None or not finding.candidates:
-        return (
-            f"layout '{name}' does not say for certain how motion is stored, and it cannot be "
-            f"measured (nothing moves, or fewer than two frames); {remedy}"
-        )
-    if finding.best is None:
-        return f"no reading of the motion vectors fits the frames better than none; {remedy}"
-    choices = "; ".join(str(c.convention) for c in finding.ties)
-    return f"the motion vectors can be read in ways that fit equally well: {choices}. {remedy}"
 
 
 def _jitter(settled: Settled, capture: Capture) -> Settled:
@@ -203,8 +200,16 @@ def _jitter(settled: Settled, capture: Capture) -> Settled:
         note = f"jitter measured: {finding.verdict}; it is taken out"
         return _measured(settled, "jitter", note, motion=changed)
     text = _JITTER_WARNINGS.get(finding.verdict, "")
+    cameras = (settled.reader.cameras[n] for n in settled.measured.frames)
+    if finding.verdict is JitterVerdict.UNDECLARED and any(any(c.jitter_px) for c in cameras):
+        text = OTHER_JITTER
     return _warned(settled, text.format(finding.spread_px)) if text else settled
 
+
+OTHER_JITTER = (
+    "the frames jitter by up to {:.2f} px beside the offset that jitter_px declares for all of "
+    "them; declare jitter_px by frame"
+)
 
 _JITTER_WARNINGS = {
     JitterVerdict.UNDECLARED: "motion or frames contain a jitter of up to {:.2f} px that is not "

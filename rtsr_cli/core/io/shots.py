@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 import fileseq
 
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, OutputError
 from rtsr_cli.core.io.layouts import Layout, Tree
 
 LR_FOLDER, HR_FOLDER = "lr", "hr"
@@ -85,27 +85,26 @@ def _streams(folder: Path, prefix: str = "") -> dict[str, Stream]:
                     "remove one of them"
                 )
         bases[key] = base
-    if found:
-        _check_files(folder)
     return {
         key: Stream(key=key, base=bases[key], files=_in_order(files, bases[key]))
         for key, files in found.items()
     }
 
 
-def _check_files(folder: Path) -> None:
-    """Raise where a frame is a folder, or a link that leads nowhere."""
-    for path in sorted(p for p in folder.iterdir() if FRAME_NAME.search(p.name)):
-        if path.name.startswith(".") or path.is_file():
-            continue
-        if path.is_dir():
-            raise FrameFolderError(
-                f"{path}: is a folder that is named like a frame; rename it, or put the frame there"
-            )
-        raise FrameFolderError(
-            f"{path}: is a link to {path.readlink()}, which is not there; mount or copy what it "
-            "leads to, or remove the link"
-        )
+def misnamed(frames: FrameSet) -> dict[Path, str]:
+    """Say what is wrong with folders and dead links that are named like the frames beside them."""
+    folders = {path.parent for stream in frames.streams.values() for path in stream.files.values()}
+    entries = (p for f in sorted(folders) for p in sorted(f.iterdir()) if FRAME_NAME.search(p.name))
+    return {p: _misnamed(p) for p in entries if not (p.name.startswith(".") or p.is_file())}
+
+
+def _misnamed(path: Path) -> str:
+    if path.is_dir():
+        return f"{path}: is a folder that is named like a frame; rename it, or put the frame there"
+    return (
+        f"{path}: is a link to {path.readlink()}, which is not there; mount or copy what it leads "
+        "to, or remove the link"
+    )
 
 
 def _in_order(files: Mapping[int, Path], base: str) -> dict[int, Path]:
@@ -151,6 +150,7 @@ class _Search:
     trees: tuple[Layout, ...]
     scale: int | None
     declared: Callable[[Path], Iterable[str]]
+    entered: list[Path] = field(default_factory=list)
 
 
 def find_shots(
@@ -173,10 +173,11 @@ def find_shots(
         trees: layouts of data sets with folders of their own.
         scale: which LR of such a data set is wanted.
         declared: further buffer folders, which the capture.toml of a folder declares.
-        output: folder below IN that is not searched, because it is written to.
+        output: where frames will be written.
 
     Raises:
         FrameFolderError: the folder does not exist, is a file, or holds no numbered EXR frame.
+        OutputError: what is written would be taken for frames of IN.
     """
     if root.is_file():
         raise FrameFolderError(f"{root}: is a file; name the folder that holds the frames")
@@ -189,8 +190,9 @@ def find_shots(
         scale=scale,
         declared=declared,
     )
-    outputs = None if output is None else output.resolve()
-    shots = [s for s in _walk(root, search) if not _below(s.root, outputs, root)]
+    shots = list(_walk(root, search))
+    if output is not None:
+        _check_output(output, shots, search)
     if not shots:
         raise FrameFolderError(
             f"{root}: no numbered EXR frames here or below (expected names like "
@@ -199,11 +201,34 @@ def find_shots(
     return shots
 
 
-def _below(folder: Path, output: Path | None, root: Path) -> bool:
-    """Tell whether a shot lies in the folder of outputs, itself inside the tree."""
-    if output is None or output == root.resolve() or not output.is_relative_to(root.resolve()):
-        return False
-    return folder.resolve().is_relative_to(output)
+def _check_output(output: Path, shots: Iterable[Shot], search: _Search) -> None:
+    """Raise where outputs would lie among the frames, or where a search of IN would find them."""
+    if output.resolve() == search.root.resolve():
+        raise OutputError(f"{output}: OUT is IN itself; choose another output folder")
+    for shot in shots:
+        for frames in (shot.frames, shot.hr):
+            refuse_among(output / shot.name, frames)
+    above = next(p for p in output.resolve().parents if p.is_dir())
+    hidden = output.name.startswith(".")
+    if not hidden and above in {folder.resolve() for folder in search.entered}:
+        raise OutputError(
+            f"{output}: lies inside IN, where its frames would be taken for inputs; choose an "
+            f"output folder outside of {search.root}"
+        )
+
+
+def refuse_among(output: Path, frames: FrameSet | None) -> None:
+    """Raise where a folder of outputs holds the frames of a set.
+
+    Raises:
+        OutputError: names the folder.
+    """
+    streams = {} if frames is None else frames.streams
+    folders = {path.parent.resolve() for s in streams.values() for path in s.files.values()}
+    if output.resolve() in folders:
+        raise OutputError(
+            f"{output}: holds frames that are read; choose another output folder than theirs"
+        )
 
 
 def _walk(folder: Path, search: _Search) -> Iterable[Shot]:
@@ -219,6 +244,7 @@ def _walk(folder: Path, search: _Search) -> Iterable[Shot]:
         yield Shot(name=name, root=folder, frames=here)
         if any("/" in key for key in here.streams):
             return
+    search.entered.append(folder)
     for child in sorted(folder.iterdir()):
         if child.is_dir() and not child.name.startswith("."):
             yield from _walk(child, search)

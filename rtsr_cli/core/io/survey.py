@@ -21,7 +21,7 @@ from rtsr_cli.core.io.exr import ExrHeader, Window, read_header
 from rtsr_cli.core.io.layout_files import choose_layout
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
-from rtsr_cli.core.io.shots import FrameSet
+from rtsr_cli.core.io.shots import FrameSet, misnamed
 from rtsr_cli.core.io.side_cars import CameraRow
 
 WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
@@ -73,6 +73,7 @@ def open_frames(
     headers = headers if headers is not None else read_headers(frames)
     first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
     streams = {key: header.channels - header.subsampled for key, header in first.items()}
+    _check_usable(frames, first)
     chosen, binding = choose_layout(layout or capture.layout, capture, streams, str(frames.root))
     if capture.specular is SpecularWorkflow.F0:
         # base colour is then the diffuse colour already, and no metal takes from it
@@ -111,13 +112,24 @@ def read_headers(frames: FrameSet) -> Headers:
     """Read the header of every file.
 
     Raises:
-        FrameFolderError: one is no readable EXR; names it.
+        FrameFolderError: one is no readable EXR, or no file at all; names it.
     """
+    for wrong in misnamed(frames).values():
+        raise FrameFolderError(wrong)
     with ThreadPoolExecutor(SURVEY_THREADS) as pool:
         return {
             key: dict(zip(stream.files, pool.map(read_header, stream.files.values()), strict=True))
             for key, stream in frames.streams.items()
         }
+
+
+def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:
+    subsampled = sorted({c for header in first.values() for c in header.subsampled})
+    if not any(header.channels - header.subsampled for header in first.values()):
+        raise FrameFolderError(
+            f"{frames.root}: every channel ({', '.join(subsampled)}) is subsampled, as luminance "
+            "and chroma are; write channels of the full size (R, G, B)"
+        )
 
 
 def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> None:
@@ -145,6 +157,9 @@ def _numbers(
             f"{frames.root}: frames are missing: {listed}. Render them, or use --on-missing "
             "skip|hold (history restarts there); dumps numbered in steps declare frame_step"
         )
+    if not complete:
+        listed = "; ".join(f"'{key}' has {ranges(frames.streams[key].files)}" for key in used)
+        raise FrameFolderError(f"{frames.root}: no frame has all of its files: {listed}")
     held: dict[int, int] = {}
     if policy is MissingPolicy.HOLD:
         last = None

@@ -282,15 +282,11 @@ def _writing(plan: ShotPlan, frame: Frame, role: Role) -> Any:
 
 
 def check_size(options: SynthOptions) -> None:
-    """Raise where LR pixels would not divide the size, or a layout needs both resolutions.
+    """Raise where LR pixels would not divide the size.
 
     Raises:
         OutputError: names size and scale.
     """
-    if options.file_layout.tree is not None and options.scale is None:
-        raise OutputError(
-            f"layout '{options.layout}' keeps two resolutions apart: give --scale, e.g. --scale 2"
-        )
     height, width = options.size
     if options.scale is not None and (height % options.scale or width % options.scale):
         raise OutputError(

@@ -31,14 +31,14 @@ NEGATED = MotionConvention(direction=C)
 Settle = Callable[..., Settled]
 
 
-def reader_of(folder: Path) -> FrameReader:
+def reader_of(folder: Path, declared: Capture | None = None) -> FrameReader:
     names = ("R", "G", "B", "motion.X", "motion.Y", "depth.Z", "normal.X", "normal.Y", "normal.Z")
     for number in (1, 2, 3):
         planes = {name: np.full((4, 6), number, np.float32) for name in names}
         write_exr(folder / f"f.{number:04d}.exr", planes)
     frames = frame_set(folder)
     assert frames is not None
-    return open_frames(frames, layout=None, capture=Capture(), side_car={})
+    return open_frames(frames, layout=None, capture=declared or Capture(), side_car={})
 
 
 def candidate(convention: MotionConvention, error: float, best: float, t: float) -> Candidate:
@@ -70,7 +70,7 @@ def settled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settle:
     def run(
         measured: Measured, capture: Capture | None = None, *, verified: bool = True
     ) -> Settled:
-        reader = reader_of(tmp_path)
+        reader = reader_of(tmp_path, capture)
         reader = replace(reader, layout=replace(reader.layout, verified=verified))
         monkeypatch.setattr(settling, "measure", lambda *_, **__: measured)
         return settle(reader, capture or Capture(), named=False)
@@ -133,7 +133,9 @@ def test_ties_leave_a_verified_preset_alone(settled: Settle) -> None:
 
 def test_ties_that_nothing_declares_are_refused_with_the_choices(settled: Settle) -> None:
     result = settled(Measured(motion=tied(NEGATED, MotionConvention())), verified=False)
-    with pytest.raises(FrameFolderError, match=r"current-minus-previous.*previous-minus-current"):
+    with pytest.raises(
+        FrameFolderError, match=r"(?s)current-minus-previous.*previous-minus-current"
+    ):
         decided(result, sharded=False)
 
 
@@ -146,6 +148,16 @@ def test_a_declaration_settles_a_tie(settled: Settle) -> None:
 def test_an_unverified_preset_runs_on_a_clear_measurement(settled: Settle) -> None:
     result = settled(Measured(motion=clear(NEGATED)), verified=False)
     assert decided(result, sharded=False).conventions.motion == NEGATED
+
+
+def test_jitter_is_called_undeclared_only_where_no_frame_declares_any(settled: Settle) -> None:
+    finding = JitterFinding(verdict=JitterVerdict.UNDECLARED, spread_px=0.5)
+    measured = Measured(motion=clear(MotionConvention()), jitter=finding, frames=(1, 2, 3))
+    (free,) = settled(measured).warnings
+    assert "that is not declared" in free
+    (bound,) = settled(measured, capture(jitter_px=[0.125, 0.125])).warnings
+    assert "beside the offset that jitter_px declares" in bound
+    assert "not declared" not in bound
 
 
 def test_vectors_that_cannot_be_measured_are_refused_under_an_unverified_preset(
@@ -252,3 +264,17 @@ def test_an_unverified_layout_without_motion_has_to_be_named(
     with pytest.raises(FrameFolderError, match="known from documentation only"):
         decided(settle(reader, Capture(), named=False), sharded=False)
     assert decided(settle(reader, Capture(), named=True), sharded=False).stored
+
+
+def test_a_layout_that_is_named_runs_without_the_vectors_that_nothing_decides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(settling, "measure", lambda *_, **__: Measured())
+    reader = reader_of(tmp_path)
+    reader = replace(reader, layout=replace(reader.layout, verified=False))
+    run = decided(settle(reader, Capture(), named=True), sharded=False)
+    assert run.stored - run.readable == {Buffer.MOTION}
+    assert "fewer than two frames" in run.motion_undecided
+    assert run.notes == (settling.NOT_READ,)
+    beside = settle(reader, Capture(), named=True, motion=False)
+    assert beside.motion_undecided == ""

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.io.shots import Shot, find_shots, frame_set
+from rtsr_cli.core.io.shots import Shot, find_shots, frame_set, misnamed
+from rtsr_cli.core.io.survey import read_headers
 
 
 def touch(folder: Path, *names: str) -> Path:
@@ -118,20 +119,17 @@ def test_a_dash_is_a_sign_where_other_frames_of_that_name_have_none(tmp_path: Pa
     assert numbers(tmp_path) == {"img": [-2, -1, 0, 1]}
 
 
-def test_a_folder_that_is_named_like_a_frame_is_refused(tmp_path: Path) -> None:
+def test_folders_and_dead_links_that_are_named_like_frames_are_told(tmp_path: Path) -> None:
     touch(tmp_path, "f.0001.exr", "f.0002.exr")
     (tmp_path / "f.0003.exr").mkdir()
-    with pytest.raises(
-        FrameFolderError, match=r"f\.0003\.exr: is a folder .* like a frame; rename"
-    ):
-        find_shots(tmp_path)
-
-
-def test_a_link_that_leads_nowhere_is_refused_with_its_target(tmp_path: Path) -> None:
-    touch(tmp_path, "f.0001.exr")
-    (tmp_path / "f.0002.exr").symlink_to(tmp_path / "gone" / "f.0002.exr")
-    with pytest.raises(FrameFolderError, match=r"f\.0002\.exr: is a link to .*gone.*mount or copy"):
-        find_shots(tmp_path)
+    (tmp_path / "f.0004.exr").symlink_to(tmp_path / "gone" / "f.0004.exr")
+    (tmp_path / "notes").mkdir()
+    (shot,) = find_shots(tmp_path)
+    folder, link = misnamed(shot.frames).values()
+    assert folder.startswith(f"{tmp_path}/f.0003.exr: is a folder that is named like a frame")
+    assert f"is a link to {tmp_path}/gone/f.0004.exr, which is not there; mount or copy" in link
+    with pytest.raises(FrameFolderError, match=r"f\.0003\.exr: is a folder .* rename"):
+        read_headers(shot.frames)
 
 
 def test_an_empty_lr_folder_beside_hr_frames_is_what_the_refusal_speaks_of(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,14 @@ import torch
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.io.capture import Capture
 from rtsr_cli.core.io.exr import Window, write_exr
 from rtsr_cli.core.io.layout_files import layout_named
 from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.io.shots import frame_set
 from rtsr_cli.core.io.side_cars import CameraRow
-from rtsr_cli.core.io.survey import MissingPolicy, ranges
+from rtsr_cli.core.io.survey import MissingPolicy, open_frames, read_headers
 
 Write = Callable[..., Path]
 Open = Callable[..., FrameReader]
@@ -277,7 +281,7 @@ def test_a_layout_that_matches_nothing_is_refused_with_the_folder(
         ([4], "4"),
         ([3, 1, 2], "1-3"),
         ([1, 2, 4, 6, 7], "1-2, 4, 6-7"),
-        ([-2, -1], "-2--1"),
+        ([-2, -1], "-2..-1"),
     ],
 )
 def test_ranges_are_written_compactly(numbers: list[int], text: str) -> None:
@@ -317,3 +321,26 @@ def test_the_f0_workflow_has_no_metal(
     write_frames(tmp_path, [1])
     assert Buffer.METALLIC in open_folder(tmp_path).stored
     assert Buffer.METALLIC not in open_folder(tmp_path, capture={"specular": "f0"}).stored
+
+
+def test_files_of_luminance_and_chroma_only_are_refused_in_words_that_help(
+    tmp_path: Path, write_frames: Write
+) -> None:
+    frames = frame_set(write_frames(tmp_path, [1], only=("R", "G", "B")))
+    assert frames is not None
+    headers = {
+        key: {n: replace(h, subsampled=h.channels) for n, h in by_number.items()}
+        for key, by_number in read_headers(frames).items()
+    }
+    with pytest.raises(FrameFolderError, match=r"every channel \(B, G, R\) is subsampled"):
+        open_frames(frames, headers=headers, layout=None, capture=Capture(), side_car={})
+
+
+def test_buffers_that_share_no_frame_are_refused_even_where_frames_may_be_skipped(
+    tmp_path: Path, write_frames: Write, open_folder: Open
+) -> None:
+    write_split(write_frames, tmp_path, [1, 2], [3, 4])
+    with pytest.raises(
+        FrameFolderError, match=r"no frame has all of its files: .* has 1-2; .* 3-4"
+    ):
+        open_folder(tmp_path, on_missing=MissingPolicy.SKIP)
