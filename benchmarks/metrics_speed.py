@@ -4,7 +4,8 @@
 
 Ratios of wall time in one process with one thread each, ours and theirs in turn, so that another
 load on the machine falls on both; medians of the pairs. Then the throughput of two such processes
-at once against one, and the peak memory of one that has nothing else loaded.
+at once against one (by CPU time, another load on the machine's cores does not show), and the peak
+memory of one.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # read when torch and flip-evaluator are loaded
 
 import multiprocessing
-import resource
 import statistics
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import click
 import flip_evaluator
@@ -90,20 +91,30 @@ def their_flip(test: np.ndarray, ref: np.ndarray, mode: str) -> None:
     flip_evaluator.evaluate(ref, test, mode, mode == "LDR", False, True, {})
 
 
+def peak_bytes(*, forget: bool = False) -> int:
+    """Largest resident size of this process so far, or since it was last told to forget (Linux)."""
+    if forget:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    line = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) * 1024
+
+
 def worker(barrier: object, queue: object) -> None:
-    """Time our metrics `REPEATS` times, from a common start; report seconds and peak memory."""
+    """Run our metrics `REPEATS` times, from a common start; report wall, CPU time and memory."""
     torch.set_num_threads(1)
     images = picture_pair()
     with torch.no_grad():
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before = peak_bytes(forget=True)
         our_metrics(images)
-        after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        after = peak_bytes()
         barrier.wait()
-        taken = seconds(lambda: [our_metrics(images) for _ in range(REPEATS)])
-    queue.put((taken / REPEATS, before * 1024, after * 1024))
+        cpu = time.process_time()
+        wall = seconds(lambda: [our_metrics(images) for _ in range(REPEATS)])
+    queue.put((wall, time.process_time() - cpu, before, after))
 
 
-def together(jobs: int) -> list[tuple[float, int, int]]:
+def together(jobs: int) -> list[tuple[float, float, int, int]]:
     """Run `jobs` workers at once."""
     context = multiprocessing.get_context("spawn")
     barrier, queue = context.Barrier(jobs), context.Queue()
@@ -134,11 +145,14 @@ def main(pairs: int, hdr: bool) -> None:
             pairs,
         )
         if hdr:
-            compare("HDR-FLIP", lambda: hdr_flip(*images), lambda: their_flip(*pictures, "HDR"), 5)
+            compare(
+                "HDR-FLIP", lambda: hdr_flip(*images), lambda: their_flip(*pictures, "HDR"), pairs
+            )
     rounds = [(together(1)[0], together(2)) for _ in range(pairs)]
-    gains = [2.0 * one[0] / max(taken for taken, _, _ in two) for one, two in rounds]
-    print(f"two jobs at once: {statistics.median(gains):.2f} x the throughput of one")
-    _, before, after = rounds[0][0]
+    for clock, name in enumerate(("wall", "CPU")):
+        gains = [2.0 * one[clock] / max(job[clock] for job in two) for one, two in rounds]
+        print(f"two jobs at once, {name} time: {statistics.median(gains):.2f} x one's throughput")
+    before, after = rounds[0][0][2:]
     print(
         f"peak memory: {after / BYTES_PER_MB:.0f} MB, {before / BYTES_PER_MB:.0f} MB of it the "
         "program and the two images"

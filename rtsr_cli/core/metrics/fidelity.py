@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.metrics.filtering import check_pair, row_strips
 from rtsr_cli.core.shapes import Image, Mask, PixelMap, Scores
 
@@ -22,9 +23,16 @@ def masked_mean(values: PixelMap, mask: Mask | None = None) -> Scores:
 
     Returns:
         One mean an image; NaN where the mask is empty.
+
+    Raises:
+        ShapeMismatchError: the mask is of another size.
     """
     if mask is None:
         return values.mean((-2, -1))
+    if mask.shape != (len(values), 1, *values.shape[1:]):
+        raise ShapeMismatchError(
+            f"a mask of {tuple(mask.shape)} does not fit a map of {tuple(values.shape)}"
+        )
     weights = mask[:, 0]
     total = torch.where(weights > 0, values * weights, 0.0).sum((-2, -1))
     return total / weights.sum((-2, -1))

@@ -38,12 +38,14 @@ FRAME_DIMENSIONS = 4
 
 
 def check_pair(test: Image, ref: Image) -> None:
-    """Raise ShapeMismatchError unless both are NCHW of one size."""
+    """Raise ShapeMismatchError unless both are NCHW of one size, TypeError for integers."""
     if test.shape != ref.shape or test.dim() != FRAME_DIMENSIONS:
         raise ShapeMismatchError(
             f"a metric compares images of one size, not {tuple(test.shape)} (test) with "
             f"{tuple(ref.shape)} (reference): N, channels, height, width have to agree"
         )
+    if not (test.is_floating_point() and test.dtype == ref.dtype):
+        raise TypeError(f"images of one floating-point type, not {test.dtype} with {ref.dtype}")
 
 
 def gaussian_taps(sigma_px: float, reach: int) -> Tensor:

@@ -119,14 +119,21 @@ WINDOWS = {
 
 
 def _comparisons(fields: Tensor, window: _Window) -> tuple[Tensor, Tensor]:
-    """l and cs of filtered x, y, x^2 + y^2 and x y, all less the window's offset."""
+    """l and cs of filtered x, y, x^2 + y^2 and x y, taken of values less the offset o.
+
+        l  = (2 m_x m_y + q) / (m_x^2 + m_y^2 + q),   q = 2 o (m_x + m_y) + 2 o^2 + C1
+        cs = (2 f (E[xy] - m_x m_y) + C2) / (f (E[x^2 + y^2] - m_x^2 - m_y^2) + C2)
+
+    with f the covariance factor; l is that of the means m + o.
+    """
     x, y, squares, product = fields.unbind(1)
-    factor = window.covariance_factor
-    variances = (squares - x * x - y * y) * factor
-    covariance = (product - x * y) * factor
-    mean_x, mean_y = x + window.offset, y + window.offset
-    luminance = (2.0 * mean_x * mean_y + C1) / (mean_x * mean_x + mean_y * mean_y + C1)
-    return luminance, (2.0 * covariance + C2) / (variances + C2)
+    offset, factor = window.offset, window.covariance_factor
+    of_means = x * y
+    squared_means = torch.addcmul(x * x, y, y)
+    shift = (x + y).mul_(2.0 * offset).add_(2.0 * offset**2 + C1)
+    luminance = torch.add(shift, of_means, alpha=2.0).div_(squared_means + shift)
+    covariance = (product - of_means).mul_(2.0 * factor).add_(C2)
+    return luminance, covariance / (squares - squared_means).mul_(factor).add_(C2)
 
 
 def _strip_comparisons(test: Image, ref: Image, window: _Window) -> Iterator[tuple[Tensor, Tensor]]:

@@ -64,3 +64,11 @@ def test_the_error_map_agrees_with_the_definition_where_strips_end(device: torch
 def test_images_of_different_sizes_are_refused() -> None:
     with pytest.raises(ShapeMismatchError, match="of one size"):
         psnr(torch.zeros(1, 3, 4, 4), torch.zeros(1, 3, 4, 5))
+
+
+def test_integers_and_masks_of_another_size_are_refused() -> None:
+    byte = torch.zeros(1, 3, 4, 4, dtype=torch.uint8)
+    with pytest.raises(TypeError, match="floating-point"):
+        psnr(byte, byte)
+    with pytest.raises(ShapeMismatchError, match="does not fit"):
+        masked_mean(torch.ones(1, 4, 4), torch.ones(1, 1, 4, 5))

@@ -134,6 +134,14 @@ def test_the_gradient_is_finite_for_equal_images(device: torch.device) -> None:
     assert test.grad.isfinite().all()
 
 
+@pytest.mark.parametrize("convention", list(SsimConvention))
+def test_the_gradient_agrees_with_differences(convention: SsimConvention) -> None:
+    test, ref = (image.double() for image in random_pair(12, 13))
+    assert torch.autograd.gradcheck(
+        lambda image: ssim(image, ref, convention), test.requires_grad_(), fast_mode=True
+    )
+
+
 def test_frames_smaller_than_a_window_are_refused() -> None:
     with pytest.raises(ShapeMismatchError, match=r"SSIM \(wang\) needs at least 11 pixels"):
         ssim(*random_pair(10, 40))
