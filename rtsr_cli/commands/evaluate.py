@@ -168,7 +168,7 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
             raise click.UsageError("--merge joins JSON files; it takes no --ref")
     elif chosen["reference"] is None:
         folders = chosen["tests"]
-        if len(folders) != 2:  # noqa: PLR2004 - TEST REF
+        if len(folders) != 2:
             raise click.UsageError(
                 "without --ref exactly two folders are taken, TEST REF; name the reference with "
                 "--ref"

@@ -21,7 +21,7 @@ def number(value: float | None) -> str:
         return NOTHING
     if math.isinf(value):
         return "inf"
-    return f"{value:.4f}" if abs(value) < 10.0 else f"{value:.2f}"  # noqa: PLR2004 - digits
+    return f"{value:.4f}" if abs(value) < 10.0 else f"{value:.2f}"
 
 
 def _best(values: Sequence[float | None], better: str) -> float | None:

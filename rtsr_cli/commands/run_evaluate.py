@@ -16,16 +16,16 @@ from rtsr_cli.commands.running import FAILED, LOG, device_named, selection
 from rtsr_cli.core.errors import FrameFolderError, MetricUnavailableError
 from rtsr_cli.core.evaluation import results
 from rtsr_cli.core.evaluation.comparing import (
-    Comparison,
     CompareOptions,
+    Comparison,
     method_names,
     open_comparisons,
 )
 from rtsr_cli.core.evaluation.illustrating import moments, strips
 from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judged_shot, result_of
+from rtsr_cli.core.evaluation.metric_table import METRICS, Rules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.running import RunOptions
-from rtsr_cli.core.evaluation.scoring import METRICS, Rules
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.selection import ranges

@@ -241,7 +241,7 @@ def _gbuffer(
 
 def _has_surface(shot: Shot) -> bool:
     paths = [next(iter(stream.files.values())) for stream in shot.frames.streams.values()]
-    return len(paths) > 1 or any(len(read_header(path).channels) > 4 for path in paths)  # noqa: PLR2004
+    return len(paths) > 1 or any(len(read_header(path).channels) > 4 for path in paths)
 
 
 def _text(size: Size) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -94,15 +94,3 @@ def _radiance(reader: FrameReader, number: int, samples: int) -> tuple[Color, Te
     if not bool(finite.all()):
         color = color.masked_fill(~finite, 0.0)
     return color, finite
-
-
-def without_motion_jump(frame: Frame) -> Frame:
-    """Return the frame with motion that is not finite turned to leave the image."""
-    gbuffer = frame.gbuffer
-    if Buffer.MOTION not in gbuffer:
-        return frame
-    motion = gbuffer[Buffer.MOTION]
-    if bool(torch.isfinite(motion).all()):
-        return frame
-    lost = motion.nan_to_num(nan=1e6, posinf=1e6, neginf=-1e6)
-    return replace(frame, gbuffer=gbuffer.with_buffers({Buffer.MOTION: lost}))

@@ -19,10 +19,10 @@ from rtsr_cli import __version__
 from rtsr_cli.core.evaluation import results
 from rtsr_cli.core.evaluation.comparing import Comparison
 from rtsr_cli.core.evaluation.frames import JudgedFrame
+from rtsr_cli.core.evaluation.metric_table import METRICS, REFERENCE_WARPED, WARPED, Rules
 from rtsr_cli.core.evaluation.protocols import Protocol, Shown
 from rtsr_cli.core.evaluation.regions import REGION_MEANINGS, Region
 from rtsr_cli.core.evaluation.running import RunOptions, score_shot
-from rtsr_cli.core.evaluation.scoring import METRICS, REFERENCE_WARPED, Rules
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.metrics.vmaf import Vmaf, default_model
 
@@ -212,7 +212,7 @@ def _metrics(judgement: Judgement) -> dict[str, Any]:
         }
         if name in judgement.unavailable:
             described[name]["unavailable"] = judgement.unavailable[name]
-        if name == "warped":
+        if name == WARPED:
             described[REFERENCE_WARPED] = {
                 **described[name],
                 "title": "Warped error of the reference",

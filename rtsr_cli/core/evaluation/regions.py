@@ -16,9 +16,9 @@ from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import luminance
+from rtsr_cli.core.imaging.demodulation import LIGHTING_FLOOR, floored
 from rtsr_cli.core.imaging.disocclusion import SurfaceBuffers, disocclusion_mask
 from rtsr_cli.core.imaging.geometry_finder import to_world
-from rtsr_cli.core.imaging.demodulation import LIGHTING_FLOOR, floored
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 
@@ -135,23 +135,32 @@ def _mark(edges: Tensor, dim: int, differs: Tensor) -> None:
     edges.narrow(dim, 1, differs.shape[dim]).logical_or_(differs)
 
 
+def _depth_differs(one: Tensor, other: Tensor) -> Tensor:
+    return (one - other).abs() > DEPTH_STEP * torch.minimum(one, other)
+
+
+def _normal_differs(one: Tensor, other: Tensor) -> Tensor:
+    return (one * other).sum(1, keepdim=True) < EDGE_COSINE
+
+
+_DIFFERS = {
+    Buffer.OBJECT_ID: torch.ne,
+    Buffer.DEPTH: _depth_differs,
+    Buffer.NORMAL: _normal_differs,
+}
+"""What tells neighbours of different surfaces, by buffer."""
+
+
 def edges(gbuffer: GBuffer) -> Mask | None:
     """Pixels beside a neighbour of another surface; None without depth, normals and ids."""
-    if not {Buffer.DEPTH, Buffer.NORMAL, Buffer.OBJECT_ID} & set(gbuffer):
+    tests = {buffer: differs for buffer, differs in _DIFFERS.items() if buffer in gbuffer}
+    if not tests:
         return None
-    found = torch.zeros(1, 1, *gbuffer.size, dtype=torch.bool)
-    if Buffer.OBJECT_ID in gbuffer:
-        for dim, one, other in _steps(gbuffer[Buffer.OBJECT_ID]):
-            _mark(found, dim, one != other)
-    if Buffer.DEPTH in gbuffer:
-        for dim, one, other in _steps(gbuffer[Buffer.DEPTH]):
-            _mark(found, dim, (one - other).abs() > DEPTH_STEP * torch.minimum(one, other))
-    if Buffer.NORMAL in gbuffer:
-        for dim, one, other in _steps(gbuffer[Buffer.NORMAL]):
-            _mark(found, dim, (one * other).sum(1, keepdim=True) < EDGE_COSINE)
-        if Buffer.DEPTH in gbuffer:
-            return found & ~_inside_sky(derive_sky(gbuffer) > 0)
-    return found
+    found = torch.zeros_like(gbuffer[next(iter(tests))][:, :1], dtype=torch.bool)
+    for buffer, differs in tests.items():
+        for dim, one, other in _steps(gbuffer[buffer]):
+            _mark(found, dim, differs(one, other))
+    return found & ~_inside_sky(derive_sky(gbuffer) > 0)
 
 
 def _inside_sky(sky: Mask) -> Mask:

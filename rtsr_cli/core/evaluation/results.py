@@ -43,7 +43,7 @@ def interval(values: Iterable[float | None]) -> list[float] | None:
     """
     finite = np.array([v for v in values if v is not None and math.isfinite(v)], dtype=np.float64)
     count = len(finite)
-    if count < 2:  # noqa: PLR2004 - one frame tells nothing about the others
+    if count < 2:
         return None
     block = max(1, round(count ** (1 / 3)))
     random = np.random.default_rng(0)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
+
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.evaluation.comparing import Comparison
 from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
+from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.results import FrameScores
-from rtsr_cli.core.evaluation.scoring import Rules, score_frame
+from rtsr_cli.core.evaluation.scoring import score_frame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,46 +49,61 @@ class ScoredFrame:
     failed: str = ""
 
 
-def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFrame]:
-    """Score every frame of a shot, in order; a few frames are in memory at a time.
+class _Frames:
+    """Frames of a shot on their way: each is read once, for its own scores and for the next's."""
 
-    A frame is read once, for its own scores and for those of the next one. Reading waits in the
-    same queue as scoring, ahead of it, so that any number of threads gets through. A frame that
-    cannot be read fails, and is no history for the next one.
-    """
-    first = set(comparison.available[: options.skip_first])
-    read: dict[int, Future[JudgedFrame]] = {}
-    pending: deque[Future[ScoredFrame]] = deque()
+    def __init__(self, comparison: Comparison, options: RunOptions, pool: Executor) -> None:
+        """Start with none."""
+        self._comparison = comparison
+        self._options = options
+        self._pool = pool
+        self._read: dict[int, Future[JudgedFrame]] = {}
+        self._first = frozenset(comparison.available[: options.skip_first])
 
-    def frame_of(number: int) -> Future[JudgedFrame]:
-        if number not in read:
-            read[number] = pool.submit(
-                read_judged, comparison, number, border=options.border, device=options.device
+    def submit(self, number: int) -> Future[ScoredFrame]:
+        """Queue a frame's reading and scoring; frames before its history are let go."""
+        previous = self._comparison.previous(number)
+        before = None if previous is None else self._reading(previous)
+        scored = self._pool.submit(self._score, number, self._reading(number), before)
+        self._read = {n: f for n, f in self._read.items() if n in {number, previous}}
+        return scored
+
+    def _reading(self, number: int) -> Future[JudgedFrame]:
+        if number not in self._read:
+            border, device = self._options.border, self._options.device
+            self._read[number] = self._pool.submit(
+                read_judged, self._comparison, number, border=border, device=device
             )
-        return read[number]
+        return self._read[number]
 
-    def score(
-        number: int, frame: Future[JudgedFrame], before: Future[JudgedFrame] | None
+    def _score(
+        self, number: int, frame: Future[JudgedFrame], before: Future[JudgedFrame] | None
     ) -> ScoredFrame:
         error = frame.exception()
         if isinstance(error, RtsrError):
             return ScoredFrame(number=number, failed=str(error))
         current = frame.result()
         previous = None if before is None or before.exception() else before.result()
-        scores = score_frame(current, previous, options.rules, counted=number not in first)
-        kept = options.keep(current) if options.keep else None
-        return ScoredFrame(number=number, scores=scores, kept=kept)
+        counted = number not in self._first
+        scores = score_frame(current, previous, self._options.rules, counted=counted)
+        keep = self._options.keep
+        return ScoredFrame(number=number, scores=scores, kept=keep(current) if keep else None)
 
+
+def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFrame]:
+    """Score every frame of a shot, in order; a few frames are in memory at a time.
+
+    Reading waits in the same queue as scoring, ahead of it, so that any number of threads gets
+    through. A frame that cannot be read fails, and is no history for the next one.
+    """
+    pending: deque[Future[ScoredFrame]] = deque()
     with ThreadPoolExecutor(
         options.jobs, "rtsr-judge", initializer=torch.set_num_threads, initargs=(1,)
     ) as pool:
+        frames = _Frames(comparison, options, pool)
         try:
             for number in comparison.numbers:
-                previous = comparison.previous(number)
-                before = None if previous is None else frame_of(previous)
-                pending.append(pool.submit(score, number, frame_of(number), before))
-                for old in [n for n in read if n not in {number, number - comparison.step}]:
-                    del read[old]
+                pending.append(frames.submit(number))
                 if len(pending) > options.jobs:
                     yield pending.popleft().result()
             while pending:
