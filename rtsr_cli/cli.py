@@ -6,15 +6,13 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from importlib import import_module
-from types import FrameType
 from typing import NoReturn
 
 import click
 
 from rtsr_cli import __version__
+from rtsr_cli.commands.stopping import INTERRUPTED, SIGNALLED, STOPPING, leave
 from rtsr_cli.core.errors import RtsrError, did_you_mean
 
 COMMANDS = {
@@ -30,15 +28,6 @@ COMMANDS = {
 
 EXIT_REFUSED = 3
 """Exit code of an input that is refused; usage errors are click's 2, failed frames 1."""
-
-
-STOPPING = (signal.SIGINT, signal.SIGTERM)
-"""Signals that end a run in good order."""
-
-SIGNALLED = 128
-"""Plus the signal's number: the exit code that shells use."""
-
-INTERRUPTED = "Interrupted: what is finished is kept; run again for the rest"
 
 
 class LazyGroup(click.Group):
@@ -76,8 +65,7 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         """Run a command; what a user can cause ends in one message and an exit code."""
         try:
-            with _unwinding():
-                return super().invoke(ctx)
+            return super().invoke(ctx)
         except RtsrError as error:
             click.echo(f"Error: {error}", err=True)
             _emit_error(ctx, error)
@@ -121,38 +109,6 @@ def group() -> None:
     logger.handlers = [EchoHandler()]
     logger.propagate = False
     logger.setLevel(logging.INFO)
-
-
-def _interrupt(number: int, _: FrameType | None) -> None:
-    """Unwind, so that files being written are finished; a second signal changes nothing."""
-    for other in STOPPING:
-        signal.signal(other, signal.SIG_IGN)
-    raise KeyboardInterrupt(number)
-
-
-def leave(number: int, _: FrameType | None) -> NoReturn:
-    """End at once: before a command has begun, and after it has ended, nothing is to be saved."""
-    with suppress(OSError, RuntimeError, ValueError, AttributeError):
-        sys.stdout.flush()
-    os.write(2, f"{INTERRUPTED}\n".encode())
-    os._exit(SIGNALLED + number)
-
-
-@contextmanager
-def _unwinding() -> Iterator[None]:
-    """While a command runs, let the signals that otherwise end the process at once unwind it."""
-    if signal.getsignal(signal.SIGINT) is not leave:
-        yield
-        return
-    for number in STOPPING:
-        signal.signal(number, _interrupt)
-    try:
-        yield
-    finally:
-        for number in STOPPING:
-            # after a signal both are ignored, until the process has ended
-            if signal.getsignal(number) is _interrupt:
-                signal.signal(number, leave)
 
 
 def main() -> NoReturn:

@@ -21,6 +21,7 @@ from rtsr_cli.commands.running import (
     stopped,
     until_stopped,
 )
+from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import demodulating
 from rtsr_cli.core.demodulating import DemodulateOptions, DemodulatePlan, FrameReport
 from rtsr_cli.core.derive import DerivationConfig
@@ -60,7 +61,7 @@ def run_demodulate(chosen: Mapping[str, Any]) -> int:
         check_writable(plan.folder)
     reports: list[FrameReport] = []
     pending = sum(len(plan.pending) for plan in plans)
-    with tqdm(total=pending, unit="frame", disable=None) as bar:
+    with unwinding(), tqdm(total=pending, unit="frame", disable=None) as bar:
         for report in until_stopped(demodulating.run_frames(p, options) for p in plans):
             reports.append(report)
             bar.update(not report.kept)

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from rtsr_cli.commands.inspection_text import report
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import LOG
+from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.errors import OutputError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.geometry_finder import DepthFinding
@@ -91,7 +92,8 @@ def _write(
     main = inspection.main
     text = capture_toml(main.settled, known, main.guessed, main.unknown)
     try:
-        also = _put_down(path, text, overwrite=chosen["overwrite"])
+        with unwinding():
+            also = _put_down(path, text, overwrite=chosen["overwrite"])
     except OutputError as error:
         click.echo(f"Error: {error}", err=True)
         return str(error)

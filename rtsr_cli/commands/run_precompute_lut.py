@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rtsr_cli import __version__
+from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.imaging.brdf_lut import LutConvention, integrate_lut
 from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.preview import write_png
@@ -25,7 +26,8 @@ def write_table(outputs: tuple[Path, ...], *, size: int, samples: int, conventio
         "rtsr:lutConvention": convention,
         "rtsr:lutSamples": samples,
     }
-    for picture in outputs[1:]:
-        rgb = np.stack((scale, bias, np.zeros_like(scale)), axis=-1)
-        write_png(picture, np.rint(rgb * 255).astype(np.uint8))
-    write_exr(outputs[0], {"A": scale, "B": bias}, attributes=attributes)
+    with unwinding():
+        for picture in outputs[1:]:
+            rgb = np.stack((scale, bias, np.zeros_like(scale)), axis=-1)
+            write_png(picture, np.rint(rgb * 255).astype(np.uint8))
+        write_exr(outputs[0], {"A": scale, "B": bias}, attributes=attributes)

@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import LOG
+from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.synth.choices import SynthOptions
@@ -37,7 +38,8 @@ def run_synth(chosen: Mapping[str, Any]) -> int:
         check_writable(plan.folder)
     counts = {"written": 0, "kept": 0}
     started = time.perf_counter()
-    with tqdm(total=sum(len(p.pending) for p in plans), unit="file", disable=None) as bar:
+    pending = sum(len(plan.pending) for plan in plans)
+    with unwinding(), tqdm(total=pending, unit="file", disable=None) as bar:
         for plan in plans:
             for report in run_shot(plan, jobs=chosen["jobs"]):
                 counts["kept" if report.kept else "written"] += 1

@@ -23,6 +23,7 @@ from rtsr_cli.commands.running import (
     stopped,
     until_stopped,
 )
+from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, tiling, upscaling
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
@@ -71,7 +72,8 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
     for plan, _ in jobs:
         check_writable(plan.folder)
     events = until_stopped(upscaling.run_shot(*job, options) for job in jobs)
-    return _finish(chosen, events, sum(len(p.pending) for p, _ in jobs))
+    with unwinding():
+        return _finish(chosen, events, sum(len(p.pending) for p, _ in jobs))
 
 
 def _pairs(chosen: Mapping[str, Any]) -> Iterator[tuple[str, PairSource]]:

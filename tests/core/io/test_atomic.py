@@ -54,7 +54,13 @@ def test_parts_of_another_machine_stay_for_a_day(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("code", "blocks"),
-    [(errno.ENOSPC, True), (errno.EDQUOT, True), (errno.EROFS, True), (errno.EFBIG, False)],
+    [
+        (errno.ENOSPC, True),
+        (errno.EDQUOT, True),
+        (errno.EROFS, True),
+        (errno.EFBIG, True),
+        (errno.ENAMETOOLONG, False),
+    ],
 )
 def test_what_hits_every_file_is_told_from_what_hits_one(
     tmp_path: Path, code: int, blocks: bool
