@@ -24,7 +24,13 @@ from rtsr_cli.cli import group
 
 BASELINES = ("bicubic", "demod-bicubic", "taau")
 SCALES = (2, 4)
-METRICS = {"psnr": "PSNR dB", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS", "temporal": "temporal"}
+METRICS = {
+    "psnr": "PSNR dB",
+    "ssim": "SSIM",
+    "flip": "FLIP",
+    "lpips": "LPIPS",
+    "temporal": "temporal",
+}
 BORDER, SKIP_FIRST = 16, 2
 
 HEAD = """# Results

@@ -82,7 +82,7 @@ def test_sizes_that_differ_are_told_with_what_may_help(tmp_path: Path) -> None:
     with pytest.raises(FrameFolderError, match=r"are 24 x 16, .* 48 x 32; .*samples-per-pixel 2"):
         open_comparisons({"test": test}, ref, CompareOptions())
     assert open_comparisons({"test": test}, ref, CompareOptions(samples=2))[0].size == (16, 24)
-    with pytest.raises(FrameFolderError, match="compare frames of one size$"):
+    with pytest.raises(FrameFolderError, match=r"compare frames of one size$"):
         open_comparisons({"test": ref}, test, CompareOptions())
 
 
@@ -97,9 +97,7 @@ def test_predicted_frames_are_found_by_their_stamp(tmp_path: Path) -> None:
     write(tmp_path / "test", [1, 3])
     write(tmp_path / "test", [2, 4], predicted=1)
     ref = write(tmp_path / "ref", range(1, 5))
-    found = open_comparisons(
-        {"test": tmp_path / "test"}, ref, CompareOptions(predicted_only=True)
-    )
+    found = open_comparisons({"test": tmp_path / "test"}, ref, CompareOptions(predicted_only=True))
     assert found[0].numbers == (2, 4)
     write(tmp_path / "plain", range(1, 5))
     with pytest.raises(FrameFolderError, match=r"no frame stamped rtsr:predicted to judge"):

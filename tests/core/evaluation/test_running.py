@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.evaluation.comparing import Comparison, CompareOptions, open_comparisons
+from rtsr_cli.core.evaluation.comparing import CompareOptions, Comparison, open_comparisons
 from rtsr_cli.core.evaluation.frames import read_judged
 from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
@@ -80,7 +80,7 @@ def test_a_perfect_result_scores_perfectly(truth: Path, tmp_path: Path) -> None:
 
 
 def test_an_error_that_sticks_to_its_surface_does_not_flicker(truth: Path, tmp_path: Path) -> None:
-    """A darker stripe of the texture moves with it; the same stripe fixed to the screen flickers."""
+    """A dark stripe of the texture moves with it; one that is fixed to the screen flickers."""
 
     def striped(number: int, left: int) -> Image:
         image = reference(number).copy()
