@@ -1,133 +1,125 @@
-"""The baselines on every sequence of a data set, as a table: `docs/results.md`.
+"""PSNR of the baselines on decimated captures, beside the figures of the data's manifest.
 
-    python benchmarks/baselines.py DATA [--output docs/results.md] [--keep FOLDER]
+    python benchmarks/baselines.py ../shared/data
 
-Upscales every sequence of DATA/manifest.json with every baseline at 2x and 4x from decimated
-frames, and judges them by protocol `rtsr` with a border of 16 pixels, the first 2 frames of each
-sequence left out. Scenes that the `train` split holds and scenes it does not are kept apart.
+Protocol: `--simulate-lr S` without jitter, PSNR after c/(1+c), peak 1, 16 px border left out,
+mean over frames from the third on.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import statistics
-import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
-from click.testing import CliRunner
+import torch
 
-from rtsr_cli.cli import group
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import FrameSequence
+from rtsr_cli.core.imaging.color import encode_reinhard
+from rtsr_cli.core.io.opening import ReadOptions, open_pairs
+from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.io.simulation import JitterMode, Simulation
+from rtsr_cli.core.planning import system_inputs
+from rtsr_cli.core.shapes import Color
+from rtsr_cli.core.system import System
+from rtsr_cli.core.upscaling import History
+from rtsr_cli.models import load_system
 
-BASELINES = ("bicubic", "demod-bicubic", "taau")
-SCALES = (2, 4)
-METRICS = {
-    "psnr": "PSNR dB",
-    "ssim": "SSIM",
-    "flip": "FLIP",
-    "lpips": "LPIPS",
-    "temporal": "temporal",
-}
-BORDER, SKIP_FIRST = 16, 2
-
-HEAD = """# Results
-
-Baselines on the rendered sequences that rtsr is developed on (480 x 288 captures, one sample a
-pixel, LR frames by decimation, no jitter), protocol `rtsr`: PSNR on c/(1+c), the others on
-c/(1+c) then sRGB, border {border} pixels, first {skip} frames of each sequence left out. Temporal
-is the change of (test - reference) along motion: 0 is perfect. Means over frames, then over
-sequences.
-
-Written by `python benchmarks/baselines.py DATA`; do not edit.
-"""
+BORDER_PX = 16
+SKIPPED_FRAMES = 2
 
 
-def rtsr(*arguments: object) -> None:
-    """Run a command in this process."""
-    result = CliRunner().invoke(group, [str(a) for a in arguments])
-    if result.exit_code:
-        raise click.ClickException(result.output)
+def psnr(test: Color, reference: Color) -> float:
+    """PSNR in dB of c/(1+c), peak 1, border left out."""
+    inner = (..., slice(BORDER_PX, -BORDER_PX), slice(BORDER_PX, -BORDER_PX))
+    difference = (encode_reinhard(test) - encode_reinhard(reference))[inner]
+    return float(-10.0 * torch.log10(difference.double().square().mean()))
 
 
-def judged(data: Path, work: Path, scale: int) -> dict[str, Any]:
-    """Upscale and judge everything at one scale; return the result."""
-    outputs = [work / f"{scale}x" / name for name in BASELINES]
-    for name, output in zip(BASELINES, outputs, strict=True):
-        rtsr("upscale", data, output, "--simulate-lr", scale, "--system", name, "-q")
-    report = work / f"{scale}x.json"
-    rtsr(
-        "evaluate", *outputs, "--ref", data, "--metric", ",".join(METRICS), "--border", BORDER,
-        "--skip-first", SKIP_FIRST, "--output", report, "-q",
-    )  # fmt: skip
-    found: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
-    return found
+def scores(system: System, source: PairSource) -> Iterator[tuple[int, float]]:
+    """Yield frame number and PSNR of every frame of a shot."""
+    inputs = system_inputs(system, Inputs(lr=()))
+    network = system.build(system.config(), source.scale)
+    reader = source.reader
+    sequence = FrameSequence(
+        numbers=reader.numbers, load_frame=lambda n: source.load(n, inputs).lr, cuts=reader.resets
+    )
+    history = History(sequence, system, source.scale)
+    for number in reader.numbers:
+        with torch.inference_mode():
+            prediction = history.advance(
+                source.load(number, inputs), lambda w, s: system.predict(network, w, s)
+            )
+        reference = reader.read(number, [Buffer.COLOR]).gbuffer[Buffer.COLOR]
+        assert prediction.image is not None
+        yield number, psnr(prediction.image, reference)
 
 
-def cell(value: float | None, digits: int) -> str:
-    return "-" if value is None or math.isnan(value) else f"{value:.{digits}f}"
+def sequence_score(system: System, folder: Path, simulation: Simulation) -> float:
+    """Mean PSNR of a sequence from its third frame on."""
+    [(_, source)] = open_pairs(folder, ReadOptions(), simulation=simulation)
+    values = [value for _, value in scores(system, source)]
+    return statistics.fmean(values[SKIPPED_FRAMES:])
 
 
-def row(head: Iterable[str], means: dict[str, dict[str, float | None]]) -> str:
-    """One line: each method's metrics."""
+def rows(data: Path, scale: int, names: list[str], jitter: str) -> Iterator[dict[str, Any]]:
+    """Measure every sequence of the manifest."""
+    manifest = json.loads((data / "manifest.json").read_text(encoding="utf-8"))
+    simulation = Simulation(scale=scale, jitter=JitterMode(jitter))
+    for entry in manifest["sequences"]:
+        folder = data / entry["scene"] / entry["sequence"]
+        measured = {name: sequence_score(load_system(name), folder, simulation) for name in names}
+        yield {
+            "sequence": f"{entry['scene']}/{entry['sequence']}",
+            "split": entry["split"],
+            "manifest": entry["baselines"][f"{scale}x"],
+            "measured": measured,
+        }
+
+
+def print_row(row: Mapping[str, Any]) -> None:
+    """One line of the table: measured, and the manifest's figure where there is one."""
     cells = [
-        cell(means[name].get(metric), 2 if metric == "psnr" else 4)
-        for name in BASELINES
-        for metric in METRICS
+        f"{value:6.2f} ({row['manifest'][name]:.2f})"
+        if name in row["manifest"]
+        else f"{value:6.2f}"
+        for name, value in row["measured"].items()
     ]
-    return "| " + " | ".join([*head, *cells]) + " |"
-
-
-def mean_of(rows: list[dict[str, dict[str, float | None]]]) -> dict[str, dict[str, float | None]]:
-    def mean(name: str, metric: str) -> float | None:
-        values = [v for r in rows if (v := r[name].get(metric)) is not None]
-        return statistics.fmean(values) if values else None
-
-    return {name: {metric: mean(name, metric) for metric in METRICS} for name in BASELINES}
-
-
-def lines(result: dict[str, Any], sequences: list[dict[str, Any]], scale: int) -> Iterator[str]:
-    """The tables of one scale: every sequence, then means of seen and of unseen scenes."""
-    heads = [f"{name} {title}" for name in BASELINES for title in METRICS.values()]
-    for seen, title in ((True, "Scenes that `train` holds"), (False, "Scenes that `train` lacks")):
-        chosen = [s for s in sequences if bool(s["seen_in_training"]) is seen]
-        if not chosen:
-            continue
-        yield f"\n## {scale}x: {title}\n"
-        yield "| sequence | split | " + " | ".join(heads) + " |"
-        yield "| --- | --- |" + " ---: |" * len(heads)
-        rows = []
-        for s in chosen:
-            shot = f"{s['scene']}/{s['sequence']}"
-            means = {name: result["tests"][f"{name}/{shot}"]["mean"] for name in BASELINES}
-            rows.append(means)
-            yield row([shot, s["split"]], means)
-        yield row([f"**mean of {len(rows)}**", ""], mean_of(rows))
+    print(f"| {row['sequence']:16} | {row['split']:5} | " + " | ".join(cells) + " |", flush=True)
 
 
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/results.md"))
-@click.option("--keep", type=click.Path(path_type=Path), help="Keep the frames in this folder.")
-def main(data: Path, output: Path, keep: Path | None) -> None:
-    """Write the table."""
-    sequences = json.loads((data / "manifest.json").read_text(encoding="utf-8"))["sequences"]
-    text = [HEAD.format(border=BORDER, skip=SKIP_FIRST)]
-    with tempfile.TemporaryDirectory() as name:
-        work = keep or Path(name)
-        tree = work / "data"
-        tree.mkdir(parents=True, exist_ok=True)
-        for s in sequences:
-            link = tree / s["scene"] / s["sequence"]
-            link.parent.mkdir(parents=True, exist_ok=True)
-            if not link.exists():
-                link.symlink_to((data / s["scene"] / s["sequence"]).resolve())
-        for scale in SCALES:
-            text += lines(judged(tree, work, scale), sequences, scale)
-    output.write_text("\n".join(text) + "\n", encoding="utf-8")
-    click.echo(f"{output}: written")
+@click.option("--scale", "scales", type=int, multiple=True, default=(2, 4), show_default=True)
+@click.option("--system", "names", multiple=True, default=("bicubic", "demod-bicubic"))
+@click.option("--jitter", type=click.Choice(["none", "halton"]), default="none")
+def main(data: Path, scales: tuple[int, ...], names: tuple[str, ...], jitter: str) -> None:
+    """Print a table for each scale: measured dB (manifest's dB)."""
+    for scale in scales:
+        print(f"\n{scale}x, jitter {jitter}: measured dB (manifest)")
+        print("| sequence | split | " + " | ".join(names) + " |")
+        print("|---|---|" + "---|" * len(names))
+        table = []
+        for row in rows(data, scale, list(names), jitter):
+            print_row(row)
+            table.append(row)
+        means = {n: statistics.fmean(r["measured"][n] for r in table) for n in names}
+        print("mean: " + ", ".join(f"{n} {v:.2f} dB" for n, v in means.items()))
+        for name in names[1:]:
+            print(f"mean gain of {name} over {names[0]}: {means[name] - means[names[0]]:+.2f} dB")
+        if jitter == "none":
+            lows = [
+                r["measured"][n] - r["manifest"][n]
+                for r in table
+                for n in names
+                if n in r["manifest"]
+            ]
+            if lows:
+                print(f"lowest difference to the manifest: {min(lows):+.3f} dB")
 
 
 if __name__ == "__main__":
