@@ -40,7 +40,7 @@ from rtsr_cli.core.shapes import Color, PixelMap
 def pixels_per_degree(distance_m: float, width_px: int, width_m: float) -> float:
     """Pixels in one degree of the visual field at a monitor's centre.
 
-    ppd = distance (width_px / width_m) (pi / 180)            [Andersson et al. 2020, Eq. 2]
+    ppd = distance (width_px / width_m) (pi / 180)            [Andersson et al. 2020]
     """
     return distance_m * width_px / width_m * math.pi / 180.0
 

@@ -1,7 +1,7 @@
 """What FLIP compares of a strip: colours as seen from a distance, edges and points.
 
-Sections and equations are those of [Andersson et al. 2020], "FLIP: A Difference Evaluator for
-Alternating Images". Strips are linear RGB 0..1 with their surroundings.
+Filters, constants and formulas are those of [Andersson et al. 2020], "FLIP: A Difference Evaluator
+for Alternating Images". Strips are linear RGB 0..1 with their surroundings.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ SENSITIVITY = (
     ((34.1, 0.04), (13.5, 0.025)),
 )
 """(a, b) of the Gaussians of achromatic, red-green and blue-yellow contrast sensitivity: their
-sum over a sqrt(pi / b) exp(-pi^2 x^2 / b), x in degrees [Andersson et al. 2020, Table 1]."""
+sum over a sqrt(pi / b) exp(-pi^2 x^2 / b), x in degrees [Andersson et al. 2020]."""
 
 FEATURE_WIDTH_DEG = 0.082
-"""Width of the edge and point detectors, twice their sigma [Andersson et al. 2020, Sec. 4.2]."""
+"""Width of the edge and point detectors, twice their sigma [Andersson et al. 2020]."""
 
 REACH_SIGMAS = 3.0
 """Where filters end, in standard deviations of the widest [Andersson et al. 2020]."""
 
 Q_C, P_C, P_T, Q_F = 0.7, 0.4, 0.95, 0.5
 """Exponent of colour differences; the share of the largest that is mapped to P_T; exponent of
-feature differences [Andersson et al. 2020, Sections 4.1 and 4.2]."""
+feature differences [Andersson et al. 2020]."""
 
 TINY_DIFFERENCE = 1e-15
 """Colour differences up to here are none: keeps powers below 1 off their infinite slope."""
@@ -97,7 +97,7 @@ def _sensitivity_taps(
 
 
 def _balanced(taps: Tensor) -> Tensor:
-    """Scale positive taps to sum 1 and negative ones to -1 [Andersson et al. 2020, Sec. 4.2]."""
+    """Scale positive taps to sum 1 and negative ones to -1 [Andersson et al. 2020]."""
     positive, negative = taps.clamp(min=0.0), taps.clamp(max=0.0)
     return positive / positive.sum() - negative / negative.sum()
 
@@ -129,11 +129,12 @@ def build_bands(ppd: float, like: Tensor) -> Bands:
 
 
 @cache
+@torch.inference_mode(mode=False)
 def _color_matrices() -> tuple[Tensor, Tensor, Tensor]:
     """Linear RGB to XYZ over white, to opponent axes, and back, in double precision.
 
     Axes Y, X - Y, Y - Z (over white) are YCxCz without its factors and offset, which a filter of
-    sum 1 leaves alone [Andersson et al. 2020, Section 4.1].
+    sum 1 leaves alone [Andersson et al. 2020].
     """
     to_xyz = torch.tensor(RGB_TO_XYZ, dtype=torch.float64)
     to_xyz = to_xyz / to_xyz.sum(1, keepdim=True)
@@ -169,7 +170,7 @@ def _lab_curve(ratio: Tensor) -> Tensor:
 
 
 def _perceived_color(linear: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """L*, a*, b* with chroma scaled by lightness (Hunt effect) [Andersson et al. 2020, Eq. 4].
+    """L*, a*, b* with chroma scaled by lightness (Hunt effect) [Andersson et al. 2020].
 
     L = 116 f(Y) - 16,  a = 500 (f(X) - f(Y)) L / 100,  b = 200 (f(Y) - f(Z)) L / 100
     """
@@ -179,7 +180,7 @@ def _perceived_color(linear: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def _hyab(test: tuple[Tensor, Tensor, Tensor], ref: tuple[Tensor, Tensor, Tensor]) -> Tensor:
-    """|L1 - L2| + |(a, b)1 - (a, b)2| [Andersson et al. 2020, Eq. 3]."""
+    """|L1 - L2| + |(a, b)1 - (a, b)2| [Andersson et al. 2020]."""
     lightness, a, b = (t - r for t, r in zip(test, ref, strict=True))
     return lightness.abs() + (a * a + b * b).clamp(min=TINY_DIFFERENCE**2).sqrt()
 
@@ -195,7 +196,7 @@ def _largest_difference() -> float:
 def _color_difference(hyab: Tensor) -> Tensor:
     """Map 0 .. P_C of the largest difference to 0 .. P_T, the rest to P_T .. 1.
 
-    [Andersson et al. 2020, Section 4.1, error redistribution]
+    [Andersson et al. 2020]
     """
     largest = _largest_difference()
     difference = _power(hyab, Q_C)
@@ -242,7 +243,12 @@ def _see(linear: Tensor, bands: Bands) -> _Seen:
 
 
 def compare_strips(test: Tensor, ref: Tensor, bands: Bands) -> Tensor:
-    """FLIP of a strip of linear RGB 0..1 with its surroundings, (N, rows, columns)."""
+    """FLIP of a strip of linear RGB 0..1 with its surroundings, (N, rows, columns).
+
+        FLIP = C^(1 - F),   F = (max(|edges|, |points|) / sqrt(2))^Q_F   [Andersson et al. 2020]
+
+    with C the colour difference and the differences of edge and point magnitudes.
+    """
     seen, expected = _see(test, bands), _see(ref, bands)
     hyab = _hyab(seen.color, expected.color)
     feature = torch.maximum(
@@ -250,4 +256,4 @@ def compare_strips(test: Tensor, ref: Tensor, bands: Bands) -> Tensor:
     )
     feature = _power(feature.clamp(min=TINY_FEATURE).mul_(1.0 / math.sqrt(2.0)), Q_F)
     error = torch.exp(torch.log(_color_difference(hyab)) * (1.0 - feature))
-    return torch.where(hyab > TINY_DIFFERENCE, error, 0.0)
+    return torch.where(hyab > 2.0 * TINY_DIFFERENCE, error, 0.0)

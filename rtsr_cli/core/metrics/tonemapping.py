@@ -66,7 +66,7 @@ CURVES = {
 
 SHOWN_LEVEL = 0.85
 """Display light that the brightest and the median pixel are brought to
-[Andersson et al. 2021, Section 4]."""
+[Andersson et al. 2021]."""
 
 MIN_EXPOSURES = 2
 """The darkest and the brightest."""
@@ -117,7 +117,7 @@ def exposure_ends(luminance: Tensor, tone_mapper: ToneMapper) -> tuple[float, fl
     """Exposures at which the brightest and the median pixel reach `SHOWN_LEVEL`.
 
         start = log2(x / max Y),  stop = log2(x / median Y),  curve(x) = 0.85
-                                                      [Andersson et al. 2021, Section 4]
+                                                      [Andersson et al. 2021]
 
     Departs from the paper: where the median is black, the median of the lit pixels counts, and
     a black picture has the range 0 to 0 (paper silent).

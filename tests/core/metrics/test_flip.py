@@ -16,6 +16,7 @@ from rtsr_cli.core.metrics.flip import (
     ldr_flip,
     pixels_per_degree,
 )
+from rtsr_cli.core.metrics.flip_vision import _color_matrices
 from rtsr_cli.core.metrics.tonemapping import ToneMapper
 
 MEAN_TOLERANCE, PIXEL_TOLERANCE = 1e-5, 2e-4
@@ -220,3 +221,13 @@ def test_what_cannot_be_compared_is_refused(device: torch.device) -> None:
         hdr_flip(good, good, start=2.0, stop=1.0)
     with pytest.raises(RtsrError, match="at least 2 exposures"):
         hdr_flip(good, good, start=1.0, stop=2.0, count=1)
+
+
+def test_a_run_in_inference_mode_does_not_spoil_later_gradients() -> None:
+    _color_matrices.cache_clear()
+    ref = torch.rand(1, 3, 8, 8, dtype=torch.float64)
+    with torch.inference_mode():
+        ldr_flip(ref, ref)
+    test = (0.9 * ref).requires_grad_()
+    ldr_flip(test, ref).mean().backward()
+    assert test.grad is not None
