@@ -29,6 +29,10 @@ class ShapeMismatchError(RtsrError):
     """Sizes that have to agree and do not."""
 
 
+class MetricUnavailableError(RtsrError):
+    """A metric whose weights or program are not installed; the message says how to get them."""
+
+
 class ConfigError(RtsrError):
     """A file written by the user (capture.toml, a layout, a training config) that is not valid."""
 
