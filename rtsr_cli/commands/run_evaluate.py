@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tqdm import tqdm
 from rtsr_cli.commands import evaluation_text as text
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import FAILED, LOG, device_named, selection
+from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.errors import FrameFolderError, MetricUnavailableError
 from rtsr_cli.core.evaluation import results
 from rtsr_cli.core.evaluation.comparing import (
@@ -64,7 +66,8 @@ def run_evaluate(chosen: Mapping[str, Any]) -> int:
     _tell(chosen, found.result)
     for path in chosen["outputs"]:
         content = WRITERS[path.suffix.lower()](found)
-        write_atomically(path, lambda part, text=content: _put(text, part))
+        with unwinding():
+            write_atomically(path, partial(_put, content))
         LOG.info("%s: written", path)
     missed = results.failures(found.result, demanded)
     for line in missed:
@@ -122,7 +125,7 @@ def _judged(chosen: Mapping[str, Any]) -> Evaluated | None:
     shots = []
     with tqdm(total=sum(len(c.numbers) for c in comparisons), unit="frame", disable=None) as bar:
         for comparison in comparisons:
-            shots.append(judged_shot(comparison, judgement, lambda: bar.update()))
+            shots.append(judged_shot(comparison, judgement, bar.update))
     return Evaluated(result=result_of(shots, judgement), shots=shots, judgement=judgement)
 
 

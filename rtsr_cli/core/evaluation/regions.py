@@ -5,7 +5,7 @@ A region that the buffers cannot make is None, never an empty mask.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from enum import StrEnum
 
 import torch
@@ -143,7 +143,7 @@ def _normal_differs(one: Tensor, other: Tensor) -> Tensor:
     return (one * other).sum(1, keepdim=True) < EDGE_COSINE
 
 
-_DIFFERS = {
+_DIFFERS: Mapping[Buffer, Callable[[Tensor, Tensor], Tensor]] = {
     Buffer.OBJECT_ID: torch.ne,
     Buffer.DEPTH: _depth_differs,
     Buffer.NORMAL: _normal_differs,

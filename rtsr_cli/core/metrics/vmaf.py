@@ -14,6 +14,7 @@ import subprocess
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
@@ -242,7 +243,7 @@ class _Feed:
         while (frame := self._queue.get()) is not None:
             # what comes after a break is taken and dropped, so that nobody waits
             if not self.broken:
-                self._try(lambda chunk=frame: self._pipe.write(chunk))
+                self._try(partial(self._pipe.write, frame))
         self._try(self._pipe.close)
 
     def _try(self, write: Callable[[], object]) -> None:
