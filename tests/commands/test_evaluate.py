@@ -64,7 +64,9 @@ def test_ten_lines_of_scikit_image_and_flip_evaluator_agree(
 
     found = judged(rtsr, tmp_path, results / "bicubic", small_capture)["tests"]["bicubic"]
     for path in sorted((results / "bicubic").glob("*.exr")):
-        test, ref = (load_rgb(f / path.name).transpose(1, 2, 0) for f in (path.parent, small_capture))
+        test, ref = (
+            load_rgb(f / path.name).transpose(1, 2, 0) for f in (path.parent, small_capture)
+        )
         test, ref = (np.maximum(image, 0.0) for image in (test, ref))
         test, ref = (image / (1.0 + image) for image in (test, ref))
         psnr = peak_signal_noise_ratio(ref, test, data_range=1.0)
@@ -271,9 +273,7 @@ def test_lpips_without_weights_says_how_to_get_them(
     assert list(found["tests"]["bicubic"]["mean"]) == ["psnr"]
 
 
-def test_vmaf_of_a_sequence(
-    rtsr: Run, results: Path, small_capture: Path, tmp_path: Path
-) -> None:
+def test_vmaf_of_a_sequence(rtsr: Run, results: Path, small_capture: Path, tmp_path: Path) -> None:
     pytest.importorskip("imageio_ffmpeg")
     tests = [results / "bicubic", results / "demod-bicubic"]
     found = judged(rtsr, tmp_path, *tests, "--ref", small_capture, "--metric", "vmaf")["tests"]

@@ -190,7 +190,7 @@ def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, An
         "version": __version__,
         "options": dict(judgement.options),
         "metrics": _metrics(judgement),
-        "regions": {region.value: REGION_MEANINGS[region] for region in Region},
+        "regions": {region.value: {"description": REGION_MEANINGS[region]} for region in Region},
         "inputs": dict(judgement.inputs),
         "versions": {"rtsr": __version__, "torch": torch.__version__},
         "rules": results.INFINITE_RULE,

@@ -6,6 +6,7 @@ A region that the buffers cannot make is None, never an empty mask.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 
 import torch
@@ -17,8 +18,12 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import luminance
 from rtsr_cli.core.imaging.demodulation import LIGHTING_FLOOR, floored
-from rtsr_cli.core.imaging.disocclusion import SurfaceBuffers, disocclusion_mask
-from rtsr_cli.core.imaging.geometry_finder import to_world
+from rtsr_cli.core.imaging.disocclusion import (
+    DisocclusionThresholds,
+    SurfaceBuffers,
+    disocclusion_mask,
+)
+from rtsr_cli.core.imaging.geometry_finder import own_positions, projected, to_world
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 
@@ -35,14 +40,22 @@ class Region(StrEnum):
 REGION_MEANINGS = {
     Region.ALL: "every pixel that is judged",
     Region.DISOCCLUDED: "the previous frame does not show this surface (motion, depth, object id)",
-    Region.EDGES: "a neighbour is another object, 10 % farther, or turned by more than 37 degrees",
+    Region.EDGES: "a neighbour is another object, 10 % farther, or turned by more than 37 degrees "
+    "(by normals without normal map; others count only where there is neither depth nor id)",
     Region.LIGHTING: "the tenth of the other surface pixels where log lighting changes most",
     Region.SKY: "the ray left the scene",
 }
 """What the report says of each."""
 
 REGION_BUFFERS = frozenset(
-    {Buffer.DEPTH, Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.MOTION, Buffer.ALBEDO}
+    {
+        Buffer.DEPTH,
+        Buffer.NORMAL,
+        Buffer.GEONORMAL,
+        Buffer.OBJECT_ID,
+        Buffer.MOTION,
+        Buffer.ALBEDO,
+    }
 )
 """What regions are made of, as far as it is there."""
 
@@ -51,6 +64,12 @@ DEPTH_STEP = 0.1
 
 EDGE_COSINE = 0.8
 """Neighbouring normals at an edge: about 37 degrees."""
+
+STILL_PX = 0.25
+"""A point whose motion is the camera's to within so much stands still."""
+
+MOVING_DEPTH = 0.25
+"""Share by which the depth of a moving object may change from frame to frame."""
 
 LIGHTING_SHARE = 0.1
 """Share of the surface pixels, edges apart, that lighting detail takes."""
@@ -88,38 +107,67 @@ def frame_regions(
 
 
 def disoccluded(current: Frame, previous: Frame) -> Mask | None:
-    """Pixels that the previous frame does not show; None without motion, or depth and ids."""
+    """Pixels that the previous frame does not show; None without motion, or depth and ids.
+
+    Points that stand still must lie at the depth that the previous camera saw them at. How deep a
+    moving object lay nobody stored: its id must agree, or its depth roughly where there are no ids.
+    """
     now, then = current.gbuffer, previous.gbuffer
     if Buffer.MOTION not in now or not {Buffer.DEPTH, Buffer.OBJECT_ID} & set(now):
         return None
-    expected = None
-    if Buffer.DEPTH in now:
-        expected = depth_before(now[Buffer.DEPTH], current, previous.camera)
-    mask = disocclusion_mask(
-        now[Buffer.MOTION],
-        current=_surfaces(now),
-        previous=_surfaces(then),
-        expected_depth_prev_m=expected,
+    motion = now[Buffer.MOTION]
+    marked = disocclusion_mask(motion, current=_ids(now), previous=_ids(then)) > 0
+    if Buffer.DEPTH not in now:
+        return marked
+    depth, before = (SurfaceBuffers(depth_m=g[Buffer.DEPTH]) for g in (now, then))
+    still = standing_still(current, previous.camera)
+    if still is None:
+        return marked | (disocclusion_mask(motion, current=depth, previous=before) > 0)
+    expected = torch.where(still.where, still.depth_m, now[Buffer.DEPTH])
+    moved_limits = DisocclusionThresholds(depth_relative=MOVING_DEPTH)
+    strict, loose = (
+        disocclusion_mask(
+            motion, current=depth, previous=before, expected_depth_prev_m=expected, thresholds=t
+        )
+        > 0
+        for t in (DisocclusionThresholds(), moved_limits)
     )
-    return mask > 0
+    moving = torch.zeros_like(loose) if Buffer.OBJECT_ID in now else loose
+    return marked | torch.where(still.where, strict, moving)
 
 
-def _surfaces(gbuffer: GBuffer) -> SurfaceBuffers:
-    return SurfaceBuffers(
-        depth_m=gbuffer.buffers.get(Buffer.DEPTH), object_id=gbuffer.buffers.get(Buffer.OBJECT_ID)
-    )
+def _ids(gbuffer: GBuffer) -> SurfaceBuffers:
+    return SurfaceBuffers(object_id=gbuffer.buffers.get(Buffer.OBJECT_ID))
 
 
-def depth_before(depth_m: Plane, frame: Frame, before: CameraMetadata) -> Plane | None:
-    """Planar depth of the same points, if they stand still, as the previous camera saw them."""
+@dataclass(frozen=True, kw_only=True)
+class Still:
+    """What would be if nothing but the camera moved.
+
+    Attributes:
+        where: pixels whose motion says so, sky included.
+        depth_m: planar depth of every point as the previous camera saw it.
+    """
+
+    where: Mask
+    depth_m: Plane
+
+
+def standing_still(frame: Frame, before: CameraMetadata) -> Still | None:
+    """Carry the surface points of a frame into the previous camera; None without matrices."""
+    depth_m, motion = frame.gbuffer[Buffer.DEPTH], frame.gbuffer[Buffer.MOTION]
     world = to_world(depth_m, frame.camera, frame.view)
     if world is None or before.world_to_camera is None:
+        return None
+    seen = projected(world, before, frame.view)
+    if seen is None:
         return None
     # row vectors: z of the previous camera's space, which looks along -z
     m = before.world_to_camera.to(torch.float32)
     z = m[3, 2] + sum(world[:, i : i + 1] * m[i, 2] for i in range(3))
     sky = derive_sky(frame.gbuffer) > 0
-    return torch.where(sky, depth_m, -z)
+    off = (seen - own_positions(frame.size) - motion).abs().amax(1, keepdim=True)
+    return Still(where=sky | (off < STILL_PX), depth_m=torch.where(sky, depth_m, -z))
 
 
 def _steps(image: Tensor) -> Iterator[tuple[int, Tensor, Tensor]]:
@@ -146,6 +194,7 @@ def _normal_differs(one: Tensor, other: Tensor) -> Tensor:
 _DIFFERS: Mapping[Buffer, Callable[[Tensor, Tensor], Tensor]] = {
     Buffer.OBJECT_ID: torch.ne,
     Buffer.DEPTH: _depth_differs,
+    Buffer.GEONORMAL: _normal_differs,
     Buffer.NORMAL: _normal_differs,
 }
 """What tells neighbours of different surfaces, by buffer."""
@@ -154,6 +203,9 @@ _DIFFERS: Mapping[Buffer, Callable[[Tensor, Tensor], Tensor]] = {
 def edges(gbuffer: GBuffer) -> Mask | None:
     """Pixels beside a neighbour of another surface; None without depth, normals and ids."""
     tests = {buffer: differs for buffer, differs in _DIFFERS.items() if buffer in gbuffer}
+    if len(tests) > 1:
+        # every bump of a normal map would be an edge
+        tests.pop(Buffer.NORMAL, None)
     if not tests:
         return None
     found = torch.zeros_like(gbuffer[next(iter(tests))][:, :1], dtype=torch.bool)

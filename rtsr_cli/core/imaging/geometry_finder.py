@@ -203,7 +203,7 @@ def find_position_unit(
     """
     thinning = Thinning.of(position)
     position, camera, view = thinning.image(position), thinning.camera(camera), thinning.view(view)
-    own = _own_positions((position.shape[-2], position.shape[-1]), camera.jitter_px)
+    own = own_positions((position.shape[-2], position.shape[-1]), camera.jitter_px)
     found = []
     for unit in DEPTH_UNITS_M:
         landed = projected(position * unit, camera, view)
@@ -214,7 +214,8 @@ def find_position_unit(
     return (min(found)[1], min(found)[0]) if found else None
 
 
-def _own_positions(size: Size, jitter_px: tuple[float, float]) -> Tensor:
+def own_positions(size: Size, jitter_px: tuple[float, float] = (0.0, 0.0)) -> Tensor:
+    """Positions (x, y) of every pixel's sample, 1 x 2 x h x w; centres at 0.5."""
     rows = torch.arange(size[0], dtype=torch.float32) + 0.5 + jitter_px[1]
     columns = torch.arange(size[1], dtype=torch.float32) + 0.5 + jitter_px[0]
     y, x = torch.meshgrid(rows, columns, indexing="ij")
@@ -274,7 +275,7 @@ def _motion_error(frame: Geometry, reading: DepthConvention) -> float | None:
     if then is None:
         return None
     size = (metres.shape[-2], metres.shape[-1])
-    predicted = then - _own_positions(size, frame.camera.jitter_px)
+    predicted = then - own_positions(size, frame.camera.jitter_px)
     valid = _surface(frame, metres)
     difference = predicted - frame.motion_px
     known = valid & torch.isfinite(difference).all(1, keepdim=True)

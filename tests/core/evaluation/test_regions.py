@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.evaluation.regions import Region, edges, frame_regions, lighting_detail
+from rtsr_cli.core.evaluation.regions import (
+    Region,
+    disoccluded,
+    edges,
+    frame_regions,
+    lighting_detail,
+)
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
@@ -43,6 +50,16 @@ def frame(left: int, motion_x: float = 0.0, drop: frozenset[Buffer] = frozenset(
     )
 
 
+def camera() -> CameraMetadata:
+    """Look along -z, infinite far plane, row vectors."""
+    projection = torch.zeros(4, 4, dtype=torch.float64)
+    projection[0, 0], projection[1, 1] = HEIGHT / WIDTH, 1.0
+    projection[2, 2], projection[2, 3], projection[3, 2] = -1.0, -1.0, -0.1
+    return CameraMetadata(
+        world_to_camera=torch.eye(4, dtype=torch.float64), world_to_ndc=projection
+    )
+
+
 def radiance() -> Tensor:
     """A shadow edge at column 4."""
     image = torch.ones(1, 3, HEIGHT, WIDTH)
@@ -68,6 +85,29 @@ def test_what_the_square_uncovered_is_disoccluded() -> None:
     expected = torch.zeros_like(found)
     expected[..., SQUARE, 12:16] = True
     assert found.equal(expected)
+
+
+@pytest.mark.parametrize(
+    ("depth_then", "drop", "seen"),
+    [
+        (2.6, frozenset(), True),  # 30 % closer, the same object: it comes nearer
+        (2.3, frozenset({Buffer.OBJECT_ID}), True),
+        (2.6, frozenset({Buffer.OBJECT_ID}), False),  # nothing says that it is the same
+    ],
+)
+def test_an_object_that_comes_nearer_is_no_other_surface(
+    depth_then: float, drop: frozenset[Buffer], seen: bool
+) -> None:
+    now = replace(frame(16, -4.0, drop), camera=camera())
+    then = replace(frame(12, 0.0, drop), camera=camera())
+    depth = then.gbuffer[Buffer.DEPTH]
+    moved = torch.where(depth == 2.0, depth_then, depth)
+    then = replace(then, gbuffer=then.gbuffer.with_buffers({Buffer.DEPTH: moved}))
+    found = disoccluded(now, then)
+    assert found is not None
+    assert bool(found[..., SQUARE, 16:24].any()) is not seen
+    assert found[..., SQUARE, 12:16].all(), "what it uncovered"
+    assert not found[..., SKY_ROWS:9, :].any(), "what stands still"
 
 
 def test_edges_run_on_both_sides_of_the_square_and_along_the_sky() -> None:
