@@ -23,9 +23,13 @@ SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"
 SIZE, REPEAT, FILES = (1080, 1920), 4, 6
 
 COMMANDS = {
-    "demodulate": ["demodulate"],
-    "upscale taau": ["upscale", "--simulate-lr", "2", "--system", "taau"],
-}
+    "demodulate": ["demodulate", "IN", "OUT"],
+    "upscale taau": ["upscale", "IN", "OUT", "--simulate-lr", "2", "--system", "taau"],
+    "evaluate": [
+        "evaluate", "IN", "IN", "--metric", "psnr,ssim,flip,temporal", "--output", "OUT/report.html",
+    ],
+}  # fmt: skip
+"""Commands; IN and OUT stand for the folders."""
 
 
 def make_frames(count: int, folder: Path) -> None:
@@ -49,8 +53,8 @@ def make_frames(count: int, folder: Path) -> None:
 
 def peak_mib(command: list[str], captures: Path, out: Path) -> float:
     """Run a command to its end; return its peak resident memory."""
-    name, *options = command
-    arguments = [sys.executable, "-m", "rtsr_cli", name, str(captures), str(out), *options, "-q"]
+    named = [a.replace("IN", str(captures)).replace("OUT", str(out)) for a in command]
+    arguments = [sys.executable, "-m", "rtsr_cli", *named, "-q"]
     process = os.posix_spawn(sys.executable, arguments, os.environ)
     _, status, usage = os.wait4(process, 0)
     if os.waitstatus_to_exitcode(status):
