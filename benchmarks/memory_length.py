@@ -26,7 +26,8 @@ COMMANDS = {
     "demodulate": ["demodulate", "IN", "OUT"],
     "upscale taau": ["upscale", "IN", "OUT", "--simulate-lr", "2", "--system", "taau"],
     "evaluate": [
-        "evaluate", "IN", "IN", "--metric", "psnr,ssim,flip,temporal", "--output", "OUT/report.html",
+        "evaluate", "IN", "IN", "--metric", "psnr,ssim,flip,temporal",
+        "--output", "OUT/report.html",
     ],
 }  # fmt: skip
 """Commands; IN and OUT stand for the folders."""

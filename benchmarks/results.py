@@ -4,7 +4,8 @@
 
 Upscales every sequence of DATA/manifest.json with every baseline at 2x and 4x from decimated
 frames, without and with Halton jitter, and judges them by protocol `rtsr` with a border of 16
-pixels, the first 2 frames of each sequence left out. Scenes that the `train` split holds and scenes it does not are kept apart.
+pixels, the first 2 frames of each sequence left out. Scenes that the `train` split holds and
+scenes it does not are kept apart.
 """
 
 from __future__ import annotations
