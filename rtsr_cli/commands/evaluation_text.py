@@ -30,40 +30,34 @@ def _best(values: Sequence[float | None], better: str) -> float | None:
 
 
 def table(result: Result) -> Iterator[str]:
-    """Lines of a table: a row a test, the best of each metric marked; then the methods' means."""
-    rows = [(key, test["mean"]) for key, test in result["tests"].items()]
-    yield from _aligned(result, rows)
+    """Lines of a table: a row a test, the best of each shot marked; then the methods' means."""
+    tests = result["tests"]
+    shots = list(dict.fromkeys(test["shot"] for test in tests.values()))
+    groups = [{k: t["mean"] for k, t in tests.items() if t["shot"] == shot} for shot in shots]
     if "methods" in result:
-        yield ""
-        means = [
-            (f"{m} (mean of {f['shots']} shots)", f["mean"]) for m, f in result["methods"].items()
-        ]
-        yield from _aligned(result, means)
-
-
-def _aligned(result: Result, rows: Sequence[tuple[str, Mapping[str, Any]]]) -> Iterator[str]:
+        methods = result["methods"].items()
+        groups.append({f"{m} (mean of {f['shots']} shots)": f["mean"] for m, f in methods})
     metrics = result["metrics"]
-    names = [n for n in metrics if any(n in mean for _, mean in rows)]
-    heads = [
-        metrics[n]["title"] + (f" {metrics[n]['unit']}" if metrics[n]["unit"] else "")
-        for n in names
-    ]
-    best = {n: _best([mean.get(n) for _, mean in rows], metrics[n]["better"]) for n in names}
-    cells = [
-        [
-            number(mean.get(n))
-            + ("*" if len(rows) > 1 and mean.get(n) == best[n] is not None else " ")
-            for n in names
+    names = [n for n in metrics if any(n in mean for group in groups for mean in group.values())]
+    units = [f" {metrics[n]['unit']}" if metrics[n]["unit"] else "" for n in names]
+    head = ["test", *(metrics[n]["title"] + unit for n, unit in zip(names, units, strict=True))]
+    rows = [row for group in groups for row in _rows(group, metrics, names)]
+    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
+    for row in (head, *rows):
+        cells = [c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)]
+        yield GAP.join([row[0].ljust(widths[0]), *cells]).rstrip()
+
+
+def _rows(
+    group: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Any], names: Sequence[str]
+) -> Iterator[list[str]]:
+    """Cells of the tests of one shot."""
+    best = {n: _best([mean.get(n) for mean in group.values()], metrics[n]["better"]) for n in names}
+    for key, mean in group.items():
+        marks = [
+            "*" if len(group) > 1 and mean.get(n) == best[n] is not None else " " for n in names
         ]
-        for _, mean in rows
-    ]
-    wide = max([len("test"), *(len(key) for key, _ in rows)])
-    widths = [max(len(head), *(len(row[i]) for row in cells)) for i, head in enumerate(heads)]
-    yield (
-        "test".ljust(wide) + GAP + GAP.join(h.rjust(w) for h, w in zip(heads, widths, strict=True))
-    )
-    for (key, _), row in zip(rows, cells, strict=True):
-        yield key.ljust(wide) + GAP + GAP.join(c.rjust(w) for c, w in zip(row, widths, strict=True))
+        yield [key, *(number(mean.get(n)) + mark for n, mark in zip(names, marks, strict=True))]
 
 
 def region_table(result: Result) -> Iterator[str]:
