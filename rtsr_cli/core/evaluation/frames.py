@@ -12,9 +12,8 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.evaluation.comparing import Comparison
 from rtsr_cli.core.evaluation.regions import REGION_BUFFERS
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.io.preview import to_rec709
+from rtsr_cli.core.imaging.primaries import to_rec709
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.simulation import averaged
 from rtsr_cli.core.shapes import Color, Mask
@@ -86,11 +85,7 @@ def _radiance(reader: FrameReader, number: int, samples: int) -> tuple[Color, Te
     """Linear Rec.709 of a frame, not finite pixels black, and which pixels are finite."""
     frame = reader.read(number, (Buffer.COLOR,))
     color = averaged(frame, samples).gbuffer[Buffer.COLOR]
-    space = reader.conventions.colorspace
-    if space not in {None, ColorSpace.REC709}:
-        matrix = color.new_tensor(to_rec709(ColorSpace(space)))
-        color = torch.einsum("rc,nchw->nrhw", matrix, color)
     finite = torch.isfinite(color).all(1, keepdim=True)
     if not bool(finite.all()):
         color = color.masked_fill(~finite, 0.0)
-    return color, finite
+    return to_rec709(color, reader.conventions.colorspace), finite

@@ -28,6 +28,11 @@ def reinhard_srgb(linear: Color) -> Color:
     return encode_srgb(encode_reinhard(linear))
 
 
+def aces_srgb(linear: Color) -> Color:
+    """ACES fit, then the sRGB curve."""
+    return encode_srgb(encode_aces(linear))
+
+
 def truncated_srgb(linear: Color) -> Color:
     """SRGB curve clipped to 0..1, times 255 without its fraction, as NSRD's code does."""
     return (encode_srgb(linear) * LEVELS).floor() / LEVELS
@@ -86,10 +91,10 @@ PROTOCOLS = {
         ),
         Protocol(
             name="fusesr",
-            description="PSNR, FLIP, LPIPS and VMAF on the ACES fit without exposure or gamma; "
-            "SSIM on linear radiance",
+            description="PSNR on the ACES fit without exposure or gamma; SSIM on linear radiance; "
+            "FLIP, LPIPS and VMAF on the ACES fit then sRGB",
             psnr=encode_aces,
-            structure=encode_aces,
+            structure=aces_srgb,
             ssim=unchanged,
             ssim_convention=SsimConvention.ZERO_PAD,
         ),

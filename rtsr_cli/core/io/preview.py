@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 import tempfile
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
+from rtsr_cli.core.imaging.primaries import to_rec709
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.shapes import Color
 
@@ -71,28 +70,6 @@ def encoded(rgb: NDArray[np.uint8], kind: str) -> bytes:
         return path.read_bytes()
 
 
-COLOUR_NAMES = {
-    ColorSpace.REC709: "sRGB",
-    ColorSpace.REC2020: "ITU-R BT.2020",
-    ColorSpace.P3D65: "Display P3",
-    ColorSpace.AP1: "ACEScg",
-    ColorSpace.AP0: "ACES2065-1",
-}
-"""Names of the primaries in colour-science."""
-
-
-@functools.cache
-def to_rec709(space: ColorSpace) -> tuple[tuple[float, ...], ...]:
-    """3 x 3 matrix from linear RGB of a space to linear Rec.709, white points adapted."""
-    with warnings.catch_warnings():
-        # colour-science warns of plotting libraries that are not there
-        warnings.simplefilter("ignore")
-        import colour
-
-        matrix = colour.matrix_RGB_to_RGB(COLOUR_NAMES[space], COLOUR_NAMES[ColorSpace.REC709])
-    return tuple(tuple(float(v) for v in row) for row in matrix)
-
-
 def preview(color: Color, space: ColorSpace | None = None) -> NDArray[np.uint8]:
     """Linear radiance to display: Rec.709, c/(1+c), sRGB curve, 8 bit; non-finite pixels magenta.
 
@@ -100,10 +77,7 @@ def preview(color: Color, space: ColorSpace | None = None) -> NDArray[np.uint8]:
         color: linear radiance.
         space: its primaries; None is taken for Rec.709.
     """
-    linear = torch.nan_to_num(color[0:1].float())
-    if space not in {None, ColorSpace.REC709}:
-        matrix = linear.new_tensor(to_rec709(ColorSpace(space)))
-        linear = torch.einsum("rc,nchw->nrhw", matrix, linear)
+    linear = to_rec709(torch.nan_to_num(color[0:1].float()), space)
     encoded = encode_srgb(encode_reinhard(linear))[0]
     finite = torch.isfinite(color[0]).all(0)
     magenta = torch.tensor([1.0, 0.0, 1.0]).view(3, 1, 1)
