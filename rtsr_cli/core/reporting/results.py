@@ -1,0 +1,237 @@
+"""The result of an evaluation, as the report reads it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+DASH = "\u2013"
+"""Stands for a number that there is not."""
+
+SIGNIFICANT = 4
+"""Digits of the greatest mean of a metric; its other numbers get as many decimals."""
+
+MOST_DECIMALS = 8
+
+Values = Mapping[str, float | None]
+"""Numbers by name; None = not a number."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric and how its numbers are written."""
+
+    key: str
+    title: str
+    unit: str
+    better: str
+    convention: str
+    unavailable: str
+    decimals: int
+
+    def text(self, value: float | None) -> str:
+        """A number without its unit."""
+        if value is None:
+            return DASH
+        if math.isinf(value):
+            return "\u221e" if value > 0 else "\u2212\u221e"
+        return f"{value:z.{self.decimals}f}".replace("-", "\u2212")
+
+    def measure(self, value: float | None) -> str:
+        """A number with its unit."""
+        return f"{self.text(value)} {self.unit}".rstrip()
+
+    @property
+    def sign(self) -> int:
+        """1: higher is better, -1: lower is; 0: neither."""
+        return {"higher": 1, "lower": -1}.get(self.better, 0)
+
+    def ranked(self, values: Values) -> list[tuple[str, float]]:
+        """Names and numbers, best first; empty where neither direction is better."""
+        known = [(name, value) for name, value in values.items() if value is not None]
+        return sorted(known, key=lambda pair: -self.sign * pair[1]) if self.sign else []
+
+    def best(self, values: Values) -> frozenset[str]:
+        """Names of the best, all that read alike; nobody is best alone on the field."""
+        ranked = self.ranked(values)
+        if len(ranked) < 2:
+            return frozenset()
+        top = self.text(ranked[0][1])
+        return frozenset(name for name, value in ranked if self.text(value) == top)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What was measured of one method, on one shot or on all."""
+
+    mean: Values
+    confidence: Mapping[str, tuple[float, float]]
+    frames: Mapping[int, Values]
+    regions: Mapping[str, Values | None]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything measured.
+
+    Args:
+        metrics: those that were computed.
+        unavailable: those that could not be.
+        methods: names, in the order of the evaluation.
+        shots: names; one shot alone may be "".
+        entries: by method and shot.
+        overall: by method.
+        regions: title and description by name.
+    """
+
+    metrics: tuple[Metric, ...]
+    unavailable: tuple[Metric, ...]
+    methods: tuple[str, ...]
+    shots: tuple[str, ...]
+    entries: Mapping[tuple[str, str], Entry]
+    overall: Mapping[str, Entry]
+    regions: Mapping[str, tuple[str, str]]
+
+    def means(self, metric: Metric, shot: str | None = None) -> Values:
+        """A metric's means by method, over a shot or over all."""
+        return {m: e.mean.get(metric.key) for m, e in self._of(shot)}
+
+    def in_region(self, metric: Metric, region: str, shot: str | None = None) -> Values:
+        """A metric's values by method in a region, of a shot or of all."""
+        found = {method: entry.regions.get(region) for method, entry in self._of(shot)}
+        return {method: (values or {}).get(metric.key) for method, values in found.items()}
+
+    def share(self, region: str, shot: str | None = None) -> float | None:
+        """Share of the pixels that lie in a region, 0 to 1; None: it cannot be made."""
+        shares = ((entry.regions.get(region) or {}).get("share") for _, entry in self._of(shot))
+        return next((share for share in shares if share is not None), None)
+
+    def at_frame(self, metric: Metric, shot: str, frame: int) -> Values:
+        """A metric's values by method at a frame."""
+        return {m: e.frames.get(frame, {}).get(metric.key) for m, e in self._of(shot)}
+
+    def frames(self, shot: str) -> list[int]:
+        """Numbers of the frames of a shot."""
+        return sorted({number for _, entry in self._of(shot) for number in entry.frames})
+
+    def _of(self, shot: str | None) -> list[tuple[str, Entry]]:
+        if shot is None:
+            return [(method, self.overall[method]) for method in self.methods]
+        there = ((m, self.entries.get((m, shot))) for m in self.methods)
+        return [(method, entry) for method, entry in there if entry is not None]
+
+
+def read_results(result: Mapping[str, Any]) -> Results:
+    """Read the dictionary that an evaluation returns."""
+    tests: list[Mapping[str, Any]] = list(result["tests"].values())
+    entries = {(test["method"], test["shot"]): _entry(test) for test in tests}
+    methods = tuple(dict.fromkeys(method for method, _ in entries))
+    shots = tuple(dict.fromkeys(shot for _, shot in entries))
+    overall = {
+        method: _overall(
+            [entries[method, shot] for shot in shots if (method, shot) in entries],
+            result.get("methods", {}).get(method, {}),
+        )
+        for method in methods
+    }
+    metrics = tuple(
+        _metric(key, found, [entry.mean.get(key) for entry in overall.values()])
+        for key, found in result["metrics"].items()
+    )
+    return Results(
+        metrics=tuple(metric for metric in metrics if not metric.unavailable),
+        unavailable=tuple(metric for metric in metrics if metric.unavailable),
+        methods=methods,
+        shots=shots,
+        entries=entries,
+        overall=overall,
+        regions=_regions(result, entries.values()),
+    )
+
+
+def number(value: Any) -> float | None:
+    """A number, or None for what is none."""
+    return None if value is None or math.isnan(value) else float(value)
+
+
+def _values(found: Mapping[str, Any]) -> Values:
+    return {
+        key: number(value)
+        for key, value in found.items()
+        if value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+    }
+
+
+def _intervals(found: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    pairs = {key: (number(pair[0]), number(pair[1])) for key, pair in found.items() if pair}
+    return {k: (lo, hi) for k, (lo, hi) in pairs.items() if lo is not None and hi is not None}
+
+
+def _entry(test: Mapping[str, Any]) -> Entry:
+    return Entry(
+        mean=_values(test["mean"]),
+        confidence=_intervals(test.get("confidence", {})),
+        frames={int(frame): _values(found) for frame, found in test.get("frames", {}).items()},
+        regions={
+            name: None if found is None else _values(found)
+            for name, found in test.get("regions", {}).items()
+        },
+        notes=tuple(test.get("notes", ())),
+    )
+
+
+def _overall(shots: list[Entry], stated: Mapping[str, Any]) -> Entry:
+    """Of one shot its entry; of several what the evaluation states, else the mean over shots."""
+    if len(shots) == 1:
+        return shots[0]
+    names = dict.fromkeys(name for entry in shots for name in entry.regions)
+    mean = _mean([entry.mean for entry in shots])
+    regions = {
+        name: _mean([found for entry in shots if (found := entry.regions.get(name))]) or None
+        for name in names
+    }
+    whole = _entry({"mean": {}, **stated})
+    return Entry(
+        mean={**mean, **whole.mean},
+        confidence=whole.confidence,
+        frames={},
+        regions={**regions, **whole.regions},
+        notes=whole.notes,
+    )
+
+
+def _mean(found: list[Values]) -> dict[str, float | None]:
+    keys = dict.fromkeys(key for values in found for key in values)
+    known = {key: [v for values in found if (v := values.get(key)) is not None] for key in keys}
+    return {key: sum(v) / len(v) if v else None for key, v in known.items()}
+
+
+def _metric(key: str, found: Mapping[str, Any], means: Iterable[float | None]) -> Metric:
+    return Metric(
+        key=key,
+        title=found.get("title", key),
+        unit=found.get("unit", ""),
+        better=found.get("better", ""),
+        convention=found.get("convention", ""),
+        unavailable=found.get("unavailable") or "",
+        decimals=_decimals(means),
+    )
+
+
+def _decimals(means: Iterable[float | None]) -> int:
+    sizes = [abs(mean) for mean in means if mean and math.isfinite(mean)]
+    whole = math.floor(math.log10(max(sizes))) + 1 if sizes else 1
+    return min(max(SIGNIFICANT - whole, 0), MOST_DECIMALS)
+
+
+def _regions(result: Mapping[str, Any], entries: Iterable[Entry]) -> dict[str, tuple[str, str]]:
+    described: Mapping[str, Any] = result.get("regions", {})
+    names = dict.fromkeys([*described, *(name for entry in entries for name in entry.regions)])
+    found = {name: described.get(name) or {} for name in names}
+    return {
+        name: (about.get("title", name.replace("_", " ")), about.get("description", ""))
+        for name, about in found.items()
+    }
