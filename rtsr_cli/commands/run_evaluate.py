@@ -35,7 +35,7 @@ from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD
 from rtsr_cli.core.metrics.lpips import Lpips
 from rtsr_cli.core.metrics.ssim import SsimConvention
-from rtsr_cli.core.metrics.vmaf import program
+from rtsr_cli.core.metrics.vmaf import ffmpeg
 from rtsr_cli.core.reporting.report import html_report
 
 
@@ -175,7 +175,7 @@ def _equipped(rules: Rules, chosen: Mapping[str, Any], device: str) -> tuple[Rul
             unavailable["lpips"] = str(error)
     if "vmaf" in rules.metrics:
         try:
-            program()
+            ffmpeg()
         except MetricUnavailableError as error:
             unavailable["vmaf"] = str(error)
     for reason in unavailable.values():

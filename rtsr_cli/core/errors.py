@@ -29,6 +29,10 @@ class ShapeMismatchError(RtsrError):
     """Sizes that have to agree and do not."""
 
 
+class MetricError(RtsrError):
+    """Images that a metric cannot compare, or a metric's program that failed."""
+
+
 class MetricUnavailableError(RtsrError):
     """A metric whose weights or program are not installed; the message says how to get them."""
 

