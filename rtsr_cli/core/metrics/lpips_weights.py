@@ -104,7 +104,9 @@ def find_weights(path: Path | None = None) -> Path:
         if Path(named).is_file():
             return Path(named)
         source = "" if path else f", which {ENVIRONMENT_VARIABLE} names,"
-        raise MetricUnavailableError(f"LPIPS: there is no file of weights {named}{source}")
+        raise MetricUnavailableError(
+            f"LPIPS: there is no file of weights {named}{source}; get them with `{INSTALL_COMMAND}`"
+        )
     installed = _in_package()
     if installed is None:
         raise MetricUnavailableError(
