@@ -27,10 +27,24 @@ def payload(results: Results, moments: Sequence[Moment], strips: Sequence[Strip]
             {"key": m.key, "title": m.title, "unit": m.unit, "decimals": m.decimals, "sign": m.sign}
             for m in results.metrics
         ],
+        "pair": first_pair(results),
         "curves": _curves(results),
         "moments": [_moment(results, moment) for moment in moments],
         "strips": [_strip(results, strip) for strip in strips],
     }
+
+
+def first_pair(results: Results) -> tuple[int, int]:
+    """Places of the methods that the viewer compares first: the last and the best by a metric.
+
+    -1 is the reference; a method alone is compared with it.
+    """
+    for metric in results.metrics:
+        ranked = metric.ranked(results.means(metric))
+        if len(ranked) > 1:
+            worst, best = ranked[-1][0], ranked[0][0]
+            return results.methods.index(worst), results.methods.index(best)
+    return (0, 1) if len(results.methods) > 1 else (-1, 0)
 
 
 def extremes(values: Sequence[float | None], most: int) -> list[int]:

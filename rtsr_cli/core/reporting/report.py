@@ -2,7 +2,7 @@
 
 Style and script are inlined, pictures are data URIs, and a content security policy forbids
 everything from outside. Tables and sentences are written here and need no script; curves and
-the viewer are drawn by `report.js` from the JSON that `payload` makes.
+the viewer are drawn by the scripts from the JSON that `payload` makes.
 """
 
 from __future__ import annotations
@@ -17,6 +17,11 @@ from rtsr_cli.core.reporting.markup import element, joined, script_json, text
 from rtsr_cli.core.reporting.payload import payload
 from rtsr_cli.core.reporting.pictures import Crop, Moment, Picture, Strip
 from rtsr_cli.core.reporting.results import Results, read_results
+
+SCRIPTS = ("shared.js", "curves.js", "viewer.js", "report.js")
+"""Parts of the script, in the order in which they are joined."""
+
+OVER_SHOTS = "; its values over all shots are means over the shots"
 
 __all__ = ["Crop", "Moment", "Picture", "Strip", "html_report"]
 
@@ -41,7 +46,7 @@ def html_report(
         "no_moments": "" if moments else "hidden",
         "no_strips": "" if strips else "hidden",
         "css": _part("report.css"),
-        "js": _part("report.js"),
+        "js": "\n".join(map(_part, SCRIPTS)),
         "data": script_json(payload(results, moments, strips)),
     }
     return Template(_part("report.html")).substitute(filled)
@@ -78,6 +83,7 @@ def _sections(result: Mapping[str, Any], results: Results) -> dict[str, str]:
         "shots": shots,
         "no_shots": "" if shots else "hidden",
         "regions": regions,
+        "over_shots": OVER_SHOTS if shots else "",
         "no_regions": "" if regions else "hidden",
         "conventions": tables.conventions(results),
         "notes": tables.notes(results),

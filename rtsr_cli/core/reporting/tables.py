@@ -17,6 +17,10 @@ ARROWS = {1: "\u2191", -1: "\u2193", 0: ""}
 """Where better lies, after a metric's title."""
 
 
+COLOURS = 6
+"""Colours of methods in the style sheet."""
+
+
 def summary(results: Results) -> str:
     """Methods by metrics: the mean, its 95 % interval, the best in bold."""
     head = element("th", "Method", scope="col")
@@ -94,10 +98,14 @@ def notes(results: Results) -> str:
         for note in (*entry.notes, *_nonfinite(entry)):
             about.setdefault(note, []).append(f"{method} {shot}".strip())
     items = [
-        element("li", text(note), " ", element("span", text(", ".join(names)), class_="dim"))
+        element("li", text(note), " ", element("span", text(_whom(results, names)), class_="dim"))
         for note, names in about.items()
     ]
     return element("ul", *items) if items else element("p", "None.", class_="dim")
+
+
+def _whom(results: Results, names: list[str]) -> str:
+    return "everywhere" if len(names) == len(results.entries) > 1 else ", ".join(names)
 
 
 def _table(head: str, rows: Iterable[str]) -> str:
@@ -125,7 +133,7 @@ def _row_head(name: str, about: str = "") -> str:
 
 def _summary_row(results: Results, method: str) -> str:
     cells = [_summary_cell(results, method, metric) for metric in results.metrics]
-    swatch = element("i", class_=f"swatch m{results.methods.index(method)}")
+    swatch = element("i", class_=f"swatch {_colour(results, method)}")
     return element("tr", element("th", swatch, text(method), scope="row"), *cells)
 
 
@@ -153,7 +161,12 @@ def _whisker(results: Results, metric: Metric, method: str) -> str:
     low, extent = min(ends), (max(ends) - min(ends)) or 1.0
     places = [100.0 * (value - low) / extent for value in (own[0], own[1], mean)]
     style = "--a:{:.1f}%;--b:{:.1f}%;--m:{:.1f}%".format(*places)
-    return element("span", class_=f"whisker m{results.methods.index(method)}", style=style)
+    return element("span", class_=f"whisker {_colour(results, method)}", style=style)
+
+
+def _colour(results: Results, method: str) -> str:
+    """The style class of a method's colour."""
+    return f"m{results.methods.index(method) % COLOURS}"
 
 
 def _number(metric: Metric, value: float | None, *, best: bool) -> str:

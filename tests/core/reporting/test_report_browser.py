@@ -1,222 +1,241 @@
-"""The report in headless Chromium: no error, the numbers of the JSON, swipe, flicker, keys."""
+"""The report in a browser: headless Chromium, where there is one."""
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
-import socket
-import subprocess
 import time
-import urllib.error
-import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-ARGUMENTS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--window-size=1300,900",
-]  # fmt: skip
-SPACE, RIGHT, LEFT = "\ue00d", "\ue014", "\ue012"
-STARTING_S = 20.0
-SESSION = {"browserName": "chrome", "goog:loggingPrefs": {"browser": "ALL"}}
+from rtsr_cli.core.reporting.report import Moment, Strip, html_report
 
-pytestmark = pytest.mark.skipif(
-    BROWSER is None or DRIVER is None, reason="chromium and chromium-driver are not installed"
+Evaluation = Callable[..., dict[str, Any]]
+
+WAIT_S = 5.0
+
+RIGHT = "\ue014"
+"""The key, in WebDriver's code."""
+
+CLIP = "return document.querySelector('#stage img:nth-of-type(2)').style.clipPath"
+
+SEEN = (
+    "return [...document.querySelectorAll('#stage img')].map(i => getComputedStyle(i).visibility)"
 )
 
-
-class Browser:
-    """One page, by W3C WebDriver."""
-
-    def __init__(self, base: str, profile: Path) -> None:
-        self._base = base
-        chrome = {"binary": BROWSER, "args": [*ARGUMENTS, f"--user-data-dir={profile}"]}
-        wanted = {**SESSION, "goog:chromeOptions": chrome}
-        made = self._call("POST", "/session", {"capabilities": {"alwaysMatch": wanted}})
-        self._session = f"/session/{made['sessionId']}"
-
-    def _call(self, method: str, path: str, content: Any = None) -> Any:
-        data = None if method == "GET" else json.dumps(content or {}).encode()
-        request = urllib.request.Request(self._base + path, data, method=method)
-        request.add_header("Content-Type", "application/json")
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return json.loads(answer.read())["value"]
-
-    def open(self, page: Path) -> None:
-        self._call("POST", f"{self._session}/url", {"url": page.as_uri()})
-
-    def run(self, script: str, *arguments: Any) -> Any:
-        content = {"script": script, "args": list(arguments)}
-        return self._call("POST", f"{self._session}/execute/sync", content)
-
-    def act(self, *sources: dict[str, Any]) -> None:
-        self._call("POST", f"{self._session}/actions", {"actions": list(sources)})
-
-    def keys(self, text: str) -> None:
-        down = [
-            a
-            for c in text
-            for a in ({"type": "keyDown", "value": c}, {"type": "keyUp", "value": c})
-        ]
-        self.act({"type": "key", "id": "keys", "actions": down})
-
-    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
-        moves = [
-            {"type": "pointerMove", "x": start[0], "y": start[1]},
-            {"type": "pointerDown", "button": 0},
-            {"type": "pointerMove", "x": end[0], "y": end[1], "duration": 50},
-            {"type": "pointerUp", "button": 0},
-        ]
-        self.act({"type": "pointer", "id": "mouse", "actions": moves})
-
-    def complaints(self) -> list[str]:
-        logged = self._call("POST", f"{self._session}/se/log", {"type": "browser"})
-        return [entry["message"] for entry in logged if entry["level"] in {"SEVERE", "WARNING"}]
-
-    def close(self) -> None:
-        self._call("DELETE", self._session)
+PLACE = "return Number(document.querySelector('.divider').getAttribute('aria-valuenow'))"
 
 
 @pytest.fixture(scope="module")
-def browser(page: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    folder = tmp_path_factory.mktemp("browser")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    environment = {**os.environ, "HOME": str(folder), "no_proxy": "127.0.0.1"}
-    driver = subprocess.Popen(
-        [str(DRIVER), f"--port={port}"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
-    )  # fmt: skip
-    try:
-        found = started(f"http://127.0.0.1:{port}", folder / "profile")
-        written = folder / "report.html"
-        written.write_text(page, encoding="utf-8")
-        found.open(written)
-        yield found
-        found.close()
-    finally:
-        driver.kill()
-        driver.wait()
+def result(evaluation: Evaluation) -> dict[str, Any]:
+    return evaluation()
 
 
-def started(base: str, profile: Path) -> Browser:
-    end = time.monotonic() + STARTING_S
-    while True:
-        try:
-            return Browser(base, profile)
-        except (urllib.error.URLError, ConnectionError):
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.1)
+@pytest.fixture(scope="module")
+def page(
+    tmp_path_factory: pytest.TempPathFactory,
+    result: dict[str, Any],
+    moments: list[Moment],
+    strips: list[Strip],
+) -> Path:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    path.write_text(html_report(result, moments, strips), encoding="utf-8")
+    return path
 
 
-def test_the_numbers_are_those_of_the_result(browser: Browser, fake: SimpleNamespace) -> None:
-    rows = browser.run(
-        "return [...document.querySelectorAll('#summary tbody tr')].map(r => r.innerText)"
-    )
-    methods = fake.evaluation()["methods"]
-    assert len(rows) == len(methods)
-    for row, (method, found) in zip(rows, methods.items(), strict=True):
-        assert row.startswith(method)
-        assert f"{found['mean']['psnr']:.2f}" in row
-    bold = browser.run(
-        "return [...document.querySelectorAll('#summary tbody b, #summary tbody strong,"
-        " #summary tbody .best')].map(e => e.closest('tr').innerText.trim().split(/\\s/)[0])"
-    )
-    assert set(bold) == {"fusesr"}
+@pytest.fixture
+def shown(browser: Any, page: Path) -> Any:
+    """A browser that shows the report afresh."""
+    browser.open(page)
+    return browser
 
 
-def clips(browser: Browser) -> list[str]:
-    found: list[str] = browser.run(
-        "return [...document.querySelectorAll('#stage img')].map(i => i.style.clipPath)"
-    )
-    return found
-
-
-def test_dragging_the_divider_uncovers_the_other_picture(browser: Browser) -> None:
-    browser.run("document.querySelector('#stage').scrollIntoView({block: 'center'})")
-    box = browser.run(
-        "const b = document.querySelector('#stage .divider').getBoundingClientRect();"
-        "return [b.x + b.width / 2, b.y + b.height / 2]"
-    )
-    before = clips(browser)
-    start = (round(box[0]), round(box[1]))
-    browser.drag(start, (start[0] - 150, start[1]))
-    after = clips(browser)
-    assert len(after) == 2
-    assert before != after
-    assert (
-        int(
-            browser.run(
-                "return document.querySelector('.divider').ariaValueNow || "
-                "document.querySelector('.divider').getAttribute('aria-valuenow')"
-            )
-        )
-        < 45
-    )
-
-
-def test_arrow_keys_move_the_divider(browser: Browser) -> None:
-    browser.run("document.querySelector('#stage .divider').focus()")
-    before = clips(browser)
-    browser.keys(RIGHT)
-    moved = clips(browser)
-    assert moved != before
-    browser.keys(LEFT)
-    assert clips(browser) == before
-
-
-def test_flicker_shows_one_picture_and_then_the_other(browser: Browser) -> None:
-    def visible() -> list[str]:
-        found: list[str] = browser.run(
-            "return [...document.querySelectorAll('#stage img')].map(i => i.style.visibility)"
-        )
-        return found
-
-    browser.run(
-        "document.querySelector('input[value=flicker]').click();"
-        "document.querySelector('#stage').focus()"
-    )
-    assert browser.run("return document.querySelector('#stage').dataset.mode") == "flicker"
-    seen = set()
-    end = time.monotonic() + 5.0
-    while len(seen) < 2 and time.monotonic() < end:
-        seen.add(tuple(visible()))
+def eventually(condition: Callable[[], bool]) -> bool:
+    """Whether something becomes true while we wait."""
+    end = time.monotonic() + WAIT_S
+    while time.monotonic() < end:
+        if condition():
+            return True
         time.sleep(0.05)
-    assert seen == {("visible", "hidden"), ("hidden", "visible")}
-    browser.keys("1")
-    assert browser.run("return document.querySelector('#stage').dataset.mode") == "swipe"
+    return False
 
 
-def test_heat_maps_and_the_next_frame(browser: Browser) -> None:
-    first = browser.run("return document.querySelector('#about-frame').innerText")
-    browser.run("document.querySelector('#stage').focus()")
-    browser.keys("4")
-    assert browser.run("return document.querySelectorAll('#stage img').length") == 2
-    assert not browser.run("return document.querySelector('#scale').hidden")
-    browser.keys("n")
-    assert browser.run("return document.querySelector('#about-frame').innerText") != first
+def test_the_console_is_silent_and_nothing_is_fetched(shown: Any) -> None:
+    for mode in "2341":
+        shown.keys("#stage", mode)
+    assert shown.complaints() == []
+    fetched = shown.run("return performance.getEntriesByType('resource').map(e => e.name)")
+    assert [name for name in fetched if not name.startswith("data:")] == []
 
 
-def test_a_metric_that_is_picked_shows_its_regions(browser: Browser) -> None:
-    browser.run(
-        "const s = document.querySelector('#regions [data-pick=metric]'); s.selectedIndex = 2;"
-        "s.dispatchEvent(new Event('change', {bubbles: true}))"
+def test_the_numbers_of_the_summary_are_those_of_the_result(
+    shown: Any, result: dict[str, Any]
+) -> None:
+    rows = shown.run(
+        "return [...document.querySelectorAll('#summary tbody tr')].map(row => "
+        "[row.cells[0].innerText, ...[...row.cells].slice(1).map("
+        "c => [c.title, c.firstChild.innerText])])"
     )
-    shown = browser.run(
-        "return [...document.querySelectorAll('#regions [data-metric]')]"
-        ".filter(p => !p.hidden).map(p => p.dataset.metric)"
+    keys = ("psnr", "ssim", "flip")
+    decimals = (2, 4, 5)
+    for method, *cells in rows:
+        means = result["methods"][method]["mean"]
+        assert [float(title) for title, _ in cells] == [means[key] for key in keys]
+        expected = [f"{means[key]:.{d}f}" for key, d in zip(keys, decimals, strict=True)]
+        assert [text for _, text in cells] == expected
+    assert [row[0] for row in rows] == ["bicubic", "taau", "fusesr"]
+    bold = shown.run(
+        "return [...document.querySelectorAll('#summary b')].map("
+        "b => b.closest('tr').cells[0].innerText)"
     )
-    assert set(shown) == {"flip"}
+    assert bold == ["fusesr"] * 3
 
 
-def test_nothing_is_complained_about(browser: Browser) -> None:
+def test_one_choice_of_metric_and_shot_rules_regions_and_curves(
+    shown: Any, result: dict[str, Any]
+) -> None:
+    shown.choose("#curves [data-pick=metric]", "2")
+    shown.choose("#curves [data-pick=shot]", "1")
+    tables = shown.run(
+        "return [...document.querySelectorAll('#regions table')].filter(t => t.offsetParent)"
+        ".map(t => [...t.rows].map(r => [...r.cells].map(c => c.title)))"
+    )
+    assert len(tables) == 1
+    expected = [
+        result["tests"][f"{m}/hall/turn"]["mean"]["flip"] for m in ("bicubic", "taau", "fusesr")
+    ]
+    assert [float(title) for title in tables[0][1][2:5]] == expected
+
+
+def test_the_curves_tell_the_values_of_a_frame_by_keyboard(
+    shown: Any, result: dict[str, Any]
+) -> None:
+    shown.keys("#plot", RIGHT * 3)
+    told = shown.run("return document.getElementById('readout').innerText")
+    frame = result["tests"]["fusesr/yard/stroll"]["frames"]["3"]
+    assert "yard/stroll frame 3" in told
+    assert f"fusesr {frame['psnr']:.2f} dB" in told
+
+
+def test_a_click_on_a_curve_opens_the_nearest_frame_with_pictures(shown: Any) -> None:
+    box = shown.run(
+        "const c = document.getElementById('plot'); c.scrollIntoView({block: 'center'});"
+        "const b = c.getBoundingClientRect(); return [b.left, b.top, b.width]"
+    )
+    shown.run(
+        "const click = new MouseEvent('click', {clientX: arguments[0]});"
+        "document.getElementById('plot').dispatchEvent(click)",
+        box[0] + box[2] * 0.49,
+    )
+    assert "yard/stroll, frame 55" in shown.run(
+        "return document.getElementById('about-frame').innerText"
+    )
+
+
+def test_curves_have_ink_of_every_method(shown: Any) -> None:
+    counts = shown.run(
+        """const c = document.getElementById('plot');
+        const p = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        const style = getComputedStyle(document.documentElement);
+        return ['--m0', '--m1', '--m2'].map(name => {
+          const hex = style.getPropertyValue(name).trim();
+          const rgb = [1, 3, 5].map(k => parseInt(hex.slice(k, k + 2), 16));
+          let n = 0;
+          for (let k = 0; k < p.length; k += 4)
+            n += rgb.every((v, j) => Math.abs(v - p[k + j]) < 8);
+          return n;
+        })"""
+    )
+    assert min(counts) > 300
+
+
+def test_dragging_the_divider_moves_the_clip(shown: Any) -> None:
+    before = shown.run(CLIP)
+    width = shown.run("return document.querySelector('.picture').clientWidth")
+    shown.drag(".divider", 120)
+    after = shown.run(CLIP)
+    assert before != after
+    assert shown.run(PLACE) == pytest.approx(50 + 100 * 120 / width, abs=1)
+
+
+def test_arrow_keys_move_the_divider_also_after_an_exchange(shown: Any) -> None:
+    shown.keys(".divider", RIGHT * 5)
+    assert shown.run(PLACE) == 60
+    first = shown.run("return document.querySelector('#stage img').alt")
+    shown.keys(".divider", " ")
+    assert shown.run("return document.querySelector('#stage img').alt") != first
+    assert shown.run("return document.activeElement.className") == "divider"
+
+
+def test_flicker_shows_one_picture_then_the_other(shown: Any) -> None:
+    shown.keys("#stage", "2")
+    first = shown.run(SEEN)
+    assert sorted(first) == ["hidden", "visible"]
+    assert eventually(lambda: shown.run(SEEN) != first), "the timer does not run"
+    shown.click("#play")
+    still = shown.run(SEEN)
+    time.sleep(0.7)
+    assert shown.run(SEEN) == still
+    shown.keys("#stage", " ")
+    assert shown.run(SEEN) == still[::-1]
+
+
+def test_the_heat_map_of_each_side_is_shown(shown: Any, moments: list[Moment]) -> None:
+    shown.keys("#stage", "4")
+    sources = shown.run("return [...document.querySelectorAll('#stage img')].map(i => i.src)")
+    heat = moments[0].heat
+    assert sources == [heat["bicubic"].uri(), heat["fusesr"].uri()]
+
+
+def test_zoom_is_by_pixels_and_both_sides_scroll_together(shown: Any) -> None:
+    shown.keys("#stage", "3")
+    shown.choose("#zoom", "4")
+    state = "return [...document.querySelectorAll('.port')].map(p => [p.scrollLeft, p.scrollTop])"
+    look = (
+        "const i = document.querySelector('#stage img');"
+        "return [i.clientWidth, getComputedStyle(i).imageRendering]"
+    )
+    assert shown.run(look) == [2560, "pixelated"]
+    shown.run("document.querySelector('.port').scrollTo(900, 300)")
+    assert eventually(lambda: shown.run(state) == [[900, 300]] * 2)
+
+
+def test_the_worst_region_is_found_in_the_frame(shown: Any) -> None:
+    shown.click("#crops figure:nth-child(3) button")
+    where = shown.run(
+        "const box = query => document.querySelector(query).getBoundingClientRect();"
+        "const m = box('.mark'), p = box('.pane');"
+        "return [m.width, (m.left + m.right - p.left - p.right) / 2]"
+    )
+    assert where[0] == pytest.approx(4 * 64, abs=1)
+    assert abs(where[1]) < 2
+    assert shown.run("return document.getElementById('right').selectedOptions[0].text") == "taau"
+
+
+def test_the_next_frame_comes_by_key(shown: Any) -> None:
+    shown.keys("#stage", "n")
+    current = shown.run("return document.querySelector('#moments [aria-current=true]').innerText")
+    assert "frame 12" in current
+    assert "hall/turn" in current
+
+
+def test_hostile_names_are_text(browser: Any, evaluation: Evaluation, tmp_path: Path) -> None:
+    name = "</script><img src=x onerror='window.hit=1'><b>\"'`${1}"
+    path = tmp_path / "report.html"
+    path.write_text(
+        html_report(evaluation(methods=(name, "__proto__"), shots=("",))), encoding="utf-8"
+    )
+    browser.open(path)
+    assert browser.run("return window.hit === undefined && document.images.length === 0")
+    legend = "return [...document.querySelectorAll('#legend button')].map(b => b.textContent)"
+    assert browser.run(legend) == [name, "__proto__"]
     assert browser.complaints() == []
+
+
+def test_a_narrow_window_does_not_scroll_sideways(browser: Any, page: Path) -> None:
+    browser.ask("POST", "/window/rect", {"width": 500, "height": 900})
+    browser.open(page)
+    over = browser.run("return document.documentElement.scrollWidth - window.innerWidth")
+    browser.ask("POST", "/window/rect", {"width": 1500, "height": 1000})
+    assert over <= 0
