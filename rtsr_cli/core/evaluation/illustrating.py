@@ -97,6 +97,7 @@ def _moment(shot: JudgedShot, number: int, why: str, judgement: Judgement) -> Mo
         shot=shot.comparison.shot,
         frame=number,
         why=why,
+        size=(frame.reference.shape[-1], frame.reference.shape[-2]),
         reference=_whole(reference.structure),
         tests={m: _whole(image) for m, image in shown.items()},
         heat={m: _whole(image) for m, image in heat.items()},

@@ -165,7 +165,7 @@ def _triples(frames: Mapping[int, Evidence], centre: float, screen: Size) -> lis
         moving = ((stored[number] - centre).abs().amax(0) > STILL_PX).nonzero()[:, 0]
         if len(moving) == 0:
             continue
-        chooser = torch.Generator().manual_seed(number)
+        chooser = torch.Generator().manual_seed(number % 2**32)
         index = moving[torch.randperm(len(moving), generator=chooser)[:FINAL_PIXELS]]
         width = picture.size[1]
         samples = Samples(

@@ -156,6 +156,8 @@ def _motion(settled: Settled, capture: Capture) -> Settled:
     agreed = best is not None and best.convention == _plain(presumed)
     declared = capture.motion.declared()
     clear = _contradicted(against) or measured.by_geometry is not None
+    if best is None and _contradicted(against):
+        return _fits_others(settled, capture)
     if best is not None and not agreed and (clear or _unproven(settled, capture)):
         # what is declared stays; what is not is taken from the measurement
         chosen = replace(best.convention, **declared)
@@ -172,8 +174,35 @@ def _motion(settled: Settled, capture: Capture) -> Settled:
         note = f"motion measured: {chosen} (without measurement: {presumed})"
         return _measured(settled, "motion", note, motion=chosen)
     if agreed or not _unproven(settled, capture):
-        return settled
+        doubt = "" if agreed else _doubted(against, best, capture)
+        return _warned(settled, doubt) if doubt else settled
     return replace(settled, motion_undecided=undecided(reader, measured.motion))
+
+
+def _doubted(presumed: Candidate | None, best: Candidate | None, capture: Capture) -> str:
+    """Say that a preset fits worse than another reading, though not so clearly as to give way."""
+    if capture.motion.decides() or presumed is None or best is None or presumed.tied:
+        return ""
+    if presumed.margin < WIDE_MARGIN:
+        return ""
+    return (
+        f"motion is read as {presumed.convention}, but the frames fit {best.convention} better "
+        f"(error {presumed.margin:.0%} lower, {presumed.significance:.1f} standard errors, which "
+        "is not enough to decide it); declare [motion] in capture.toml"
+    )
+
+
+def _fits_others(settled: Settled, capture: Capture) -> Settled:
+    """Several readings tie, and what is presumed is far behind all of them."""
+    finding = settled.measured.motion
+    if not capture.motion.decides():
+        return replace(settled, motion_undecided=undecided(settled.reader, finding))
+    others = "; or ".join(str(c.convention) for c in finding.ties) if finding else ""
+    text = (
+        f"motion is declared as {settled.reader.conventions.motion}, but the frames fit others "
+        f"better: {others}; the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
+    )
+    return _warned(settled, text)
 
 
 def _plain(convention: MotionConvention) -> MotionConvention:

@@ -101,6 +101,8 @@ def misnamed(frames: FrameSet) -> dict[Path, str]:
 def _misnamed(path: Path) -> str:
     if path.is_dir():
         return f"{path}: is a folder that is named like a frame; rename it, or put the frame there"
+    if not path.is_symlink():
+        return f"{path}: is no file, though it is named like a frame; rename or remove it"
     return (
         f"{path}: is a link to {path.readlink()}, which is not there; mount or copy what it leads "
         "to, or remove the link"

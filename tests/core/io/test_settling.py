@@ -27,6 +27,7 @@ from rtsr_cli.core.io.shots import frame_set
 from rtsr_cli.core.io.survey import open_frames
 
 C = MotionDirection.CURRENT_MINUS_PREVIOUS
+P = MotionDirection.PREVIOUS_MINUS_CURRENT
 NEGATED = MotionConvention(direction=C)
 Settle = Callable[..., Settled]
 
@@ -129,6 +130,42 @@ def test_ties_leave_a_verified_preset_alone(settled: Settle) -> None:
     result = settled(Measured(motion=tied(NEGATED, MotionConvention())))
     assert result.reader.conventions.motion == MotionConvention()
     assert result.undecided == ""
+
+
+def ahead(*conventions: MotionConvention) -> MotionFinding:
+    """A tie far before the preset."""
+    finding = tied(*conventions)
+    return replace(
+        finding, candidates=(*finding.candidates, candidate(MotionConvention(), 0.3, 0.1, 15.0))
+    )
+
+
+def test_a_tie_far_before_a_verified_preset_is_refused_and_not_read_as_the_preset(
+    settled: Settle,
+) -> None:
+    uv = MotionConvention(unit=MotionUnit.UV, direction=C)
+    result = settled(Measured(motion=ahead(NEGATED, uv)))
+    assert "can be read in ways that fit equally well" in result.motion_undecided
+    assert 'unit = "uv"' in result.motion_undecided
+
+
+def test_a_tie_far_before_a_declaration_is_warned_about(settled: Settle) -> None:
+    declared = capture(motion={"direction": P, "unit": "pixels", "y_axis": "down"})
+    uv = MotionConvention(unit=MotionUnit.UV, direction=C)
+    result = settled(Measured(motion=ahead(NEGATED, uv)), declared)
+    assert result.reader.conventions.motion == MotionConvention()
+    assert "the frames fit others better" in result.warnings[0]
+    assert result.motion_undecided == ""
+
+
+def test_a_preset_that_fits_worse_but_not_by_far_is_kept_and_doubted(settled: Settle) -> None:
+    behind = candidate(MotionConvention(), 0.112, 0.1, 4.6)
+    finding = replace(clear(NEGATED), candidates=(*clear(NEGATED).candidates, behind))
+    result = settled(Measured(motion=finding))
+    assert result.reader.conventions.motion == MotionConvention()
+    assert "11% lower, 4.6 standard errors" in result.warnings[0]
+    declared = capture(motion={"direction": P, "unit": "pixels", "y_axis": "down"})
+    assert settled(Measured(motion=finding), declared).warnings == ()
 
 
 def test_ties_that_nothing_declares_are_refused_with_the_choices(settled: Settle) -> None:
