@@ -89,7 +89,21 @@ def _whole(table: dict[Buffer, list[ChannelSpec]]) -> dict[Buffer, list[ChannelS
 
 ChannelSpecs = Annotated[list[ChannelSpec], BeforeValidator(_as_list)]
 
-BufferTable = Annotated[dict[Buffer, ChannelSpecs], AfterValidator(_whole)]
+
+def _undivided(table: object) -> object:
+    """Keep a text whole where the buffer has one channel: "rg" is then a name, no shorthand."""
+    if not isinstance(table, Mapping):
+        return table
+    single = {b.value for b, spec in BUFFER_SPECS.items() if spec.channels == 1}
+    return {
+        key: [value] if isinstance(value, str) and key in single else value
+        for key, value in table.items()
+    }
+
+
+BufferTable = Annotated[
+    dict[Buffer, ChannelSpecs], BeforeValidator(_undivided), AfterValidator(_whole)
+]
 """Buffer name -> the channels it is made of."""
 
 

@@ -34,7 +34,7 @@ def read_layout(path: Path) -> Layout:
         ConfigError: not there, not TOML, or wrong fields; lists every one with its path.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: the layout cannot be read ({error.strerror})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

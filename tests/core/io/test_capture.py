@@ -281,3 +281,16 @@ def test_unknown_columns_of_a_camera_side_car_are_refused_with_a_suggestion(
     message = str(caught.value)
     assert "no column is called 'worldToCamra', did you mean 'worldToCamera'?" in message
     assert "no column is called 'jitterpx', did you mean 'jitter_px'?" in message
+
+
+def test_a_shorthand_is_a_name_where_one_channel_is_meant(tmp_path: Path) -> None:
+    path = tmp_path / "capture.toml"
+    path.write_text('[buffers]\nroughness = "rg"\nmotion = "mv.rg"\n', encoding="utf-8")
+    found = {b.value: [str(c) for c in specs] for b, specs in read_capture(path).buffers.items()}
+    assert found == {"roughness": ["rg"], "motion": ["mv.r", "mv.g"]}
+
+
+def test_a_byte_order_mark_of_an_editor_is_no_mistake(tmp_path: Path) -> None:
+    path = tmp_path / "capture.toml"
+    path.write_bytes(b"\xef\xbb\xbfscale = 4\r\n")
+    assert read_capture(path).scale == 4
