@@ -23,6 +23,7 @@ from rtsr_cli.core.evaluation.comparing import (
     method_names,
     open_comparisons,
 )
+from rtsr_cli.core.evaluation.frames import check_border
 from rtsr_cli.core.evaluation.illustrating import moments, strips
 from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judged_shot, result_of
 from rtsr_cli.core.evaluation.metric_table import METRICS, Rules
@@ -119,6 +120,7 @@ def _judged(chosen: Mapping[str, Any]) -> Evaluated | None:
     comparisons = open_comparisons(tests, chosen["reference"], options)
     judgement = _judgement(chosen, tests)
     for comparison in comparisons:
+        check_border(comparison, chosen["border"])
         _announce(chosen, comparison)
     if chosen["dry_run"]:
         return None
@@ -196,6 +198,8 @@ def _announce(chosen: Mapping[str, Any], comparison: Comparison) -> None:
     if chosen["as_json"]:
         emit({"event": "plan", **facts})
         return
+    if not set(comparison.numbers) - set(comparison.available[: chosen["skip_first"]]):
+        LOG.warning("%s: --skip-first leaves no frame for means", facts["reference"])
     LOG.info(
         "%s: frames %s, %d x %d, against %s; buffers: %s",
         comparison.shot or ", ".join(comparison.tests),

@@ -289,7 +289,7 @@ def _numbers(
         what = "stamped rtsr:predicted " if options.predicted_only else ""
         raise FrameFolderError(
             f"{truth.frames.root}: no frame {what}to judge is in all folders"
-            + (f" (--frames leaves none of {ranges(every)})" if every else "")
+            + (f" (--frames and --shard leave none of {ranges(every)})" if every else "")
         )
     return common, available
 

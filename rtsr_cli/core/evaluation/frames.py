@@ -40,21 +40,30 @@ class JudgedFrame:
     gbuffer: Frame | None
 
 
+def check_border(comparison: Comparison, border: int) -> None:
+    """Raise if a border leaves nothing of the frames.
+
+    Raises:
+        FrameFolderError: names the reference's folder and the size.
+    """
+    height, width = comparison.size
+    if min(height, width) <= 2 * border:
+        raise FrameFolderError(
+            f"{comparison.reference.frames.root}: a border of {border} pixels leaves nothing of "
+            f"{width} x {height}; choose a smaller --border"
+        )
+
+
 def read_judged(
     comparison: Comparison, number: int, *, border: int, device: str = "cpu"
 ) -> JudgedFrame:
     """Read one frame of every folder.
 
     Raises:
-        FrameFolderError: a file is damaged, or the border leaves nothing.
+        FrameFolderError: a file is damaged.
     """
     height, width = comparison.size
     inside = (height - 2 * border, width - 2 * border)
-    if min(inside) < 1:
-        raise FrameFolderError(
-            f"{comparison.reference.frames.root}: a border of {border} pixels leaves nothing of "
-            f"{width} x {height}; choose a smaller --border"
-        )
     reference, known = _radiance(comparison.reference, number, comparison.samples)
     tests, valid, nonfinite = {}, {}, {}
     for method, reader in comparison.tests.items():

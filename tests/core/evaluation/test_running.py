@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.evaluation.comparing import CompareOptions, Comparison, open_comparisons
-from rtsr_cli.core.evaluation.frames import read_judged
+from rtsr_cli.core.evaluation.frames import check_border
 from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.running import RunOptions, ScoredFrame, score_shot
@@ -137,7 +137,8 @@ def test_a_border_is_cut_before_anything_is_measured(truth: Path, tmp_path: Path
     assert float(scored(comparison)[1].scores["test"].scores["psnr"] or 0.0) < 30.0
     assert scored(comparison, border=4)[1].scores["test"].scores["psnr"] == math.inf
     with pytest.raises(FrameFolderError, match="a border of 24 pixels leaves nothing of 64 x 48"):
-        read_judged(comparison, 1, border=24)
+        check_border(comparison, 24)
+    check_border(comparison, 23)
 
 
 def test_a_damaged_frame_fails_alone(truth: Path, tmp_path: Path) -> None:
