@@ -1,6 +1,6 @@
 """Time of `rtsr evaluate` on 1080p frames, by jobs, and against the packages one after the other.
 
-    python benchmarks/evaluate_speed.py [--frames 8] [--pairs 5]
+    python benchmarks/evaluate_speed.py [--frames 12] [--pairs 5]
 
 The frames are noise over the enlarged sample. The packages (scikit-image's PSNR and SSIM by
 Wang's definition, flip-evaluator's LDR-FLIP) judge the same files with one thread, reading and
@@ -90,7 +90,7 @@ def seconds(run: Callable[[], None]) -> tuple[float, float]:
 
 
 @click.command()
-@click.option("--frames", "count", default=8, show_default=True, type=click.IntRange(1))
+@click.option("--frames", "count", default=12, show_default=True, type=click.IntRange(1))
 @click.option("--pairs", default=5, show_default=True, type=click.IntRange(1))
 def main(count: int, pairs: int) -> None:
     """Print medians a frame, and the ratios of the paired runs."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -60,12 +60,19 @@ class _Frames:
         self._read: dict[int, Future[JudgedFrame]] = {}
         self._first = frozenset(comparison.available[: options.skip_first])
 
-    def submit(self, number: int) -> Future[ScoredFrame]:
-        """Queue a frame's reading and scoring; frames before its history are let go."""
+    def submit(self, number: int, ahead: Sequence[int]) -> Future[ScoredFrame]:
+        """Queue a frame's reading, that of those `ahead`, and its scoring; let go what is over.
+
+        No thread then waits in a score for what nobody reads yet.
+        """
         previous = self._comparison.previous(number)
         before = None if previous is None else self._reading(previous)
-        scored = self._pool.submit(self._score, number, self._reading(number), before)
-        self._read = {n: f for n, f in self._read.items() if n in {number, previous}}
+        current = self._reading(number)
+        for later in ahead:
+            self._reading(later)
+        scored = self._pool.submit(self._score, number, current, before)
+        needed = {number, previous, *ahead}
+        self._read = {n: f for n, f in self._read.items() if n in needed}
         return scored
 
     def _reading(self, number: int) -> Future[JudgedFrame]:
@@ -102,8 +109,9 @@ def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFr
     ) as pool:
         frames = _Frames(comparison, options, pool)
         try:
-            for number in comparison.numbers:
-                pending.append(frames.submit(number))
+            for place, number in enumerate(comparison.numbers, start=1):
+                ahead = comparison.numbers[place : place + options.jobs - 1]
+                pending.append(frames.submit(number, ahead))
                 if len(pending) > options.jobs:
                     yield pending.popleft().result()
             while pending:
