@@ -44,6 +44,11 @@ class DerivationConfig:
     lut: LutConvention = LutConvention.KARIS
     epsilon: float = dm.MATERIAL_EPSILON
 
+    @property
+    def has_emission(self) -> bool:
+        """Tell whether emission is taken out of the radiance before it is divided."""
+        return self.mode not in (dm.DemodulationMode.SOFTPLUS, dm.DemodulationMode.NONE)
+
 
 Alternatives = tuple[tuple[Buffer | str, ...], ...]
 
@@ -56,7 +61,14 @@ _MATERIAL_PARTS: dict[dm.DemodulationMode, Alternatives] = {
     dm.DemodulationMode.SOFTPLUS: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
     dm.DemodulationMode.ALBEDO: ((Buffer.ALBEDO,),),
     dm.DemodulationMode.GLOSSY_ALBEDO: ((Buffer.ALBEDO, Buffer.METALLIC),),
+    dm.DemodulationMode.NONE: ((),),
 }
+
+_LIGHTING_PARTS: Alternatives = (
+    (Buffer.LIGHTING, Buffer.MATERIAL, Buffer.SKY),
+    (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
+)
+"""Lighting that files hold is divided already: no use where nothing is to be divided."""
 
 _OPTIONAL_PARTS: dict[Buffer, tuple[Buffer, ...]] = {
     Buffer.MATERIAL: (Buffer.SPECULAR,),
@@ -76,10 +88,7 @@ def alternatives(buffer: Buffer, config: DerivationConfig) -> Alternatives:
         ),
         Buffer.SKY: ((),),
         Buffer.MATERIAL: _MATERIAL_PARTS[config.mode],
-        Buffer.LIGHTING: (
-            (Buffer.LIGHTING, Buffer.MATERIAL, Buffer.SKY),
-            (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
-        ),
+        Buffer.LIGHTING: _LIGHTING_PARTS[config.mode is dm.DemodulationMode.NONE :],
         Buffer.LIGHTING_MASK: ((Buffer.LIGHTING,),),
     }
     return parts.get(buffer, ())
@@ -161,7 +170,7 @@ def derive_sky(gbuffer: GBuffer) -> Mask:
     if Buffer.NORMAL in gbuffer:
         normal = gbuffer[Buffer.NORMAL]
         return (normal == 0).all(1, keepdim=True).to(normal.dtype)
-    return torch.zeros(1, 1, *gbuffer.size)
+    return torch.zeros(1, 1, *gbuffer.size, device=gbuffer.device)
 
 
 def derive_nov(frame: Frame) -> Plane:
@@ -198,6 +207,8 @@ def derive_material(frame: Frame, config: DerivationConfig) -> Color:
 
 def _material(frame: Frame, config: DerivationConfig) -> Color:
     gbuffer = frame.gbuffer
+    if config.mode is dm.DemodulationMode.NONE:
+        return torch.ones(1, 3, *gbuffer.size, device=gbuffer.device)
     if config.mode is dm.DemodulationMode.ALBEDO:
         return dm.floored(gbuffer[Buffer.ALBEDO])
     if config.mode is dm.DemodulationMode.GLOSSY_ALBEDO:
@@ -249,7 +260,7 @@ def derive_lighting(frame: Frame, config: DerivationConfig) -> dm.Demodulated:
     material = derive_material(frame, config)
     softplus = config.mode is dm.DemodulationMode.SOFTPLUS
     sky = torch.zeros_like(material[:, :1]) if softplus else derive_sky(gbuffer)
-    emission = None if softplus else gbuffer.buffers.get(Buffer.EMISSION)
+    emission = gbuffer.buffers.get(Buffer.EMISSION) if config.has_emission else None
     if Buffer.LIGHTING in gbuffer:
         valid = (material > config.epsilon).all(1, keepdim=True) & (sky < 0.5)
         if Buffer.LIGHTING_MASK in gbuffer:

@@ -95,7 +95,7 @@ def divide(
     softplus = config.mode is dm.DemodulationMode.SOFTPLUS
     material = put(Buffer.MATERIAL, derive_material(frame, config))
     sky: Mask = torch.zeros_like(material[:, :1]) if softplus else derive_sky(frame.gbuffer)
-    emission = None if softplus else frame.gbuffer.buffers.get(Buffer.EMISSION)
+    emission = frame.gbuffer.buffers.get(Buffer.EMISSION) if config.has_emission else None
     parts = dm.demodulate(
         frame.gbuffer[Buffer.COLOR],
         material,

@@ -142,15 +142,21 @@ class ShotPlan:
         return len(self.pending) * (height * width * a_pixel + HEADER_BYTES)
 
 
-def system_inputs(system: System, base: Inputs) -> Inputs:
-    """Return what to read for a system; alpha goes along where there is one."""
+def system_inputs(system: System, base: Inputs, config: object = None) -> Inputs:
+    """Return what to read for a system; alpha goes along where there is one.
+
+    Args:
+        system: whose inputs they are.
+        base: how bad pixels are treated.
+        config: of the system, its defaults if None.
+    """
     return replace(
         base,
         lr=system.lr_inputs,
         hr=system.hr_inputs,
         lr_optional=(*system.lr_optional, Buffer.ALPHA),
         hr_optional=system.hr_optional,
-        derivation=system.derivation,
+        derivation=system.derivation(config or system.config()),
     )
 
 

@@ -6,11 +6,12 @@ A system is one file in `models/`. Core runs any `System` and knows none by name
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
-from torch import nn
+import torch
+from torch import Tensor, nn
 
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
@@ -70,6 +71,58 @@ class Prediction:
 Predict = Callable[[nn.Module, Window, State], Prediction]
 """`predict(network, window, state)`; `state` is None at a reset and for systems without one."""
 
+Tensors = Mapping[str, Tensor]
+"""Named tensors, batch first, so that those of several windows can be stacked."""
+
+Prepare = Callable[[Any, Window], Tensors]
+"""`prepare(config, window)`: a network's inputs, and what its loss needs of the window."""
+
+Compose = Callable[[Any, Window, Tensors, Tensors], Prediction]
+"""`compose(config, window, inputs, outputs)`: a picture from what a network gave."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """How a system is trained.
+
+    Attributes:
+        prepare: a window -> inputs.
+        reference: buffers of the captured frame at the target size that `goal` reads, radiance
+            among them.
+        goal: (config, window, reference frame) -> what outputs are held against.
+        loss: (config, inputs, outputs, goal) -> its terms, weighted, each averaged over a batch;
+            their sum is minimised.
+        unroll: successive frames of a training sample, state carried from one to the next.
+    """
+
+    prepare: Prepare
+    reference: tuple[Buffer, ...]
+    goal: Callable[[Any, Window, Frame], Tensors]
+    loss: Callable[[Any, Tensors, Tensors, Tensors], Tensors]
+    unroll: int = 1
+
+
+def neural_predict(prepare: Prepare, compose: Compose) -> Predict:
+    """Return the `predict` of a network: prepare the window, run it, compose a picture.
+
+    The network takes (inputs, state) and gives (outputs, state); its `config` is the system's.
+    """
+
+    def predict(network: nn.Module, window: Window, state: State) -> Prediction:
+        config = network.config
+        inputs = prepare(config, window)
+        outputs, kept = network(inputs, state)
+        with torch.autocast(window.current.gbuffer.device.type, enabled=False):
+            return replace(compose(config, window, inputs, outputs), state=kept)
+
+    return predict
+
+
+def default_derivation(config: Any) -> DerivationConfig:
+    """`System.derivation` of whoever divides by the default material term."""
+    del config
+    return DerivationConfig()
+
 
 @dataclass(frozen=True, kw_only=True)
 class System:
@@ -90,11 +143,11 @@ class System:
         preroll_frames: frames that a shard replays before its first output.
         halo_px: LR pixels that one output pixel depends on to each side; None = all of them,
             so that the frame cannot be tiled.
-        derivation: what divides radiance.
-        config: frozen dataclass of its settings; the defaults are used.
+        derivation: what divides radiance; of a config, where a config decides.
+        config: frozen dataclass of its settings; the defaults are used where weights name none.
         build: makes the network from a config and a scale.
         predict: runs it.
-        loss: training loss of a prediction against a target, None if not trained.
+        learning: how it is trained, None if there is nothing to train.
         label: training labels of a window, None if it needs none.
         weights: file name below `rtsr_cli/weights/`, with `{scale}`; None if it has none.
     """
@@ -112,11 +165,11 @@ class System:
     recurrent: bool = False
     preroll_frames: int = 0
     halo_px: int | None = 0
-    derivation: DerivationConfig = field(default_factory=DerivationConfig)
+    derivation: Callable[[Any], DerivationConfig] = default_derivation
     config: type[Any]
     build: Callable[[Any, int], nn.Module]
     predict: Predict
-    loss: Callable[[Prediction, Window, Color], Image] | None = None
+    learning: Learning | None = None
     label: Callable[[Window], Mapping[str, Image]] | None = None
     weights: str | None = None
 

@@ -17,6 +17,9 @@ SYSTEM_MODULES = {
     "bicubic": "bicubic",
     "demod-bicubic": "bicubic",
     "taau": "taau",
+    "fusesr": "fusesr",
+    "fusesr-fast": "fusesr",
+    "fusesr-direct": "fusesr",
 }
 """System name -> module of this package; the order is that of listings."""
 

@@ -14,26 +14,15 @@ from dataclasses import dataclass
 from typing import cast
 
 import torch
-import torch.nn.functional as F
 from torch import nn
 
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.color import decode_log, decode_reinhard, encode_log, encode_reinhard
+from rtsr_cli.core.imaging.color import decode_log, encode_log
 from rtsr_cli.core.imaging.demodulation import remodulate
-from rtsr_cli.core.imaging.resampling import (
-    BICUBIC_SUPPORT_PX,
-    grow_valid,
-    upsample_bicubic,
-    upsample_masked_bicubic,
-    upsample_nearest,
-)
-from rtsr_cli.core.shapes import Color, Mask
+from rtsr_cli.core.imaging.enlarging import enlarge_log_lighting, enlarge_radiance, enlarge_where
+from rtsr_cli.core.imaging.resampling import BICUBIC_SUPPORT_PX
 from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
-
-HIGHLIGHT = 0.5
-"""Tone-mapped value (radiance 1) from which overshoot is bounded."""
 
 JITTER_REACH_PX = 1
 """Pixels that a jitter of up to half a pixel can add to a kernel's reach, rounded up."""
@@ -60,52 +49,8 @@ def predict_bicubic(network: nn.Module, window: Window, state: State) -> Predict
     """Enlarge c / (1 + c) and expand."""
     del network, state
     frame = window.current
-    return Prediction(image=_upsample_radiance(frame.gbuffer[Buffer.COLOR], frame, window.scale))
-
-
-def _upsample_radiance(color: Color, frame: Frame, scale: int) -> Color:
-    encoded = encode_reinhard(color)
-    enlarged = upsample_bicubic(encoded, scale, frame.camera.jitter_px)
-    return decode_reinhard(bounded_highlights(enlarged, encoded, scale))
-
-
-def bounded_highlights(enlarged: Color, encoded: Color, scale: int) -> Color:
-    """Hold overshoot beside highlights at the brightest of the 5x5 samples around.
-
-    In c / (1 + c) an overshoot of a hundredth above 0.99 is radiance without bound; below
-    `HIGHLIGHT` the kernel's overshoot is the sharpening that it is meant to be.
-    """
-    reach = 2 * BICUBIC_SUPPORT_PX + 1
-    brightest = F.max_pool2d(encoded, reach, stride=1, padding=BICUBIC_SUPPORT_PX)
-    bound = upsample_nearest(brightest.clamp(min=HIGHLIGHT), scale)
-    return torch.minimum(enlarged, bound)
-
-
-def upsample_lighting(frame: Frame, scale: int, grow_px: int) -> Color:
-    """Enlarge log lighting over divided pixels; beyond their reach, the nearest valid lighting.
-
-    The log is that of `encode_log` with the frame's k; where nothing valid is near, lighting is k.
-    """
-    mask = frame.gbuffer[Buffer.LIGHTING_MASK]
-    encoded = encode_log(frame.gbuffer[Buffer.LIGHTING], frame.lighting_scale)
-    jitter_px = frame.camera.jitter_px
-    smooth, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
-    if bool(supported.all()):
-        return decode_log(smooth, frame.lighting_scale)
-    grown, reached = grow_valid(encoded, mask, grow_px)
-    average = encode_log(torch.full_like(encoded, frame.lighting_scale), frame.lighting_scale)
-    nearest = upsample_nearest(torch.where(reached > 0, grown, average), scale)
-    return decode_log(torch.where(supported > 0, smooth, nearest), frame.lighting_scale)
-
-
-def _upsample_where(color: Color, mask: Mask, frame: Frame, scale: int) -> Color:
-    """Enlarge the radiance of some pixels only; where none is near, plain bicubic."""
-    encoded = encode_reinhard(color)
-    jitter_px = frame.camera.jitter_px
-    own, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
-    if not bool(supported.all()):
-        own = torch.where(supported > 0, own, upsample_bicubic(encoded, scale, jitter_px))
-    return decode_reinhard(bounded_highlights(own, encoded, scale))
+    color = frame.gbuffer[Buffer.COLOR]
+    return Prediction(image=enlarge_radiance(color, window.scale, frame.camera.jitter_px))
 
 
 def predict_demod_bicubic(network: nn.Module, window: Window, state: State) -> Prediction:
@@ -115,14 +60,22 @@ def predict_demod_bicubic(network: nn.Module, window: Window, state: State) -> P
     frame, hr, scale = window.current, window.hr, window.scale
     if hr is None:
         raise MissingBufferError(f"{frame.gbuffer.where}: demod-bicubic needs HR material")
-    lighting = upsample_lighting(frame, scale, config.grow_px)
+    jitter_px = frame.camera.jitter_px
+    encoded = enlarge_log_lighting(
+        encode_log(frame.gbuffer[Buffer.LIGHTING], frame.lighting_scale),
+        frame.gbuffer[Buffer.LIGHTING_MASK],
+        scale,
+        jitter_px,
+        grow_px=config.grow_px,
+    )
+    lighting = decode_log(encoded, frame.lighting_scale)
     emission = hr.gbuffer.buffers.get(Buffer.EMISSION)
     surface = remodulate(lighting, hr.gbuffer[Buffer.MATERIAL], emission)
     hr_sky = hr.gbuffer[Buffer.SKY] > 0.5
     image = surface
     if bool(hr_sky.any()):
         color, sky = frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY]
-        image = torch.where(hr_sky, _upsample_where(color, sky, frame, scale), surface)
+        image = torch.where(hr_sky, enlarge_where(color, sky, scale, jitter_px), surface)
     return Prediction(
         image=image, debug={"lighting": lighting, "hr_material": hr.gbuffer[Buffer.MATERIAL]}
     )

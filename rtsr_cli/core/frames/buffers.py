@@ -178,6 +178,11 @@ class GBuffer(Mapping[Buffer, Tensor]):
         first = next(iter(self.buffers.values()))
         return first.shape[-2], first.shape[-1]
 
+    @property
+    def device(self) -> torch.device:
+        """Where the buffers lie."""
+        return next(iter(self.buffers.values())).device
+
     def stack(self, buffers: Iterable[Buffer]) -> Image:
         """Concatenate the named buffers along the channels, in the order given."""
         return torch.cat([self[buffer] for buffer in buffers], dim=1)

@@ -47,6 +47,7 @@ class DemodulationMode(StrEnum):
     SOFTPLUS = "softplus"
     ALBEDO = "albedo"
     GLOSSY_ALBEDO = "glossy-albedo"
+    NONE = "none"
 
 
 @dataclass(frozen=True, kw_only=True)

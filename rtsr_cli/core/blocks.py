@@ -1,0 +1,68 @@
+"""Network modules that systems are built from."""
+
+from __future__ import annotations
+
+from torch import nn
+
+from rtsr_cli.core.shapes import Image
+
+
+def conv3(channels_in: int, channels_out: int) -> nn.Conv2d:
+    """3x3 convolution, stride 1, zero padding 1, with bias."""
+    return nn.Conv2d(channels_in, channels_out, 3, padding=1)
+
+
+class ResidualBlock(nn.Module):
+    """c3-ReLU-c3 plus identity, no activation after [FuseSR, code]."""
+
+    def __init__(self, channels: int) -> None:
+        """Keep the width."""
+        super().__init__()
+        self.layers = nn.Sequential(
+            conv3(channels, channels), nn.ReLU(inplace=True), conv3(channels, channels)
+        )
+
+    def forward(self, features: Image) -> Image:
+        """Add what the layers give."""
+        corrected: Image = features + self.layers(features)
+        return corrected
+
+
+def normalised_conv3(channels_in: int, channels_out: int) -> nn.Sequential:
+    """c3, batch norm, ReLU."""
+    return nn.Sequential(
+        conv3(channels_in, channels_out), nn.BatchNorm2d(channels_out), nn.ReLU(inplace=True)
+    )
+
+
+def separable(channels_in: int, channels_out: int) -> nn.Sequential:
+    """Depthwise 3x3 and pointwise 1x1, both with bias, batch norm, ReLU [FuseSR, code, fast]."""
+    return nn.Sequential(
+        nn.Conv2d(channels_in, channels_in, 3, padding=1, groups=channels_in),
+        nn.Conv2d(channels_in, channels_out, 1),
+        nn.BatchNorm2d(channels_out),
+        nn.ReLU(inplace=True),
+    )
+
+
+class InvertedResidual(nn.Module):
+    """Depthwise 3x3, batch norm, ReLU6, pointwise 1x1, batch norm, plus identity, no biases.
+
+    The expansion is 1, so that there is no widening layer [FuseSR, code, fast].
+    """
+
+    def __init__(self, channels: int) -> None:
+        """Keep the width."""
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, padding=1, groups=channels, bias=False),
+            nn.BatchNorm2d(channels),
+            nn.ReLU6(inplace=True),
+            nn.Conv2d(channels, channels, 1, bias=False),
+            nn.BatchNorm2d(channels),
+        )
+
+    def forward(self, features: Image) -> Image:
+        """Add what the layers give."""
+        corrected: Image = features + self.layers(features)
+        return corrected

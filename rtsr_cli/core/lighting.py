@@ -1,0 +1,221 @@
+"""Lighting as networks see, predict and are judged on it; what lighting systems share.
+
+Preset `rtsr`: networks work on e = log(1 + lighting / k), k of the whole frame, their output is
+multiplied by the HR material, emission is added, and the sky is enlarged on its own. Preset `paper`
+[FuseSR, code]: lighting is min(radiance, 10) / softplus(F) as it is, and everything is multiplied
+back.
+
+Conventions: HR tensors among inputs, outputs and goal lie on the grid that `alignment` moves, so
+that the LR sample is pixel (S//2, S//2) of its block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import Buffer, sky_mask
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shifted_jitter
+from rtsr_cli.core.imaging.color import encode_reinhard
+from rtsr_cli.core.imaging.demodulation import remodulate
+from rtsr_cli.core.imaging.enlarging import enlarge_log_lighting, enlarge_where
+from rtsr_cli.core.shapes import Color, Image, Mask, Plane, Vector3
+from rtsr_cli.core.system import Prediction, Tensors, Window
+
+MAX_LIGHTING = 64.0
+"""Bound of lighting in a network's input: quotients over dark materials have none."""
+
+MAX_PAPER_RADIANCE = 10.0
+"""Bound of radiance, input and reference [FuseSR, code]."""
+
+LR_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
+HR_BUFFERS = (Buffer.MATERIAL, Buffer.SKY)
+HR_OPTIONAL = (Buffer.EMISSION,)
+REFERENCE_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
+"""What this module reads of LR frame, HR frame and captured reference."""
+
+
+class Preset(StrEnum):
+    """What surrounds a network's layers."""
+
+    RTSR = "rtsr"
+    PAPER = "paper"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """Weights of the loss' terms, all mean absolute differences.
+
+    Attributes:
+        log: of log lighting, over divided pixels.
+        tonemapped: of the remodulated image after c / (1 + c), sky left out.
+        radiance: of the remodulated linear image, bounded as the paper's [FuseSR, code].
+    """
+
+    log: float = 0.1
+    tonemapped: float = 1.0
+    radiance: float = 0.0
+
+
+PAPER_LOSS = LossWeights(log=0.0, tonemapped=0.0, radiance=1.0)
+
+
+def encode_lighting(lighting: Color, scale: Tensor) -> Color:
+    """e = log(1 + lighting / k); k broadcasts over a batch."""
+    return torch.log1p(lighting.clamp(min=0.0) / scale)
+
+
+def decode_lighting(encoded: Color, scale: Tensor) -> Color:
+    """Lighting = k (exp(e) - 1), never negative."""
+    return torch.expm1(encoded.clamp(min=0.0)) * scale
+
+
+def network_depth(depth_m: Plane, preset: Preset) -> Plane:
+    """1 / (1 + depth), 0 on sky; as stored in `paper`."""
+    if preset is Preset.PAPER:
+        return depth_m
+    return (1.0 - sky_mask(depth_m)) / (1.0 + depth_m.clamp(min=0.0))
+
+
+def network_lighting(frame: Frame, preset: Preset) -> Color:
+    """LR lighting of a frame with its own k; 0 where nothing was divided."""
+    lighting = frame.gbuffer[Buffer.LIGHTING]
+    if preset is Preset.PAPER:
+        return lighting
+    bounded = lighting.clamp(max=MAX_LIGHTING)
+    return encode_lighting(bounded, scale_of(frame)) * frame.gbuffer[Buffer.LIGHTING_MASK]
+
+
+def network_normal(frame: Frame) -> Vector3:
+    """World-space normal, -1..1, 0 on sky."""
+    return frame.gbuffer[Buffer.NORMAL]
+
+
+def scale_of(frame: Frame) -> Tensor:
+    """k of a frame, n 1 1 1."""
+    return torch.full((1, 1, 1, 1), frame.lighting_scale, device=frame.gbuffer.device)
+
+
+def aligned(window: Window, image: Image) -> Image:
+    """Bring an HR image onto the grid where LR samples are pixel S//2 of their block."""
+    return shift_image(image, block_shift(window.current.camera.jitter_px, window.scale))
+
+
+def unaligned(window: Window, image: Image) -> Image:
+    """Undo `aligned`."""
+    x, y = block_shift(window.current.camera.jitter_px, window.scale)
+    return shift_image(image, (-x, -y))
+
+
+def enlarged_lighting(window: Window) -> Color:
+    """Cubic enlargement of log lighting, holes filled, on the aligned grid."""
+    frame = window.current
+    return enlarge_log_lighting(
+        encode_lighting(frame.gbuffer[Buffer.LIGHTING], scale_of(frame)),
+        frame.gbuffer[Buffer.LIGHTING_MASK],
+        window.scale,
+        shifted_jitter(frame.camera.jitter_px, window.scale),
+    )
+
+
+def hr_frame(window: Window) -> Frame:
+    """Return the HR frame of a system that declares HR inputs."""
+    if window.hr is None:
+        raise AssertionError("plans check that a system with HR inputs gets an HR frame")
+    return window.hr
+
+
+def lighting_inputs(window: Window, preset: Preset) -> dict[str, Tensor]:
+    """`material`, `emission` (HR, aligned), `lighting_scale`, and `base` where there is one.
+
+    `base` is the enlargement of log lighting that a network corrects; `paper` has none.
+    """
+    frame, hr = window.current, hr_frame(window)
+    material = hr.gbuffer[Buffer.MATERIAL]
+    emission = hr.gbuffer.buffers.get(Buffer.EMISSION)
+    inputs = {
+        "material": aligned(window, material),
+        "lighting_scale": scale_of(frame),
+    }
+    if preset is Preset.RTSR:
+        inputs["emission"] = (
+            torch.zeros_like(material) if emission is None else aligned(window, emission)
+        )
+        inputs["base"] = enlarged_lighting(window)
+    return inputs
+
+
+def recomposed(predicted: Color, inputs: Tensors, preset: Preset) -> Color:
+    """Radiance of predicted lighting, sky not treated."""
+    if preset is Preset.PAPER:
+        return predicted * inputs["material"]
+    lighting = decode_lighting(predicted, inputs["lighting_scale"])
+    return remodulate(lighting, inputs["material"], inputs["emission"])
+
+
+def compose_lighting(
+    preset: Preset, window: Window, inputs: Tensors, predicted: Color
+) -> Prediction:
+    """Multiply by HR material, add emission, put in the sky."""
+    predicted = predicted.float()
+    image = unaligned(window, recomposed(predicted, inputs, preset)).clamp(min=0.0)
+    if preset is Preset.RTSR:
+        image = with_sky(window, image)
+    return Prediction(image=image, debug={"encoded_lighting": unaligned(window, predicted)})
+
+
+def with_sky(window: Window, image: Color) -> Color:
+    """Put the enlarged LR sky where the HR depth says sky."""
+    frame = window.current
+    hr_sky = hr_frame(window).gbuffer[Buffer.SKY] > 0.5
+    if not bool(hr_sky.any()):
+        return image
+    color, sky = frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY]
+    enlarged = enlarge_where(color, sky, window.scale, frame.camera.jitter_px)
+    return torch.where(hr_sky, enlarged, image)
+
+
+def lighting_goal(preset: Preset, window: Window, reference: Frame) -> dict[str, Tensor]:
+    """What a network is held against: the capture's lighting and radiance, on the aligned grid.
+
+    Keys: `color`, `surface_mask` (1 = no sky), and in `rtsr` `encoded`, `divided_mask`.
+    """
+    gbuffer = reference.gbuffer
+    color = gbuffer[Buffer.COLOR]
+    goal = {"color": aligned(window, color), "surface_mask": 1.0 - gbuffer[Buffer.SKY]}
+    if preset is Preset.RTSR:
+        lighting = gbuffer[Buffer.LIGHTING].clamp(max=MAX_LIGHTING)
+        encoded = encode_lighting(lighting, scale_of(window.current))
+        goal["encoded"] = aligned(window, encoded)
+        goal["divided_mask"] = aligned(window, gbuffer[Buffer.LIGHTING_MASK])
+    goal["surface_mask"] = aligned(window, goal["surface_mask"])
+    return goal
+
+
+def masked_mean(values: Image, mask: Mask) -> Tensor:
+    """Mean over pixels of mask 1 and all channels; 0 if there are none."""
+    weight = mask.sum() * values.shape[1]
+    return (values * mask).sum() / weight.clamp(min=1.0)
+
+
+def lighting_loss(
+    weights: LossWeights, predicted: Color, *, inputs: Tensors, goal: Tensors, preset: Preset
+) -> dict[str, Tensor]:
+    """Terms of `LossWeights` that weigh anything."""
+    predicted = predicted.float()
+    terms: dict[str, Tensor] = {}
+    if weights.log and "encoded" in goal:
+        difference = (predicted - goal["encoded"]).abs()
+        terms["log"] = weights.log * masked_mean(difference, goal["divided_mask"])
+    image = recomposed(predicted, inputs, preset)
+    if weights.tonemapped:
+        difference = (encode_reinhard(image) - encode_reinhard(goal["color"])).abs()
+        terms["tonemapped"] = weights.tonemapped * masked_mean(difference, goal["surface_mask"])
+    if weights.radiance:
+        bounded = goal["color"].clamp(max=MAX_PAPER_RADIANCE)
+        terms["radiance"] = weights.radiance * (image - bounded).abs().mean()
+    return terms
