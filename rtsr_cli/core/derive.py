@@ -276,8 +276,17 @@ def derive_lighting(frame: Frame, config: DerivationConfig) -> dm.Demodulated:
     )
 
 
-def derive(frame: Frame, wanted: Collection[Buffer], config: DerivationConfig) -> Frame:
-    """Add the derived buffers among `wanted`, keep only `wanted`, set the lighting scale."""
+def derive(
+    frame: Frame,
+    wanted: Collection[Buffer],
+    config: DerivationConfig,
+    *,
+    lighting_scale: float | None = None,
+) -> Frame:
+    """Add the derived buffers among `wanted`, keep only `wanted`, set the lighting scale.
+
+    `lighting_scale` is that of the whole frame where `frame` is a part of it, else measured.
+    """
     added: dict[Buffer, torch.Tensor] = {}
     scale = frame.lighting_scale
     if Buffer.SKY in wanted:
@@ -289,7 +298,7 @@ def derive(frame: Frame, wanted: Collection[Buffer], config: DerivationConfig) -
         added[Buffer.LIGHTING], added[Buffer.LIGHTING_MASK] = parts.lighting, parts.mask
         if Buffer.MATERIAL in wanted:
             added[Buffer.MATERIAL] = parts.material
-        scale = dm.lighting_scale(parts.lighting, parts.mask)
+        scale = lighting_scale or dm.lighting_scale(parts.lighting, parts.mask)
     elif Buffer.MATERIAL in wanted:
         added[Buffer.MATERIAL] = derive_material(frame, config)
     gbuffer = frame.gbuffer.with_buffers(added).only(wanted)

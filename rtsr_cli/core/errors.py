@@ -41,6 +41,14 @@ class ConfigError(RtsrError):
     """A file written by the user (capture.toml, a layout, a training config) that is not valid."""
 
 
+class CheckpointError(RtsrError):
+    """Weights or a training state that cannot be used."""
+
+
+class TrainingError(RtsrError):
+    """A training run that cannot go on."""
+
+
 class OutputError(RtsrError):
     """An output that cannot be written, or that rtsr did not write and must not replace."""
 

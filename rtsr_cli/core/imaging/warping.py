@@ -112,7 +112,7 @@ def _nearest_index(motion_px: Tensor, axis: int) -> Tensor:
 def _fetch(image: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
     """image[n, :, rows, columns] for index maps of shape n 1 h w."""
     n, c, h, w = image.shape
-    index = torch.add(columns, rows, alpha=w).view(n, 1, h * w).expand(n, c, h * w)
+    index = torch.add(columns, rows, alpha=w).reshape(n, 1, h * w).expand(n, c, h * w)
     return image.reshape(n, c, h * w).gather(2, index).view(n, c, h, w)
 
 

@@ -28,12 +28,15 @@ def read_ahead(jobs: int, frame_bytes: int) -> int:
     return max(1, min(jobs, READ_AHEAD_BYTES // max(1, frame_bytes)))
 
 
-def prefetch(load: Callable[[K], V], items: Iterable[K], jobs: int) -> Iterator[Loaded[K, V]]:
+def prefetch(
+    load: Callable[[K], V], items: Iterable[K], jobs: int, *, ahead: int | None = None
+) -> Iterator[Loaded[K, V]]:
     """Load items ahead in `jobs` threads and yield them in order.
 
-    At most `jobs` items are loaded or being loaded beside the one in use. An error of one item
-    is raised only when its future is asked, so that the others go on.
+    At most `ahead` items (`jobs` if None) are loaded or being loaded beside the one in use. An
+    error of one item is raised only when its future is asked, so that the others go on.
     """
+    limit = jobs if ahead is None else ahead
     pending: deque[Loaded[K, V]] = deque()
     iterator = iter(items)
     # one torch thread a reader: more would fight the network's for the same cores
@@ -43,7 +46,7 @@ def prefetch(load: Callable[[K], V], items: Iterable[K], jobs: int) -> Iterator[
         try:
             for item in iterator:
                 pending.append((item, pool.submit(load, item)))
-                if len(pending) > jobs:
+                if len(pending) > limit:
                     yield _finished(pending.popleft())
             while pending:
                 yield _finished(pending.popleft())

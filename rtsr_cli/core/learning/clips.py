@@ -1,0 +1,134 @@
+"""Decoded frames for training: memory-mapped half-float planes, read a crop at a time.
+
+A clip is a run of successive frames of one capture, whole or a region of it. A file of clips is a
+safetensors file: tensor `<clip>/<size>.<buffer>` of shape (frames, channels, height, width), `<size>`
+`hr` or `lr`, and the rest as JSON in its metadata. Reading needs no EXR library.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.shapes import Size
+
+FORMAT = "rtsr-clips-1"
+
+DERIVED = frozenset({Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY})
+"""Never stored: made again from the rest when a crop is used, as augmentation changes the rest."""
+
+MATERIAL_GAIN = "material_gain"
+"""Plane dF / dc: F of an albedo c' is F + gain (c' - c), so that materials can be swapped."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipFacts:
+    """What is known of a clip beside its pixels.
+
+    Attributes:
+        name: shot it comes from.
+        numbers: of its frames, ascending, history unbroken.
+        targets: position of the first frame that is a training target; those before it are history.
+        display: (height, width) of the whole capture.
+        top, left: the region's first pixel.
+        lr_scale: HR pixels per pixel of its LR planes; 0 = LR frames are made by decimation.
+        jitters_px: of the LR frames, in LR pixels.
+        lighting_scales: k of the whole frame, of each frame.
+        validation: True if it is judged on and never trained on.
+        group: samples are drawn from each group alike.
+    """
+
+    name: str
+    numbers: tuple[int, ...]
+    targets: int = 0
+    display: Size
+    top: int = 0
+    left: int = 0
+    lr_scale: int = 0
+    jitters_px: tuple[Jitter, ...] = ()
+    lighting_scales: tuple[float, ...] = ()
+    validation: bool = False
+    group: int = 0
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Facts and planes: buffer name -> (frames, channels, height, width), half."""
+
+    facts: ClipFacts
+    hr: Mapping[str, Tensor]
+    lr: Mapping[str, Tensor] = field(default_factory=dict)
+
+    @property
+    def size(self) -> Size:
+        """(height, width) of the HR region."""
+        plane = next(iter(self.hr.values()))
+        return plane.shape[-2], plane.shape[-1]
+
+    @property
+    def target_positions(self) -> range:
+        """Frames that can be trained on or judged."""
+        return range(self.facts.targets, len(self.facts.numbers))
+
+
+def write_clips(path: Path, clips: Sequence[Clip], about: Mapping[str, object]) -> None:
+    """Write a file of clips; `about` says what the planes were made for.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    tensors = {
+        f"{i:06d}/{size}.{name}": plane.contiguous()
+        for i, clip in enumerate(clips)
+        for size, planes in (("hr", clip.hr), ("lr", clip.lr))
+        for name, plane in planes.items()
+    }
+    facts = [asdict(clip.facts) for clip in clips]
+    metadata = {"format": FORMAT, "about": json.dumps(about), "clips": json.dumps(facts)}
+    write_atomically(path, lambda part: save_file(tensors, part, metadata))
+
+
+def read_clips(path: Path) -> tuple[list[Clip], dict[str, object]]:
+    """Open a file of clips; pixels are read when they are used.
+
+    Raises:
+        FrameFolderError: it is not there, or no file of clips.
+    """
+    try:
+        with safe_open(path, "pt") as opened:
+            metadata = opened.metadata() or {}
+            if metadata.get("format") != FORMAT:
+                raise FrameFolderError(f"{path}: no packed clips; make them with rtsr train --pack")
+            tensors = {key: opened.get_tensor(key) for key in opened.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError) as error:
+        raise FrameFolderError(f"{path}: cannot be read as packed clips ({error})") from error
+    clips = [
+        Clip(_facts(facts), _planes(tensors, f"{i:06d}/hr."), _planes(tensors, f"{i:06d}/lr."))
+        for i, facts in enumerate(json.loads(metadata["clips"]))
+    ]
+    return clips, json.loads(metadata["about"])
+
+
+def _planes(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {key.removeprefix(prefix): t for key, t in tensors.items() if key.startswith(prefix)}
+
+
+def _facts(stored: Mapping[str, object]) -> ClipFacts:
+    values = {key: tuple(v) if isinstance(v, list) else v for key, v in stored.items()}
+    jitters = tuple(tuple(j) for j in values["jitters_px"])  # type: ignore[attr-defined]
+    return ClipFacts(**{**values, "jitters_px": jitters})  # type: ignore[arg-type]
+
+
+def total_frames(clips: Iterable[Clip]) -> int:
+    """Frames that can be trained on."""
+    return sum(len(clip.target_positions) for clip in clips)

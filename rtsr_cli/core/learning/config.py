@@ -1,0 +1,99 @@
+"""Settings of a training run; what users write under [training] and [data]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from rtsr_cli.core.learning.augmentation import AugmentationConfig
+
+
+class Optimiser(StrEnum):
+    """Update rule."""
+
+    ADAM = "adam"
+    ADAMW = "adamw"
+
+
+class Schedule(StrEnum):
+    """Learning rate over the steps, after the warm-up."""
+
+    COSINE = "cosine"
+    CONSTANT = "constant"
+    HALVE = "halve"
+
+
+class TrainingPrecision(StrEnum):
+    """Number format of convolutions; `auto` is bf16 where the device computes in it."""
+
+    AUTO = "auto"
+    FP32 = "fp32"
+    BF16 = "bf16"
+    FP16 = "fp16"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfig:
+    """How a network is trained.
+
+    Attributes:
+        scale: S.
+        steps: optimiser steps of the whole run.
+        batch: samples a forward pass.
+        accumulate: passes a step.
+        crop: side of a sample, LR pixels.
+        optimiser: update rule.
+        learning_rate: after the warm-up.
+        weight_decay: of AdamW.
+        schedule: `halve` halves at half of the steps.
+        warmup: steps of linear growth.
+        final_rate: learning rate at the end of `cosine`, as a share.
+        ema: decay of the moving average that is validated and kept; 0 = none.
+        clip_norm: largest gradient norm; 0 = no bound.
+        precision: of the convolutions.
+        channels_last: memory layout.
+        compile: torch.compile the network.
+        seed: of weights and samples.
+        validate_every, save_every, log_every: steps between; the last step always does all.
+        validation_frames: whole frames judged each time, spread over the validation clips.
+        picture_side: side of the fixed validation crops, output pixels.
+    """
+
+    scale: int = 4
+    steps: int = 20_000
+    batch: int = 8
+    accumulate: int = 1
+    crop: int = 64
+    optimiser: Optimiser = Optimiser.ADAM
+    learning_rate: float = 5e-4
+    weight_decay: float = 0.0
+    schedule: Schedule = Schedule.COSINE
+    warmup: int = 200
+    final_rate: float = 0.01
+    ema: float = 0.999
+    clip_norm: float = 1.0
+    precision: TrainingPrecision = TrainingPrecision.AUTO
+    channels_last: bool = True
+    compile: bool = False
+    seed: int = 1
+    validate_every: int = 1000
+    save_every: int = 500
+    log_every: int = 50
+    validation_frames: int = 12
+    picture_side: int = 192
+    augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataConfig:
+    """Which shots are trained and judged on; patterns match shot names (`scene/sequence`).
+
+    Attributes:
+        validation: patterns of shots held out; empty = a manifest's, else some shots.
+        exclude: patterns of shots left out altogether.
+        workers: threads that make samples; 0 = by the processor.
+    """
+
+    validation: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+    workers: int = 0

@@ -1,0 +1,331 @@
+"""The training loop: one, for every system that declares how it learns."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from rtsr_cli.core.errors import CheckpointError, TrainingError
+from rtsr_cli.core.learning.clips import Clip
+from rtsr_cli.core.learning.config import Optimiser, Schedule, TrainingConfig, TrainingPrecision
+from rtsr_cli.core.learning.crops import Step, Task, moved, stacked
+from rtsr_cli.core.learning.sampling import Sample, Sampler
+from rtsr_cli.core.learning.state import (
+    average_in,
+    averaged_weights,
+    load_state,
+    optimiser_tensors,
+    restore_optimiser,
+    save_state,
+)
+from rtsr_cli.core.learning.validating import Judged, judged, mean_scores, validation_frames
+
+STATE_FOLDER = "state"
+
+EMA_RAMP = 10.0
+"""The moving average forgets the first steps: decay = min(decay, (1 + n) / (10 + n))."""
+
+HALF_PRECISION = {TrainingPrecision.BF16: torch.bfloat16, TrainingPrecision.FP16: torch.float16}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """What is told after some steps.
+
+    Attributes:
+        step: steps done.
+        losses: mean of each term since the last report, and their sum as `loss`.
+        learning_rate: of the last step.
+        steps_per_second: since the last report.
+        scores: of the validation, if there was one.
+        best: True if it was the best so far.
+        frames: judged frames, if there was a validation.
+    """
+
+    step: int
+    losses: Mapping[str, float]
+    learning_rate: float
+    steps_per_second: float
+    scores: Mapping[str, float] = field(default_factory=dict)
+    best: bool = False
+    frames: Sequence[Judged] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A training run.
+
+    Attributes:
+        folder: RUN.
+        task: system, config, scale.
+        config: how it is trained.
+        clips: training and validation clips.
+        device: torch device.
+        workers: threads that make samples.
+        keep: writes weights: (file name, tensors, step, scores).
+    """
+
+    folder: Path
+    task: Task
+    config: TrainingConfig
+    clips: Sequence[Clip]
+    device: torch.device
+    workers: int
+    keep: Callable[[str, Mapping[str, Tensor], int, Mapping[str, float]], None]
+
+
+def learning_rate(config: TrainingConfig, step: int) -> float:
+    """Rate of a step: a linear warm-up, then the schedule.
+
+    cosine: r (f + (1 - f) (1 + cos(pi t)) / 2),   t = share of the steps after the warm-up
+    """
+    if step < config.warmup:
+        return config.learning_rate * (step + 1) / config.warmup
+    share = (step - config.warmup) / max(1, config.steps - config.warmup)
+    if config.schedule is Schedule.COSINE:
+        wave = 0.5 * (1.0 + math.cos(math.pi * min(1.0, share)))
+        return config.learning_rate * (config.final_rate + (1.0 - config.final_rate) * wave)
+    if config.schedule is Schedule.HALVE and step >= config.steps // 2:
+        return config.learning_rate / 2.0
+    return config.learning_rate
+
+
+def make_optimiser(config: TrainingConfig, network: nn.Module) -> torch.optim.Optimizer:
+    """Adam or AdamW with torch's defaults."""
+    if config.optimiser is Optimiser.ADAMW:
+        return torch.optim.AdamW(
+            network.parameters(), config.learning_rate, weight_decay=config.weight_decay
+        )
+    return torch.optim.Adam(network.parameters(), config.learning_rate)
+
+
+def precision_for(wanted: TrainingPrecision, device: torch.device) -> torch.dtype | None:
+    """Number format of the convolutions, None for float32."""
+    if wanted is not TrainingPrecision.AUTO:
+        return HALF_PRECISION.get(wanted)
+    if device.type == "cuda":
+        return torch.bfloat16 if torch.cuda.is_bf16_supported() else torch.float16
+    return torch.bfloat16 if computes_bf16() else None
+
+
+def computes_bf16() -> bool:
+    """Tell whether this processor has bf16 instructions; without them bf16 is slower."""
+    try:
+        flags = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="ignore")
+    except OSError:
+        return False
+    return "avx512_bf16" in flags or "amx_bf16" in flags
+
+
+class Trainer:
+    """Everything that changes from step to step."""
+
+    def __init__(self, run: Run, network: nn.Module) -> None:
+        """Take a network with its first weights."""
+        config = run.config
+        self.run = run
+        self.layout = torch.channels_last if config.channels_last else torch.preserve_format
+        # torch moves modules with four-dimensional parameters only; buffers of others stay
+        self.network = network.to(run.device, memory_format=self.layout)  # type: ignore[call-overload]
+        self.optimiser = make_optimiser(config, self.network)
+        self.average = averaged_weights(self.network) if config.ema else {}
+        self.dtype = precision_for(config.precision, run.device)
+        self.scaler = torch.amp.GradScaler(
+            run.device.type, enabled=self.dtype is torch.float16
+        )
+        self.step = 0
+        self.best = -math.inf
+        self.compiled = torch.compile(self.network) if config.compile else self.network
+
+    @property
+    def kept(self) -> Mapping[str, Tensor]:
+        """Weights that are validated and kept."""
+        return self.average or self.network.state_dict()
+
+    def save(self) -> None:
+        """Write the state."""
+        parts: dict[str, Mapping[str, Tensor]] = {
+            "network": self.network.state_dict(),
+            "optimiser": optimiser_tensors(self.optimiser),
+            "random": {"torch": torch.get_rng_state()},
+        }
+        if self.average:
+            parts["average"] = self.average
+        facts = {"best": self.best if math.isfinite(self.best) else None}
+        if self.scaler.is_enabled():
+            facts["scaler"] = self.scaler.state_dict()
+        save_state(self.run.folder / STATE_FOLDER, self.step, parts, facts)
+
+    def resume(self) -> bool:
+        """Go on from a state on disk, if there is one.
+
+        Raises:
+            CheckpointError: the state is another network's.
+        """
+        found = load_state(self.run.folder / STATE_FOLDER)
+        if found is None:
+            return False
+        parts, facts = found
+        try:
+            self.network.load_state_dict(parts["network"])
+        except RuntimeError as error:
+            raise CheckpointError(
+                f"{self.run.folder}: holds the state of another network; choose another --out"
+            ) from error
+        restore_optimiser(self.optimiser, parts.get("optimiser", {}))
+        if self.average:
+            self.average = {k: v.to(self.run.device) for k, v in parts["average"].items()}
+        torch.set_rng_state(parts["random"]["torch"])
+        if self.scaler.is_enabled() and "scaler" in facts:
+            self.scaler.load_state_dict(facts["scaler"])
+        self.step = int(facts["step"])
+        self.best = -math.inf if facts["best"] is None else float(facts["best"])
+        return True
+
+    def cast(self) -> AbstractContextManager[Any]:
+        """Autocast of the run's precision."""
+        return torch.autocast(self.run.device.type, self.dtype, enabled=self.dtype is not None)
+
+    def losses(self, steps: Sequence[Step]) -> dict[str, Tensor]:
+        """Terms of an unrolled sample: state is carried, each step's terms are summed."""
+        task = self.run.task
+        state, totals = None, dict[str, Tensor]()
+        for step in steps:
+            with self.cast():
+                outputs, state = self.compiled(step.inputs, state)
+            terms = task.learning.loss(task.config, step.inputs, outputs, step.goal)
+            for name, value in terms.items():
+                totals[name] = totals[name] + value if name in totals else value
+        return totals
+
+    def advance(self, batches: Sequence[Sequence[Sample]]) -> dict[str, float]:
+        """Take one optimiser step over the batches of an accumulation.
+
+        Raises:
+            TrainingError: a loss is not finite; names the samples, the state is saved.
+        """
+        config = self.run.config
+        self.network.train()
+        for group in self.optimiser.param_groups:
+            group["lr"] = learning_rate(config, self.step)
+        self.optimiser.zero_grad(set_to_none=True)
+        sums: dict[str, float] = {}
+        for batch in batches:
+            steps = [moved(s, self.run.device, self.layout) for s in stacked([b.steps for b in batch])]
+            terms = self.losses(steps)
+            total = torch.stack(list(terms.values())).sum()
+            if not bool(torch.isfinite(total)):
+                raise self._not_finite(batch)
+            self.scaler.scale(total / len(batches)).backward()
+            for name, value in (*terms.items(), ("loss", total)):
+                sums[name] = sums.get(name, 0.0) + float(value.detach()) / len(batches)
+        if config.clip_norm:
+            self.scaler.unscale_(self.optimiser)
+            nn.utils.clip_grad_norm_(self.network.parameters(), config.clip_norm)
+        self.scaler.step(self.optimiser)
+        self.scaler.update()
+        self.step += 1
+        if self.average:
+            ramp = (1.0 + self.step) / (EMA_RAMP + self.step)
+            average_in(self.average, self.network, min(config.ema, ramp))
+        return sums
+
+    def _not_finite(self, batch: Sequence[Sample]) -> TrainingError:
+        """Save what there is, and find out which samples are to blame."""
+        self.save()
+        guilty = [s.where for s in batch if not self._finite(s)] or [s.where for s in batch]
+        return TrainingError(
+            f"step {self.step + 1}: the loss is not finite. {'; '.join(guilty)}. The state before "
+            "this step is saved: render the frame again or exclude its shot, or lower "
+            "training.learning_rate, and run the same command"
+        )
+
+    def _finite(self, sample: Sample) -> bool:
+        steps = [moved(s, self.run.device, self.layout) for s in sample.steps]
+        with torch.no_grad():
+            terms = self.losses(steps)
+        return all(bool(torch.isfinite(value)) for value in terms.values())
+
+    def validate(self) -> tuple[list[Judged], dict[str, float]]:
+        """Judge the kept weights on whole frames."""
+        run, task = self.run, self.run.task
+        frames = validation_frames(run.clips, run.config.validation_frames)
+        if not frames:
+            return [], {}
+        trained = averaged_weights(self.network) if self.average else {}
+        if trained:
+            self.network.load_state_dict(dict(self.average))
+        self.network.eval()
+        found = list(judged(task.system, self.network, task, frames))
+        if trained:
+            self.network.load_state_dict(trained)
+        return found, mean_scores(found)
+
+
+def train(run: Run, network: nn.Module) -> Iterator[Progress]:
+    """Train, from the state in RUN if there is one; yields reports, the last one at the end.
+
+    Raises:
+        TrainingError: a loss is not finite.
+        RtsrError: something cannot be read or written.
+    """
+    trainer = Trainer(run, network)
+    trainer.resume()
+    config = run.config
+    sampler = Sampler(run.clips, run.task, config)
+    told = _Told(trainer.step)
+    passes: list[list[Sample]] = []
+    for batch in sampler.batches(trainer.step, run.workers):
+        passes.append(batch)
+        if len(passes) < config.accumulate:
+            continue
+        told.add(trainer.advance(passes))
+        passes = []
+        step, last = trainer.step, trainer.step == config.steps
+        if last or step % config.validate_every == 0:
+            frames, found = trainer.validate()
+            best = bool(found) and found["psnr"] > trainer.best
+            trainer.best = max(trainer.best, found.get("psnr", -math.inf))
+            if best or not found:
+                run.keep("best.safetensors", trainer.kept, step, found)
+            run.keep("last.safetensors", trainer.kept, step, found)
+            trainer.save()
+            yield replace(told.report(trainer), scores=found, best=best, frames=frames)
+        elif step % config.save_every == 0:
+            trainer.save()
+            run.keep("last.safetensors", trainer.kept, step, {})
+            yield told.report(trainer)
+        elif step % config.log_every == 0:
+            yield told.report(trainer)
+
+
+class _Told:
+    """Means since the last report."""
+
+    def __init__(self, step: int) -> None:
+        self._sums: dict[str, float] = {}
+        self._count, self._since, self._step = 0, time.perf_counter(), step
+
+    def add(self, losses: Mapping[str, float]) -> None:
+        for name, value in losses.items():
+            self._sums[name] = self._sums.get(name, 0.0) + value
+        self._count += 1
+
+    def report(self, trainer: Trainer) -> Progress:
+        now = time.perf_counter()
+        progress = Progress(
+            step=trainer.step,
+            losses={name: total / max(1, self._count) for name, total in self._sums.items()},
+            learning_rate=learning_rate(trainer.run.config, trainer.step - 1),
+            steps_per_second=(trainer.step - self._step) / max(1e-9, now - self._since),
+        )
+        self._sums, self._count, self._since, self._step = {}, 0, now, trainer.step
+        return progress

@@ -1,0 +1,280 @@
+"""From EXR sequences to clips: decoded once, kept in a cache that is keyed by content."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.derive import DerivationConfig, derive, derive_material, needs
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame, FrameSequence
+from rtsr_cli.core.imaging.color import MAX_HALF
+from rtsr_cli.core.imaging.demodulation import DemodulationMode, lighting_scale
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
+from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs
+from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.simulation import Simulation, decimated
+from rtsr_cli.core.learning.clips import DERIVED, MATERIAL_GAIN, Clip, ClipFacts, read_clips, write_clips
+from rtsr_cli.core.system import System
+
+CLIP_BYTES = 256 << 20
+"""Planes of one clip in memory while it is recorded."""
+
+MAX_CLIP_FRAMES = 16
+
+HALF_BYTES = 2
+
+MAX_CHANNELS = 24
+"""Channels that a recording holds at most, about."""
+
+SUFFIX = ".rtsr-clips"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What is recorded for a system.
+
+    Attributes:
+        lr, hr: buffers that it must have at each size, radiance among HR's.
+        lr_optional, hr_optional: those that it uses where they are there.
+        derivation: what divides radiance.
+        scale: S of the LR frames.
+        history: frames that go before a target, or follow it in an unrolled sample.
+    """
+
+    lr: tuple[Buffer, ...]
+    hr: tuple[Buffer, ...]
+    lr_optional: tuple[Buffer, ...]
+    hr_optional: tuple[Buffer, ...]
+    derivation: DerivationConfig
+    scale: int
+    history: int
+
+    def plain(self) -> object:
+        """Plain values that decide a recording."""
+        return asdict(self)
+
+
+def wanted_by(system: System, config: object, scale: int) -> Wanted:
+    """Return what a system's training reads."""
+    if system.learning is None:
+        raise FrameFolderError(f"system '{system.name}' has nothing to train")
+    reference = system.learning.reference
+    return Wanted(
+        lr=system.lr_inputs,
+        hr=tuple(dict.fromkeys((*system.hr_inputs, *reference))),
+        lr_optional=system.lr_optional,
+        hr_optional=tuple(dict.fromkeys((*system.hr_optional, Buffer.ALBEDO))),
+        derivation=system.derivation(config),
+        scale=scale,
+        history=system.history_frames + system.learning.unroll - 1,
+    )
+
+
+def recorded_buffers(
+    required: Sequence[Buffer],
+    optional: Sequence[Buffer],
+    reader: FrameReader,
+    derivation: DerivationConfig,
+) -> tuple[Buffer, ...]:
+    """Buffers to store, so that everything wanted can be derived from them later."""
+    canonical = frozenset(Buffer) - DERIVED
+
+    def available(buffer: Buffer) -> bool:
+        config = _raw(derivation)
+        return not needs(
+            (buffer,), reader.readable, has_camera=reader.has_camera, config=config
+        ).missing
+
+    held = frozenset(b for b in canonical if available(b))
+    there = [b for b in optional if b in held or b in DERIVED]
+    found = needs((*required, *there), held, has_camera=False, config=derivation).read
+    return tuple(b for b in Buffer if b in found)
+
+
+def _raw(derivation: DerivationConfig) -> DerivationConfig:
+    """Material is stored unsoftened, as softening is done on what is stored."""
+    if derivation.mode is DemodulationMode.SOFTPLUS:
+        return replace(derivation, mode=DemodulationMode.BRDF)
+    return derivation
+
+
+def record(
+    name: str,
+    source: PairSource,
+    wanted: Wanted,
+    *,
+    cache: Path,
+    policy: NonfinitePolicy,
+    group: int,
+    validation: bool,
+    said: Callable[[str], None],
+) -> list[Clip]:
+    """Return the clips of a shot, from the cache if it was recorded before.
+
+    Args:
+        name: of the shot.
+        source: its frames.
+        wanted: from `wanted_by`.
+        cache: folder of recordings.
+        policy: for NaN and Inf.
+        group: see `ClipFacts`.
+        validation: see `ClipFacts`.
+        said: called with the file before one is recorded.
+
+    Raises:
+        RtsrError: a buffer is missing, a file cannot be read or written.
+    """
+    missing = source.missing(Inputs(lr=wanted.lr, hr=wanted.hr, derivation=wanted.derivation))
+    if missing:
+        raise FrameFolderError(
+            f"{source.reader.frames.root}: cannot be trained on, missing: {', '.join(missing)}. "
+            "Training needs radiance at the target size"
+        )
+    key = _key(source, wanted, policy)
+    about = {"name": name, "group": group, "validation": validation}
+    clips = []
+    for i, part in enumerate(_parts(source, wanted)):
+        path = cache / f"{key}-{i:04d}{SUFFIX}"
+        if not path.exists():
+            said(f"recording {source.reader.frames.root} to {path}")
+            write_clips(path, [_clip(source, wanted, policy, *part)], {})
+        clips += [
+            replace(clip, facts=replace(clip.facts, **about)) for clip in read_clips(path)[0]
+        ]
+    return clips
+
+
+def _key(source: PairSource, wanted: Wanted, policy: NonfinitePolicy) -> str:
+    """Hash of everything that decides a recording."""
+    inputs = Inputs(lr=wanted.lr, hr=wanted.hr, derivation=wanted.derivation)
+    files = sorted({p for n in source.reader.numbers for p in source.files(n, inputs)})
+    declarations = [reader.declaration for reader in source.readers]
+    return digest(
+        config_digest("clips", wanted.plain(), policy.value, declarations),
+        FileDigests().of_all(tuple(files)),
+    )
+
+
+def _parts(source: PairSource, wanted: Wanted) -> Iterator[tuple[Sequence[int], int]]:
+    """Cut unbroken runs into parts that overlap by the history of their first target.
+
+    Yields numbers and the position of the first target.
+    """
+    reader = source.reader
+    sequence = FrameSequence(
+        numbers=reader.numbers, load_frame=_unused, step=reader.step, cuts=reader.resets
+    )
+    height, width = source.readers[-1].size
+    length = CLIP_BYTES // (height * width * HALF_BYTES * MAX_CHANNELS)
+    length = max(wanted.history + 1, min(MAX_CLIP_FRAMES, length))
+    for run in sequence.runs():
+        for start in range(0, len(run), length):
+            first = max(0, start - wanted.history)
+            yield run[first : start + length], start - first
+
+
+def _unused(number: int) -> Frame:
+    raise AssertionError(f"frame {number}: only the order of the frames is asked for")
+
+
+def _clip(
+    source: PairSource,
+    wanted: Wanted,
+    policy: NonfinitePolicy,
+    numbers: Sequence[int],
+    targets: int,
+) -> Clip:
+    real = isinstance(source, RealPairs)
+    hr_reader, lr_reader = source.readers[-1], source.reader
+    hr_required = wanted.hr if real else (*wanted.hr, *wanted.lr)
+    hr_optional = wanted.hr_optional if real else (*wanted.hr_optional, *wanted.lr_optional)
+    hr = recorded_buffers(hr_required, hr_optional, hr_reader, wanted.derivation)
+    hr_frames = [_read(hr_reader, n, hr, wanted.derivation, policy) for n in numbers]
+    planes = {b.value: _stacked(frame.gbuffer[b] for frame in hr_frames) for b in hr}
+    gains = [_material_gain(hr_reader, n, hr, wanted.derivation) for n in numbers]
+    if all(gain is not None for gain in gains):
+        planes[MATERIAL_GAIN] = _stacked(gain for gain in gains if gain is not None)
+    lr_planes: dict[str, Tensor] = {}
+    if real:
+        lr = recorded_buffers(wanted.lr, wanted.lr_optional, lr_reader, wanted.derivation)
+        lr_frames = [_read(lr_reader, n, lr, wanted.derivation, policy) for n in numbers]
+        lr_planes = {b.value: _stacked(frame.gbuffer[b] for frame in lr_frames) for b in lr}
+    else:
+        simulation = Simulation(scale=wanted.scale)
+        lr_frames = [decimated(frame, frame.gbuffer.buffers, simulation) for frame in hr_frames]
+    facts = ClipFacts(
+        name="",
+        numbers=tuple(numbers),
+        targets=targets,
+        display=hr_reader.view.display,
+        top=hr_reader.view.top,
+        left=hr_reader.view.left,
+        lr_scale=source.scale if real else 0,
+        jitters_px=tuple(frame.camera.jitter_px for frame in lr_frames) if real else (),
+        lighting_scales=tuple(_scale(frame, wanted.derivation) for frame in lr_frames),
+    )
+    return Clip(facts, _without_empty(planes), _without_empty(lr_planes))
+
+
+def _read(
+    reader: FrameReader,
+    number: int,
+    buffers: Collection[Buffer],
+    derivation: DerivationConfig,
+    policy: NonfinitePolicy,
+) -> Frame:
+    raw = _raw(derivation)
+    stored = needs(buffers, reader.readable, has_camera=reader.has_camera, config=raw).read
+    frame, _ = checked(reader.read(number, stored), policy)
+    return derive(frame, buffers, raw)
+
+
+def _material_gain(
+    reader: FrameReader, number: int, recorded: Collection[Buffer], derivation: DerivationConfig
+) -> Tensor | None:
+    """dF / dc, where F follows from an albedo: F is linear in it."""
+    parts = {Buffer.ALBEDO, Buffer.METALLIC}
+    known = reader.readable
+    if not {Buffer.MATERIAL, Buffer.ALBEDO} <= set(recorded) or not parts <= known:
+        return None
+    if known & {Buffer.MATERIAL, Buffer.SPECULAR}:
+        return None
+    raw = _raw(derivation)
+    stored = needs((Buffer.MATERIAL,), known, has_camera=reader.has_camera, config=raw).read
+    frame = reader.read(number, stored)
+    ends = []
+    for value in (0.0, 1.0):
+        albedo = torch.full_like(frame.gbuffer[Buffer.ALBEDO], value)
+        changed = replace(frame, gbuffer=frame.gbuffer.with_buffers({Buffer.ALBEDO: albedo}))
+        ends.append(derive_material(changed, raw)[:, :1])
+    return ends[1] - ends[0]
+
+
+def _stacked(planes: Iterator[Tensor]) -> Tensor:
+    return torch.cat([p.clamp(-MAX_HALF, MAX_HALF).half() for p in planes])
+
+
+def _without_empty(planes: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Leave out an emission that is nowhere: most scenes' frames hold none."""
+    return {
+        name: plane
+        for name, plane in planes.items()
+        if name != Buffer.EMISSION.value or bool(plane.any())
+    }
+
+
+def _scale(frame: Frame, derivation: DerivationConfig) -> float:
+    """k of a whole LR frame."""
+    if Buffer.COLOR not in frame.gbuffer:
+        return 1.0
+    lit = derive(frame, (Buffer.LIGHTING, Buffer.LIGHTING_MASK), derivation)
+    k = lighting_scale(lit.gbuffer[Buffer.LIGHTING], lit.gbuffer[Buffer.LIGHTING_MASK])
+    return k if math.isfinite(k) and k > 0 else 1.0

@@ -1,0 +1,119 @@
+"""Which samples a run sees, in which order, made in threads ahead of use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.io.streaming import prefetch
+from rtsr_cli.core.learning.clips import Clip
+from rtsr_cli.core.learning.config import TrainingConfig
+from rtsr_cli.core.learning.crops import (
+    Choices,
+    Region,
+    Step,
+    Task,
+    random_choices,
+    random_region,
+    sample_steps,
+)
+
+AHEAD_BATCHES = 2
+"""Batches of samples that are made ahead."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A training sample and where it comes from."""
+
+    index: int
+    clip: Clip
+    region: Region
+    choices: Choices
+    steps: list[Step]
+
+    @property
+    def where(self) -> str:
+        """Sequence, frame and crop, for messages."""
+        facts, region = self.clip.facts, self.region
+        x, y = facts.left + region.left, facts.top + region.top
+        height, width = region.size
+        return (
+            f"sample {self.index}: {facts.name}, frame {facts.numbers[region.position]}, "
+            f"crop of {width} x {height} LR pixels at HR ({x}, {y})"
+        )
+
+
+class Sampler:
+    """Draws samples: every group alike, within a group every frame alike."""
+
+    def __init__(self, clips: Sequence[Clip], task: Task, config: TrainingConfig) -> None:
+        """Sort clips into groups.
+
+        Raises:
+            FrameFolderError: there is nothing to train on.
+        """
+        self._task, self._config = task, config
+        groups: dict[int, list[Clip]] = {}
+        for clip in clips:
+            if not clip.facts.validation and len(clip.target_positions):
+                groups.setdefault(clip.facts.group, []).append(clip)
+        if not groups:
+            raise FrameFolderError("no frames to train on are left; look at [data] exclude")
+        self._groups = [groups[key] for key in sorted(groups)]
+        frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
+        self._shares = [counts / counts.sum() for counts in frames]
+
+    def make(self, index: int) -> Sample:
+        """Make a sample, a function of seed and index alone."""
+        config, task = self._config, self._task
+        rng = np.random.default_rng([config.seed, index])
+        group = int(rng.integers(len(self._groups)))
+        clip = self._groups[group][int(rng.choice(len(self._shares[group]), p=self._shares[group]))]
+        choices = random_choices(config.augmentation, rng)
+        region = random_region(
+            clip,
+            (config.crop, config.crop),
+            scale=task.scale,
+            unroll=task.learning.unroll,
+            rng=rng,
+        )
+        return Sample(index, clip, region, choices, sample_steps(clip, region, choices, task))
+
+    def batches(self, first_step: int, workers: int) -> Iterator[list[Sample]]:
+        """Samples of one forward pass after the other, from an optimiser step on."""
+        config = self._config
+        start = first_step * config.accumulate * config.batch
+        stop = config.steps * config.accumulate * config.batch
+        batch: list[Sample] = []
+        made = prefetch(
+            self.make, range(start, stop), workers, ahead=AHEAD_BATCHES * config.batch
+        )
+        for _, future in made:
+            batch.append(future.result())
+            if len(batch) == config.batch:
+                yield batch
+                batch = []
+
+
+def check_sizes(clips: Sequence[Clip], config: TrainingConfig) -> str:
+    """Say which clips are smaller than a crop, which then shrinks to them; empty if none is.
+
+    Raises:
+        RtsrError: samples of a batch would differ in size.
+    """
+    side = config.crop * config.scale
+    sizes = {tuple(min(s, side) for s in clip.size) for clip in clips if not clip.facts.validation}
+    if sizes == {(side, side)} or not sizes:
+        return ""
+    if len(sizes) > 1 and config.batch > 1:
+        listed = ", ".join(f"{w} x {h}" for h, w in sorted(sizes))
+        raise RtsrError(
+            f"crops of {side} x {side} pixels do not fit all shots (they would be {listed}); "
+            "choose a smaller training.crop, or training.batch=1"
+        )
+    height, width = next(iter(sizes))
+    return f"crops shrink to {width} x {height} pixels, the size of the frames"

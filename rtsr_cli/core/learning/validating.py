@@ -1,0 +1,122 @@
+"""Judging a network on whole frames of sequences that it is not trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
+from rtsr_cli.core.imaging.resampling import upsample_nearest
+from rtsr_cli.core.learning.clips import Clip
+from rtsr_cli.core.learning.crops import Task, whole_window
+from rtsr_cli.core.metrics.fidelity import psnr
+from rtsr_cli.core.metrics.flip import ldr_flip
+from rtsr_cli.core.metrics.ssim import ssim
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.shapes import Color, Image
+from rtsr_cli.core.system import System, Window
+
+BORDER_PX = 16
+"""Border that is not judged."""
+
+NAMES = ("psnr", "ssim", "flip")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One frame: its clip and position, the prediction, and its scores."""
+
+    clip: Clip
+    position: int
+    window: Window
+    image: Color
+    reference: Color
+    scores: Mapping[str, float]
+
+
+def validation_frames(clips: Sequence[Clip], count: int) -> list[tuple[Clip, int]]:
+    """Up to `count` frames, spread over the validation clips; later ones first have history."""
+    frames = [
+        (clip, position)
+        for clip in clips
+        if clip.facts.validation
+        for position in clip.target_positions
+    ]
+    if len(frames) <= count:
+        return frames
+    return [frames[(2 * i + 1) * len(frames) // (2 * count)] for i in range(count)]
+
+
+def scores(image: Color, reference: Color) -> dict[str, float]:
+    """PSNR after c / (1 + c), SSIM and FLIP after sRGB on top, border left out."""
+    tested, truth = (encode_reinhard(inner(i)) for i in (image, reference))
+    shown, wanted = encode_srgb(tested), encode_srgb(truth)
+    return {
+        "psnr": float(psnr(tested, truth)),
+        "ssim": float(ssim(shown, wanted)),
+        "flip": float(ldr_flip(shown, wanted).mean()),
+    }
+
+
+def inner(image: Image) -> Image:
+    """Cut the border off where there is an inside."""
+    if min(image.shape[-2:]) <= 4 * BORDER_PX:
+        return image
+    return image[..., BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+
+
+def judged(
+    system: System, network: nn.Module, task: Task, frames: Sequence[tuple[Clip, int]]
+) -> Iterator[Judged]:
+    """Predict frames and score them; a recurrent system replays from its clip's start."""
+    device = next(iter(network.parameters()), torch.empty(0)).device
+    for clip, position in frames:
+        first = 0 if system.recurrent else position
+        state = None
+        with torch.inference_mode():
+            for p in range(first, position + 1):
+                window, reference = whole_window(clip, p, task, "none")
+                window = _moved(window, device)
+                prediction = system.predict(network, window, state)
+                state = prediction.state
+        if prediction.image is None:
+            continue
+        image = prediction.image.float().cpu()
+        color = reference.gbuffer[Buffer.COLOR]
+        yield Judged(clip, position, window, image, color, scores(image, color))
+
+
+def _moved(window: Window, device: torch.device) -> Window:
+    return Window(
+        lr=tuple(frame.to(device) for frame in window.lr),
+        hr=window.hr and window.hr.to(device),
+        scale=window.scale,
+    )
+
+
+def mean_scores(found: Sequence[Judged]) -> dict[str, float]:
+    """Mean over the frames of each sequence, then over sequences."""
+    sequences: dict[str, list[Mapping[str, float]]] = {}
+    for frame in found:
+        sequences.setdefault(frame.clip.facts.name, []).append(frame.scores)
+    means = [
+        {name: sum(s[name] for s in frames) / len(frames) for name in NAMES}
+        for frames in sequences.values()
+    ]
+    return {name: sum(m[name] for m in means) / len(means) for name in NAMES} if means else {}
+
+
+def panels(frame: Judged, baseline: Color | None, side: int) -> dict[str, Color]:
+    """LR, baseline, output and reference of the crop around the frame's centre."""
+    lr = upsample_nearest(frame.window.current.gbuffer[Buffer.COLOR].cpu(), frame.window.scale)
+    shown = {"LR": lr, "baseline": baseline, "output": frame.image, "reference": frame.reference}
+    return {name: _centre(image, side) for name, image in shown.items() if image is not None}
+
+
+def _centre(image: Image, side: int) -> Image:
+    height, width = image.shape[-2:]
+    top, left = max(0, (height - side) // 2), max(0, (width - side) // 2)
+    return image[..., top : top + side, left : left + side]
