@@ -8,10 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from pathlib import Path
-
-import torch
 
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
@@ -33,6 +30,7 @@ from rtsr_cli.core.io.passing import Passed, find_passed
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
+from rtsr_cli.core.precision import Precision
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import System
 
@@ -40,17 +38,6 @@ COMMAND = "upscale"
 
 UNREADABLE = "unreadable"
 """Stands in the stamps for the content of a file that could not be read."""
-
-
-class Precision(StrEnum):
-    """Number format of network layers."""
-
-    FP32 = "fp32"
-    BF16 = "bf16"
-    FP16 = "fp16"
-
-
-AUTOCAST = {Precision.BF16: torch.bfloat16, Precision.FP16: torch.float16}
 
 
 @dataclass(frozen=True, kw_only=True)

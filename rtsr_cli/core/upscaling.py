@@ -28,7 +28,8 @@ from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import color_tag, provenance
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
-from rtsr_cli.core.planning import AUTOCAST, COMMAND, ShotPlan, Stamps, UpscaleOptions
+from rtsr_cli.core.planning import COMMAND, ShotPlan, Stamps, UpscaleOptions
+from rtsr_cli.core.precision import DTYPES
 from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import Prediction, State, System, Window
 
@@ -191,7 +192,7 @@ def requested_tile(*, tile: int | None, debug: bool) -> int | None:
 
 def _predictor(system: System, network: nn.Module, options: UpscaleOptions) -> Predictor:
     has_weights = any(True for _ in network.parameters())
-    cast = AUTOCAST.get(options.precision) if has_weights else None
+    cast = DTYPES.get(options.precision) if has_weights else None
     device = torch.device(options.device)
 
     def predict(window: Window, state: State) -> Prediction:

@@ -13,7 +13,7 @@ from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.simulation import JitterMode
 from rtsr_cli.core.io.survey import MissingPolicy
-from rtsr_cli.core.planning import Precision
+from rtsr_cli.core.precision import Precision
 
 
 def option(command: click.Command, name: str) -> click.Parameter:

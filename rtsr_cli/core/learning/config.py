@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from rtsr_cli.core.learning.augmentation import AugmentationConfig
+from rtsr_cli.core.precision import Precision
 
 
 class Optimiser(StrEnum):
@@ -21,15 +22,6 @@ class Schedule(StrEnum):
     COSINE = "cosine"
     CONSTANT = "constant"
     HALVE = "halve"
-
-
-class TrainingPrecision(StrEnum):
-    """Number format of convolutions; `auto` is bf16 where the device computes in it."""
-
-    AUTO = "auto"
-    FP32 = "fp32"
-    BF16 = "bf16"
-    FP16 = "fp16"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +64,7 @@ class TrainingConfig:
     final_rate: float = 0.01
     ema: float = 0.999
     clip_norm: float = 1.0
-    precision: TrainingPrecision = TrainingPrecision.AUTO
+    precision: Precision = Precision.AUTO
     channels_last: bool = True
     compile: bool = False
     seed: int = 1

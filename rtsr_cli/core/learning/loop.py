@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.errors import CheckpointError, TrainingError
 from rtsr_cli.core.learning.clips import Clip
-from rtsr_cli.core.learning.config import Optimiser, Schedule, TrainingConfig, TrainingPrecision
+from rtsr_cli.core.learning.config import Optimiser, Schedule, TrainingConfig
 from rtsr_cli.core.learning.crops import Step, Task, moved, stacked
 from rtsr_cli.core.learning.sampling import Sample, Sampler
 from rtsr_cli.core.learning.state import (
@@ -27,14 +27,12 @@ from rtsr_cli.core.learning.state import (
     save_state,
 )
 from rtsr_cli.core.learning.validating import Judged, judged, mean_scores, validation_frames
+from rtsr_cli.core.precision import DTYPES, settled
 
 STATE_FOLDER = "state"
 
 EMA_RAMP = 10.0
 """The moving average forgets the first steps: decay = min(decay, (1 + n) / (10 + n))."""
-
-HALF_PRECISION = {TrainingPrecision.BF16: torch.bfloat16, TrainingPrecision.FP16: torch.float16}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
@@ -107,24 +105,6 @@ def make_optimiser(config: TrainingConfig, network: nn.Module) -> torch.optim.Op
     return torch.optim.Adam(network.parameters(), config.learning_rate)
 
 
-def precision_for(wanted: TrainingPrecision, device: torch.device) -> torch.dtype | None:
-    """Number format of the convolutions, None for float32."""
-    if wanted is not TrainingPrecision.AUTO:
-        return HALF_PRECISION.get(wanted)
-    if device.type == "cuda":
-        return torch.bfloat16 if torch.cuda.is_bf16_supported() else torch.float16
-    return torch.bfloat16 if computes_bf16() else None
-
-
-def computes_bf16() -> bool:
-    """Tell whether this processor has bf16 instructions; without them bf16 is slower."""
-    try:
-        flags = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="ignore")
-    except OSError:
-        return False
-    return "avx512_bf16" in flags or "amx_bf16" in flags
-
-
 class Trainer:
     """Everything that changes from step to step."""
 
@@ -137,7 +117,7 @@ class Trainer:
         self.network = network.to(run.device, memory_format=self.layout)  # type: ignore[call-overload]
         self.optimiser = make_optimiser(config, self.network)
         self.average = averaged_weights(self.network) if config.ema else {}
-        self.dtype = precision_for(config.precision, run.device)
+        self.dtype = DTYPES.get(settled(config.precision, run.device))
         self.scaler = torch.amp.GradScaler(
             run.device.type, enabled=self.dtype is torch.float16
         )
@@ -283,7 +263,9 @@ def train(run: Run, network: nn.Module) -> Iterator[Progress]:
     sampler = Sampler(run.clips, run.task, config)
     told = _Told(trainer.step)
     passes: list[list[Sample]] = []
-    for batch in sampler.batches(trainer.step, run.workers):
+    for batch in sampler.batches(
+        trainer.step, run.workers, overlap=run.device.type != "cpu"
+    ):
         passes.append(batch)
         if len(passes) < config.accumulate:
             continue

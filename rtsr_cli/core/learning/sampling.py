@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
+import torch
 
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.io.streaming import prefetch
@@ -83,20 +86,33 @@ class Sampler:
         )
         return Sample(index, clip, region, choices, sample_steps(clip, region, choices, task))
 
-    def batches(self, first_step: int, workers: int) -> Iterator[list[Sample]]:
-        """Samples of one forward pass after the other, from an optimiser step on."""
+    def batches(self, first_step: int, workers: int, *, overlap: bool) -> Iterator[list[Sample]]:
+        """Samples of one forward pass after the other, from an optimiser step on.
+
+        Args:
+            first_step: optimiser steps that are done.
+            workers: threads.
+            overlap: make samples while the caller computes; on a processor that computes itself,
+                threads that wait for each other would stall both.
+        """
         config = self._config
-        start = first_step * config.accumulate * config.batch
-        stop = config.steps * config.accumulate * config.batch
-        batch: list[Sample] = []
-        made = prefetch(
-            self.make, range(start, stop), workers, ahead=AHEAD_BATCHES * config.batch
-        )
-        for _, future in made:
-            batch.append(future.result())
-            if len(batch) == config.batch:
-                yield batch
-                batch = []
+        passes = config.steps * config.accumulate
+        starts = range(first_step * config.accumulate, passes)
+        if overlap:
+            indices = (i for p in starts for i in self._indices(p))
+            made = prefetch(self.make, indices, workers, ahead=AHEAD_BATCHES * config.batch)
+            for _ in starts:
+                yield [future.result() for _, future in islice(made, config.batch)]
+            return
+        with ThreadPoolExecutor(
+            workers, "rtsr-sample", initializer=torch.set_num_threads, initargs=(1,)
+        ) as pool:
+            for number in starts:
+                yield list(pool.map(self.make, self._indices(number)))
+
+    def _indices(self, number: int) -> range:
+        """Samples of a forward pass."""
+        return range(number * self._config.batch, (number + 1) * self._config.batch)
 
 
 def check_sizes(clips: Sequence[Clip], config: TrainingConfig) -> str:

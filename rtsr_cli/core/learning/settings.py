@@ -1,0 +1,193 @@
+"""Strict settings: frozen dataclasses filled from TOML files and `--set` options.
+
+Later sources win. Every problem is listed, with the source, the dotted name and a suggestion.
+Runs without the libraries that `capture.toml` is checked with, as training has to.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from rtsr_cli.core.errors import ConfigError, did_you_mean
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Values, nested as tables, and what they come from."""
+
+    name: str
+    values: Mapping[str, Any]
+
+
+class _Problems(list[str]):
+    """Everything that is wrong so far."""
+
+
+def resolve(kind: type[T], *sources: Source) -> T:
+    """Return a dataclass: its defaults, overridden by each source in turn.
+
+    Raises:
+        ConfigError: a name is unknown or a value unfit; lists them all.
+    """
+    problems = _Problems()
+    values = _fill(kind, sources, "", problems)
+    if problems:
+        raise ConfigError("; ".join(problems))
+    return kind(**values)
+
+
+def _fill(
+    kind: type[Any], sources: Sequence[Source], above: str, problems: _Problems
+) -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    known = {field.name: hints[field.name] for field in fields(kind)}
+    values: dict[str, Any] = {}
+    tables: dict[str, list[Source]] = {}
+    for source in sources:
+        for name, value in source.values.items():
+            dotted = f"{above}{name}"
+            if name not in known:
+                hint = did_you_mean(name, known)
+                problems.append(f"{source.name}: there is no '{dotted}'{hint}")
+            elif is_dataclass(known[name]):
+                _table(name, value, source, tables, f"{source.name}: {dotted}", problems)
+            else:
+                try:
+                    values[name] = _converted(known[name], value)
+                except ValueError as error:
+                    problems.append(f"{source.name}: {dotted} = {value!r}: {error}")
+    for name, parts in tables.items():
+        nested = known[name]
+        values[name] = nested(**_fill(nested, parts, f"{above}{name}.", problems))
+    return values
+
+
+def _table(
+    name: str,
+    value: object,
+    source: Source,
+    tables: dict[str, list[Source]],
+    where: str,
+    problems: _Problems,
+) -> None:
+    if isinstance(value, Mapping):
+        tables.setdefault(name, []).append(Source(source.name, value))
+    else:
+        problems.append(f"{where} is a table of settings, not a value")
+
+
+def _converted(hint: Any, value: object) -> Any:
+    """Bring a value to a field's type.
+
+    Raises:
+        ValueError: it does not fit; says what would.
+    """
+    origin = get_origin(hint)
+    if origin in (Union, types.UnionType):
+        return None if value is None else _converted(_inner(hint), value)
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError("a list is wanted")
+        return tuple(_converted(get_args(hint)[0], item) for item in value)
+    if isinstance(hint, type) and issubclass(hint, StrEnum):
+        names = [member.value for member in hint]
+        if value not in names:
+            raise ValueError(f"not one of {', '.join(names)}")
+        return hint(value)
+    return _number(hint, value)
+
+
+def _inner(hint: Any) -> Any:
+    return next(part for part in get_args(hint) if part is not types.NoneType)
+
+
+def _number(hint: Any, value: object) -> Any:
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if type(value) is hint:
+        return value
+    names = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+    raise ValueError(f"{names.get(hint, hint)} is wanted")
+
+
+def read_toml(path: Path) -> Source:
+    """Read a file of settings.
+
+    Raises:
+        ConfigError: it is not there, or no TOML; names file and line.
+    """
+    try:
+        return Source(path.name, tomllib.loads(path.read_text(encoding="utf-8-sig")))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def parse_assignments(texts: Sequence[str]) -> Source:
+    """Values of `--set a.b=c`; what is no TOML value is a text.
+
+    Raises:
+        ConfigError: a text is no assignment.
+    """
+    values: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip():
+            raise ConfigError(f"--set {text}: write it as name.of.setting=value")
+        *tables, last = name.strip().split(".")
+        table = values
+        for part in tables:
+            table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                raise ConfigError(f"--set {text}: '{part}' was given a value before")
+        table[last] = _parsed(value.strip())
+    return Source("--set", values)
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def to_plain(config: Any) -> dict[str, Any]:
+    """Return settings as plain values: enums by value, None left out."""
+    plain: dict[str, Any] = {}
+    for field in fields(config):
+        value = getattr(config, field.name)
+        if is_dataclass(value):
+            plain[field.name] = to_plain(value)
+        elif isinstance(value, tuple):
+            plain[field.name] = [str(v) if isinstance(v, StrEnum) else v for v in value]
+        elif value is not None:
+            plain[field.name] = value.value if isinstance(value, StrEnum) else value
+    return plain
+
+
+def to_toml(tables: Mapping[str, Any], above: str = "") -> str:
+    """Write plain values as TOML: values first, then tables."""
+    lines = [f"{k} = {_literal(v)}" for k, v in tables.items() if not isinstance(v, Mapping)]
+    text = "\n".join(lines) + ("\n" if lines else "")
+    for name, table in tables.items():
+        if isinstance(table, Mapping):
+            text += f"\n[{above}{name}]\n{to_toml(table, f'{above}{name}.')}"
+    return text.lstrip("\n") if not above else text
+
+
+def _literal(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_literal(item) for item in value)}]"
+    return json.dumps(value) if isinstance(value, str) else repr(value)

@@ -1,0 +1,38 @@
+"""Number formats of networks, and which one a device computes in."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+
+import torch
+
+
+class Precision(StrEnum):
+    """Number format of network layers."""
+
+    AUTO = "auto"
+    FP32 = "fp32"
+    BF16 = "bf16"
+    FP16 = "fp16"
+
+
+DTYPES = {Precision.BF16: torch.bfloat16, Precision.FP16: torch.float16}
+
+
+def settled(wanted: Precision, device: torch.device) -> Precision:
+    """Resolve `auto`: the half format that the device has instructions for, else float32."""
+    if wanted is not Precision.AUTO:
+        return wanted
+    if device.type == "cuda":
+        return Precision.BF16 if torch.cuda.is_bf16_supported() else Precision.FP16
+    return Precision.BF16 if device.type == "cpu" and computes_bf16() else Precision.FP32
+
+
+def computes_bf16() -> bool:
+    """Tell whether this processor has bf16 instructions; without them bf16 is slower."""
+    try:
+        flags = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="ignore")
+    except OSError:
+        return False
+    return "avx512_bf16" in flags or "amx_bf16" in flags
