@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from fileseq.exceptions import ParseException
-from fileseq.frameset import FrameSet as FrameRange
 
 from rtsr_cli.core.errors import did_you_mean
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
@@ -36,9 +34,12 @@ class Frames(click.ParamType[frozenset[int]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> frozenset[int]:
-        """Parse with fileseq."""
+        """Parse with fileseq; a command without ranges runs where it is not installed."""
         if isinstance(value, frozenset):
             return value
+        from fileseq.exceptions import ParseException
+        from fileseq.frameset import FrameSet as FrameRange
+
         try:
             return frozenset(int(n) for n in FrameRange(DOTS.sub("-", value).replace(" ", "")))
         except (ParseException, ValueError):

@@ -8,10 +8,10 @@ from typing import Any
 
 from tqdm import tqdm
 
+from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import (
     FAILED,
-    LOG,
     announce,
     check_frames,
     log_repairs,

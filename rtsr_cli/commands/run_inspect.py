@@ -11,9 +11,9 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.inspection_text import report
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.running import LOG
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.errors import OutputError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer

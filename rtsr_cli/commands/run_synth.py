@@ -9,8 +9,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.running import LOG
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.selection import ranges

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
+import torch
 from tqdm import tqdm
 
+from rtsr_cli.commands.basics import LOG, device_named
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import (
     FAILED,
-    LOG,
     announce,
     check_frames,
-    device_named,
     log_repairs,
     plan_facts,
     read_options,
@@ -30,17 +30,22 @@ from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_pairs
 from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.io.simulation import JitterMode, Simulation
-from rtsr_cli.core.planning import Precision, ShotPlan, UpscaleOptions
+from rtsr_cli.core.networks import Loaded, has_weights, load_network
+from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
+from rtsr_cli.core.precision import Precision, settled
+from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import System
 from rtsr_cli.core.upscaling import FrameEvent, Status
+from rtsr_cli.core.weights import read_weights
 from rtsr_cli.models import PREFERENCE, load_system
 
 
 def run_upscale(chosen: Mapping[str, Any]) -> int:
     """Plan every shot, then run; return the exit code."""
+    device = device_named(chosen["device"])
     options = UpscaleOptions(
-        device=device_named(chosen["device"]),
-        precision=Precision(chosen["precision"]),
+        device=device,
+        precision=settled(Precision(chosen["precision"]), torch.device(device)),
         jobs=chosen["jobs"],
         tile=chosen["tile"],
         overwrite=chosen["overwrite"],
@@ -51,19 +56,19 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
     base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
     jobs = []
     for name, source in _pairs(chosen):
-        system = _system(chosen["system"], source, base)
-        network = system.build(system.config(), source.scale).eval().to(options.device)
+        system = _system(chosen, source, base)
+        loaded = load_network(system, source.scale, options.device, chosen["weights_file"])
         plan = planning.plan_shot(
             name,
             source,
             system,
-            inputs=planning.system_inputs(system, base),
+            inputs=planning.system_inputs(system, base, loaded.config),
             folder=chosen["out_folder"] / name,
             options=options,
-            config=_stamped(chosen, system, source),
+            config=_stamped(chosen, system, source, loaded, options),
             passthrough=chosen["passthrough"],
         )
-        jobs.append((plan, network))
+        jobs.append((plan, loaded.network))
     check_frames(chosen, [plan.source.reader for plan, _ in jobs])
     for plan, _ in jobs:
         _announce(chosen, plan, options)
@@ -94,18 +99,28 @@ def _pairs(chosen: Mapping[str, Any]) -> Iterator[tuple[str, PairSource]]:
     )
 
 
-def _system(name: str | None, source: PairSource, base: Inputs) -> System:
-    """Return the system asked for, or the first of the preferred ones that has its inputs."""
-    if name is not None:
-        return load_system(name)
+def _system(chosen: Mapping[str, Any], source: PairSource, base: Inputs) -> System:
+    """Return the system asked for, that of the weights, or the first preferred one that can run."""
+    if chosen["system"] is not None:
+        return load_system(chosen["system"])
+    if chosen["weights_file"] is not None:
+        return load_system(read_weights(chosen["weights_file"]).system)
     systems = [load_system(preferred) for preferred in PREFERENCE]
     for system in systems:
-        if not source.missing(planning.system_inputs(system, base)):
+        fits = not system.scales or source.scale in system.scales
+        able = fits and has_weights(system, source.scale)
+        if able and not source.missing(planning.system_inputs(system, base)):
             return system
     return systems[-1]
 
 
-def _stamped(chosen: Mapping[str, Any], system: System, source: PairSource) -> object:
+def _stamped(
+    chosen: Mapping[str, Any],
+    system: System,
+    source: PairSource,
+    loaded: Loaded,
+    options: UpscaleOptions,
+) -> object:
     """Choices that change the outputs' bytes."""
     requested = upscaling.requested_tile(tile=chosen["tile"], debug=chosen["debug_buffers"])
     side = tiling.tile_side(system, source.lr_size, source.scale, requested)
@@ -114,11 +129,12 @@ def _stamped(chosen: Mapping[str, Any], system: System, source: PairSource) -> o
         "samples_per_pixel",
         "jitter",
         "lr_filter",
-        "precision",
         "on_nonfinite",
         "passthrough",
     )
-    return [asdict(system.config()), asdict(system.derivation), side, [chosen[n] for n in names]]
+    network = [loaded.digest, options.precision.value] if loaded.weights else []
+    divisor = asdict(system.derivation(loaded.config))
+    return [to_plain(loaded.config), divisor, side, network, [chosen[n] for n in names]]
 
 
 def _announce(chosen: Mapping[str, Any], plan: ShotPlan, options: UpscaleOptions) -> None:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
-import torch
-
+from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.options import emit
-from rtsr_cli.core.errors import ConfigError, FrameFolderError, OutputBlockedError
+from rtsr_cli.core.errors import FrameFolderError, OutputBlockedError
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard, ranges
 from rtsr_cli.core.io.survey import MissingPolicy
-
-LOG = logging.getLogger("rtsr")
-"""What is said to a person; `-q` and `-v` set its level, `--json` takes its place."""
 
 MIB = 1 << 20
 MAX_LISTED = 10
@@ -54,23 +49,6 @@ def selection(chosen: Mapping[str, Any]) -> Selection:
     return Selection(
         frames=chosen["frames"], shard=Shard(index=part[0], count=part[1]) if part else None
     )
-
-
-def device_named(name: str) -> str:
-    """Resolve `auto`, and refuse a device that is not there.
-
-    Raises:
-        ConfigError: torch has no such device.
-    """
-    if name == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    try:
-        torch.empty(1, device=name)
-    except (RuntimeError, AssertionError) as error:
-        raise ConfigError(
-            f"device '{name}' cannot be used ({str(error).splitlines()[0]}); choose --device cpu"
-        ) from error
-    return name
 
 
 def check_frames(chosen: Mapping[str, Any], readers: Sequence[FrameReader]) -> None:

@@ -18,6 +18,13 @@ from rtsr_cli.models import system_names
     type=opt.Named("system", system_names()),
     help="Default: the best that the inputs allow.",
 )
+@click.option(
+    "--weights",
+    "weights_file",
+    type=opt.FOLDER,
+    metavar="FILE",
+    help="Of rtsr train; those that come with rtsr by default.",
+)
 @click.option("--scale", type=click.IntRange(1, 16), help="Needed where there are no HR frames.")
 @click.option(
     "--hr",
@@ -68,10 +75,10 @@ from rtsr_cli.models import system_names
 @click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @click.option(
     "--precision",
-    type=click.Choice(["fp32", "bf16", "fp16"]),
-    default="fp32",
+    type=click.Choice(["auto", "fp32", "bf16", "fp16"]),
+    default="auto",
     show_default=True,
-    help="Number format of network layers.",
+    help="Number format of network layers; auto: bf16 where the device computes in it.",
 )
 @click.option("--debug-buffers", is_flag=True, help="Also write what the system saw and decided.")
 @opt.overwrite

@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from jaxtyping import Float, Int
 from torch import Tensor
+
+if TYPE_CHECKING or find_spec("jaxtyping"):
+    from jaxtyping import Float, Int
+else:
+    # training from packed crops runs where little but torch is installed
+
+    class _Shaped:
+        """Stands in for jaxtyping: any tensor, whatever its shape."""
+
+        def __getitem__(self, shape: Any) -> type[Tensor]:
+            return Tensor
+
+    Float = Int = _Shaped()
 
 Image: TypeAlias = Float[Tensor, "n c h w"]
 """Any image; channels by the caller's contract."""

@@ -19,6 +19,9 @@ from rtsr_cli.core.io.atomic import write_atomically
 
 FORMAT = "rtsr-weights-1"
 
+KEY = "rtsr"
+"""Of the metadata: everything but the tensors, as JSON."""
+
 SHIPPED = Path(__file__).parent.parent / "weights"
 """Folder of the weights that come with the package."""
 
@@ -67,13 +70,15 @@ def save_weights(
         name: (t.half() if half and t.is_floating_point() else t).detach().cpu().contiguous()
         for name, t in tensors.items()
     }
-    metadata = {
+    facts = {
         "format": FORMAT,
         "system": system,
-        "scale": str(scale),
-        "config": json.dumps(dict(config)),
-        "about": json.dumps(dict(about)),
+        "scale": scale,
+        "config": dict(config),
+        "about": dict(about),
     }
+    # one key, because the library writes several in any order
+    metadata = {KEY: json.dumps(facts)}
     write_atomically(path, lambda part: save_file(stored, part, metadata))
 
 
@@ -85,20 +90,26 @@ def read_weights(path: Path) -> Weights:
     """
     try:
         with safe_open(path, "pt") as opened:
-            metadata = opened.metadata() or {}
+            facts = json.loads((opened.metadata() or {}).get(KEY, "{}"))
             tensors = {key: opened.get_tensor(key) for key in opened.keys()}  # noqa: SIM118
-    except (OSError, SafetensorError) as error:
+    except (OSError, ValueError, SafetensorError) as error:
         raise CheckpointError(f"{path}: cannot be read as weights ({error})") from error
-    if metadata.get("format") != FORMAT:
+    if facts.get("format") != FORMAT:
         raise CheckpointError(f"{path}: these are no weights of rtsr; rtsr train makes them")
     return Weights(
         path=path,
-        system=metadata["system"],
-        scale=int(metadata["scale"]),
-        config=json.loads(metadata["config"]),
-        about=json.loads(metadata["about"]),
+        system=facts["system"],
+        scale=int(facts["scale"]),
+        config=facts["config"],
+        about=facts["about"],
         tensors=tensors,
     )
+
+
+def shipped(pattern: str | None, scale: int) -> Path | None:
+    """Return the file of weights that comes with the package for a scale, None if none does."""
+    path = None if pattern is None else SHIPPED / pattern.format(scale=scale)
+    return path if path is not None and path.is_file() else None
 
 
 def load_into(network: nn.Module, weights: Weights) -> None:
@@ -108,8 +119,9 @@ def load_into(network: nn.Module, weights: Weights) -> None:
         CheckpointError: the parameters are not those of the network.
     """
     own = network.state_dict()
-    lacking, extra = sorted(own.keys() - weights.tensors.keys()), sorted(
-        weights.tensors.keys() - own.keys()
+    lacking, extra = (
+        sorted(own.keys() - weights.tensors.keys()),
+        sorted(weights.tensors.keys() - own.keys()),
     )
     differing = [
         f"{name} {tuple(weights.tensors[name].shape)} for {tuple(own[name].shape)}"

@@ -23,13 +23,21 @@ SYSTEM_MODULES = {
 }
 """System name -> module of this package; the order is that of listings."""
 
-PREFERENCE = ("demod-bicubic", "bicubic")
-"""What `upscale` uses by default: the first of these that the inputs allow."""
+TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct")
+"""Systems with a network; a test holds them to their declarations."""
+
+PREFERENCE = ("fusesr", "fusesr-fast", "demod-bicubic", "bicubic")
+"""What `upscale` uses by default: the first of these that inputs, scale and weights allow."""
 
 
 def system_names() -> tuple[str, ...]:
     """Every system's name, without importing one."""
     return tuple(SYSTEM_MODULES)
+
+
+def trainable_names() -> tuple[str, ...]:
+    """Names of the systems that `train` takes, without importing one."""
+    return TRAINABLE
 
 
 def load_system(name: str) -> System:

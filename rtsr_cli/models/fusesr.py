@@ -85,7 +85,7 @@ FAST_WIDTHS = (32, 16, 12, 12, 16)
 BACKBONE_BLOCKS = 6
 
 FAST_HALO_PX = 17
-"""LR pixels that an output of the fast network reaches to: 14 layers at LR, one at HR, and `base`."""
+"""LR pixels that an output of the fast network reaches to: 14 layers at LR, one HR, and `base`."""
 
 
 class Variant(StrEnum):
@@ -322,7 +322,8 @@ class FuseSRNetwork(nn.Module):
         if self.config.preset is Preset.RTSR:
             depth_past, _ = backward_warp(depth_past, motion_px, mode="nearest")
         assert self.attention is not None
-        weight = self.attention(inputs[f"motion_ndc_{age}"], depth_past, inputs["frame_0"][:, 3:4])
+        depth = inputs["frame_0"][:, 3:4]
+        weight: Plane = self.attention(inputs[f"motion_ndc_{age}"], depth_past, depth)
         warped, _ = backward_warp(features, motion_px, mode="nearest", border="zero")
         return warped * weight
 

@@ -259,18 +259,37 @@ def open_pairs(
     shots = shots_of(folder, options, scale)
     for shot in shots:
         hr_frames = _hr_frames(shot, hr_folder, options, single=len(shots) == 1)
-        check_shot(shot, folder, options, hr_frames)
-        if simulation is not None:
-            capture = open_set(shot.hr or shot.frames, shot, folder, options, jittered=False)
-            yield shot.name, simulated_pairs(capture, simulation)
-            continue
-        lr = open_set(shot.frames, shot, folder, options, jittered=True)
-        hr = None
-        if hr_frames is not None:
-            hr = open_set(hr_frames, shot, folder, options, jittered=False, vectors=False)
-        known = declared(shot, folder, options).capture
-        skip = options.on_missing is MissingPolicy.SKIP
-        yield shot.name, real_pairs(lr, hr, scale or known.scale, skip_missing=skip)
+        yield (
+            shot.name,
+            open_pair(shot, folder, options, hr=hr_frames, scale=scale, simulation=simulation),
+        )
+
+
+def open_pair(
+    shot: Shot,
+    folder: Path,
+    options: ReadOptions,
+    *,
+    hr: FrameSet | None,
+    scale: int | None = None,
+    simulation: Simulation | None = None,
+) -> PairSource:
+    """Survey one shot of IN; see `open_pairs`.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong.
+    """
+    check_shot(shot, folder, options, hr)
+    if simulation is not None:
+        capture = open_set(shot.hr or shot.frames, shot, folder, options, jittered=False)
+        return simulated_pairs(capture, simulation)
+    lr = open_set(shot.frames, shot, folder, options, jittered=True)
+    target = None
+    if hr is not None:
+        target = open_set(hr, shot, folder, options, jittered=False, vectors=False)
+    known = declared(shot, folder, options).capture
+    skip = options.on_missing is MissingPolicy.SKIP
+    return real_pairs(lr, target, scale or known.scale, skip_missing=skip)
 
 
 def _hr_frames(

@@ -1,8 +1,8 @@
 """Decoded frames for training: memory-mapped half-float planes, read a crop at a time.
 
 A clip is a run of successive frames of one capture, whole or a region of it. A file of clips is a
-safetensors file: tensor `<clip>/<size>.<buffer>` of shape (frames, channels, height, width), `<size>`
-`hr` or `lr`, and the rest as JSON in its metadata. Reading needs no EXR library.
+safetensors file: tensor `<clip>/<size>.<buffer>` of shape (frames, channels, height, width),
+`<size>` being `hr` or `lr`, and the rest as JSON in its metadata. Reading needs no EXR library.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.shapes import Size
 
 FORMAT = "rtsr-clips-1"
+
+SUFFIX = ".rtsr-clips"
+"""Ends the name of a file of clips."""
 
 DERIVED = frozenset({Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY})
 """Never stored: made again from the rest when a crop is used, as augmentation changes the rest."""

@@ -324,7 +324,9 @@ def _stack(parts: Sequence[Tensors]) -> dict[str, Tensor]:
 
 def moved(step: Step, device: torch.device, memory_format: torch.memory_format) -> Step:
     """Bring a step to the device that trains."""
-    return replace(step, inputs=_to(step.inputs, device, memory_format), goal=_to(step.goal, device))
+    return replace(
+        step, inputs=_to(step.inputs, device, memory_format), goal=_to(step.goal, device)
+    )
 
 
 def _to(

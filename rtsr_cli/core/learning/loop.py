@@ -34,6 +34,7 @@ STATE_FOLDER = "state"
 EMA_RAMP = 10.0
 """The moving average forgets the first steps: decay = min(decay, (1 + n) / (10 + n))."""
 
+
 @dataclass(frozen=True, kw_only=True)
 class Progress:
     """What is told after some steps.
@@ -118,9 +119,7 @@ class Trainer:
         self.optimiser = make_optimiser(config, self.network)
         self.average = averaged_weights(self.network) if config.ema else {}
         self.dtype = DTYPES.get(settled(config.precision, run.device))
-        self.scaler = torch.amp.GradScaler(
-            run.device.type, enabled=self.dtype is torch.float16
-        )
+        self.scaler = torch.amp.GradScaler(run.device.type, enabled=self.dtype is torch.float16)
         self.step = 0
         self.best = -math.inf
         self.compiled = torch.compile(self.network) if config.compile else self.network
@@ -139,7 +138,7 @@ class Trainer:
         }
         if self.average:
             parts["average"] = self.average
-        facts = {"best": self.best if math.isfinite(self.best) else None}
+        facts: dict[str, Any] = {"best": self.best if math.isfinite(self.best) else None}
         if self.scaler.is_enabled():
             facts["scaler"] = self.scaler.state_dict()
         save_state(self.run.folder / STATE_FOLDER, self.step, parts, facts)
@@ -199,12 +198,15 @@ class Trainer:
         self.optimiser.zero_grad(set_to_none=True)
         sums: dict[str, float] = {}
         for batch in batches:
-            steps = [moved(s, self.run.device, self.layout) for s in stacked([b.steps for b in batch])]
+            steps = [
+                moved(s, self.run.device, self.layout) for s in stacked([b.steps for b in batch])
+            ]
             terms = self.losses(steps)
             total = torch.stack(list(terms.values())).sum()
             if not bool(torch.isfinite(total)):
                 raise self._not_finite(batch)
-            self.scaler.scale(total / len(batches)).backward()
+            scaled = self.scaler.scale(total / len(batches))
+            torch.autograd.backward(scaled)
             for name, value in (*terms.items(), ("loss", total)):
                 sums[name] = sums.get(name, 0.0) + float(value.detach()) / len(batches)
         if config.clip_norm:
@@ -263,9 +265,7 @@ def train(run: Run, network: nn.Module) -> Iterator[Progress]:
     sampler = Sampler(run.clips, run.task, config)
     told = _Told(trainer.step)
     passes: list[list[Sample]] = []
-    for batch in sampler.batches(
-        trainer.step, run.workers, overlap=run.device.type != "cpu"
-    ):
+    for batch in sampler.batches(trainer.step, run.workers, overlap=run.device.type != "cpu"):
         passes.append(batch)
         if len(passes) < config.accumulate:
             continue

@@ -20,8 +20,16 @@ from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.simulation import Simulation, decimated
-from rtsr_cli.core.learning.clips import DERIVED, MATERIAL_GAIN, Clip, ClipFacts, read_clips, write_clips
+from rtsr_cli.core.learning.clips import (
+    DERIVED,
+    MATERIAL_GAIN,
+    SUFFIX,
+    Clip,
+    ClipFacts,
+    write_clips,
+)
 from rtsr_cli.core.system import System
 
 CLIP_BYTES = 256 << 20
@@ -33,8 +41,6 @@ HALF_BYTES = 2
 
 MAX_CHANNELS = 24
 """Channels that a recording holds at most, about."""
-
-SUFFIX = ".rtsr-clips"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +62,6 @@ class Wanted:
     derivation: DerivationConfig
     scale: int
     history: int
-
-    def plain(self) -> object:
-        """Plain values that decide a recording."""
-        return asdict(self)
 
 
 def wanted_by(system: System, config: object, scale: int) -> Wanted:
@@ -107,49 +109,42 @@ def _raw(derivation: DerivationConfig) -> DerivationConfig:
 
 
 def record(
-    name: str,
     source: PairSource,
     wanted: Wanted,
     *,
     cache: Path,
     policy: NonfinitePolicy,
-    group: int,
-    validation: bool,
     said: Callable[[str], None],
-) -> list[Clip]:
-    """Return the clips of a shot, from the cache if it was recorded before.
+) -> list[Path]:
+    """Return the files of clips of a shot, made now or before.
 
     Args:
-        name: of the shot.
-        source: its frames.
+        source: frames of the shot.
         wanted: from `wanted_by`.
         cache: folder of recordings.
         policy: for NaN and Inf.
-        group: see `ClipFacts`.
-        validation: see `ClipFacts`.
-        said: called with the file before one is recorded.
+        said: called with a line before something is recorded.
 
     Raises:
         RtsrError: a buffer is missing, a file cannot be read or written.
     """
+    root = source.reader.frames.root
     missing = source.missing(Inputs(lr=wanted.lr, hr=wanted.hr, derivation=wanted.derivation))
     if missing:
         raise FrameFolderError(
-            f"{source.reader.frames.root}: cannot be trained on, missing: {', '.join(missing)}. "
-            "Training needs radiance at the target size"
+            f"{root}: cannot be trained on, missing: {', '.join(missing)}. Training needs the "
+            "system's inputs, and radiance at the target size"
         )
     key = _key(source, wanted, policy)
-    about = {"name": name, "group": group, "validation": validation}
-    clips = []
-    for i, part in enumerate(_parts(source, wanted)):
+    paths = []
+    for i, (numbers, targets) in enumerate(_parts(source, wanted)):
         path = cache / f"{key}-{i:04d}{SUFFIX}"
         if not path.exists():
-            said(f"recording {source.reader.frames.root} to {path}")
-            write_clips(path, [_clip(source, wanted, policy, *part)], {})
-        clips += [
-            replace(clip, facts=replace(clip.facts, **about)) for clip in read_clips(path)[0]
-        ]
-    return clips
+            said(f"recording {root}, frames {ranges(numbers)}")
+            clip = _clip(source, wanted, policy, numbers, targets)
+            write_clips(path, [clip], {"frames": ranges(numbers)})
+        paths.append(path)
+    return paths
 
 
 def _key(source: PairSource, wanted: Wanted, policy: NonfinitePolicy) -> str:
@@ -158,7 +153,7 @@ def _key(source: PairSource, wanted: Wanted, policy: NonfinitePolicy) -> str:
     files = sorted({p for n in source.reader.numbers for p in source.files(n, inputs)})
     declarations = [reader.declaration for reader in source.readers]
     return digest(
-        config_digest("clips", wanted.plain(), policy.value, declarations),
+        config_digest("clips", asdict(wanted), policy.value, declarations),
         FileDigests().of_all(tuple(files)),
     )
 

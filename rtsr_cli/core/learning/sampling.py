@@ -70,12 +70,17 @@ class Sampler:
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
         self._shares = [counts / counts.sum() for counts in frames]
 
+    def draw(self, rng: np.random.Generator) -> Clip:
+        """Draw a clip."""
+        group = int(rng.integers(len(self._groups)))
+        shares = self._shares[group]
+        return self._groups[group][int(rng.choice(len(shares), p=shares))]
+
     def make(self, index: int) -> Sample:
         """Make a sample, a function of seed and index alone."""
         config, task = self._config, self._task
         rng = np.random.default_rng([config.seed, index])
-        group = int(rng.integers(len(self._groups)))
-        clip = self._groups[group][int(rng.choice(len(self._shares[group]), p=self._shares[group]))]
+        clip = self.draw(rng)
         choices = random_choices(config.augmentation, rng)
         region = random_region(
             clip,

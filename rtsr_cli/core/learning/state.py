@@ -60,6 +60,14 @@ def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
+def saved_step(folder: Path) -> int:
+    """Steps that a state on disk has done, 0 if there is none that can be read."""
+    try:
+        return int(json.loads((folder / STATE_FILE).read_text(encoding="utf-8"))["step"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0
+
+
 def load_state(folder: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, Any]] | None:
     """Return the parts and facts of a state, None if there is none.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.learning.clips import Clip
@@ -15,7 +16,6 @@ from rtsr_cli.core.learning.crops import Task, whole_window
 from rtsr_cli.core.metrics.fidelity import psnr
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.ssim import ssim
-from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import System, Window
 

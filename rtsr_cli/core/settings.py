@@ -59,7 +59,10 @@ def _fill(
                 hint = did_you_mean(name, known)
                 problems.append(f"{source.name}: there is no '{dotted}'{hint}")
             elif is_dataclass(known[name]):
-                _table(name, value, source, tables, f"{source.name}: {dotted}", problems)
+                if isinstance(value, Mapping):
+                    tables.setdefault(name, []).append(Source(source.name, value))
+                else:
+                    problems.append(f"{source.name}: {dotted} is a table of settings, not a value")
             else:
                 try:
                     values[name] = _converted(known[name], value)
@@ -69,20 +72,6 @@ def _fill(
         nested = known[name]
         values[name] = nested(**_fill(nested, parts, f"{above}{name}.", problems))
     return values
-
-
-def _table(
-    name: str,
-    value: object,
-    source: Source,
-    tables: dict[str, list[Source]],
-    where: str,
-    problems: _Problems,
-) -> None:
-    if isinstance(value, Mapping):
-        tables.setdefault(name, []).append(Source(source.name, value))
-    else:
-        problems.append(f"{where} is a table of settings, not a value")
 
 
 def _converted(hint: Any, value: object) -> Any:

@@ -1,0 +1,44 @@
+"""Folders of DATA as clips; apart, because it needs the libraries that read EXR files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rtsr_cli.commands.basics import LOG
+from rtsr_cli.core.io.atomic import check_writable
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.opening import ReadOptions
+from rtsr_cli.core.io.survey import MissingPolicy
+from rtsr_cli.core.learning.clips import Clip
+from rtsr_cli.core.learning.config import DataConfig
+from rtsr_cli.core.learning.crops import Task
+from rtsr_cli.core.learning.gathering import Gathering, gather
+from rtsr_cli.core.learning.recording import wanted_by
+
+CACHE_FOLDER = "cache"
+
+
+def recorded(
+    folders: Sequence[Path], chosen: Mapping[str, Any], task: Task, data: DataConfig
+) -> list[Clip]:
+    """Record what was not recorded before, and open it all."""
+    beside = chosen["out_folder"] or chosen["pack_file"].parent
+    cache = chosen["cache_folder"] or beside / CACHE_FOLDER
+    check_writable(cache)
+    return gather(
+        folders,
+        Gathering(
+            wanted=wanted_by(task.system, task.config, task.scale),
+            cache=cache,
+            options=ReadOptions(
+                layout=chosen["layout"],
+                capture=chosen["capture_file"],
+                on_missing=MissingPolicy(chosen["on_missing"]),
+            ),
+            policy=NonfinitePolicy(chosen["on_nonfinite"]),
+            data=data,
+            said=LOG.info,
+        ),
+    )

@@ -1,0 +1,71 @@
+"""`rtsr train`: data and settings -> one run -> weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtsr_cli.commands import options as opt
+from rtsr_cli.models import trainable_names
+
+
+@click.command("train")
+@click.argument("system", type=opt.Named("system", trainable_names()))
+@click.argument("data", metavar="DATA...", nargs=-1, required=True, type=opt.FOLDER)
+@click.option("--out", "out_folder", type=opt.FOLDER, metavar="RUN", help="Folder of the run.")
+@click.option("--scale", type=click.IntRange(2, 16), help="The same as --set training.scale=S.")
+@click.option("--config", "config_file", type=opt.FOLDER, metavar="FILE", help="Settings in TOML.")
+@click.option(
+    "--set",
+    "assignments",
+    multiple=True,
+    metavar="A.B=C",
+    help="One setting, over the file's: training.steps=5000. Repeatable.",
+)
+@click.option(
+    "--init", "init_file", type=opt.FOLDER, metavar="FILE", help="Start from these weights."
+)
+@click.option(
+    "--pack",
+    "pack_file",
+    type=opt.FOLDER,
+    metavar="FILE",
+    help="Write packed crops instead; a pack is DATA where no EXR library is installed.",
+)
+@click.option(
+    "--pack-crops", type=click.IntRange(1), default=1000, show_default=True, help="Crops to pack."
+)
+@click.option(
+    "--cache",
+    "cache_folder",
+    type=opt.FOLDER,
+    metavar="DIR",
+    help="Where decoded frames are kept; RUN/cache by default.",
+)
+@click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@opt.layout
+@opt.capture
+@opt.on_missing
+@opt.on_nonfinite
+@opt.dry_run
+@opt.as_json
+@opt.verbose
+@opt.quiet
+@click.pass_context
+def command(ctx: click.Context, /, **chosen: Any) -> None:
+    """Train SYSTEM on the shots of DATA: HR captures with radiance, or LR/HR pairs.
+
+    LR frames are made from HR captures by decimation. A folder's manifest.json, or
+    data.validation, says which shots are judged on and not trained on. Run again with the same
+    settings, a run goes on where it was cut off.
+    """
+    if (chosen["out_folder"] is None) == (chosen["pack_file"] is None):
+        raise click.UsageError("give either --out RUN or --pack FILE")
+    if chosen["scale"] is not None:
+        chosen["assignments"] = (*chosen["assignments"], f"training.scale={chosen['scale']}")
+    chosen["data"] = tuple(Path(path) for path in chosen["data"])
+    from rtsr_cli.commands.run_train import run_train
+
+    ctx.exit(run_train(chosen))

@@ -1,0 +1,184 @@
+"""From the folders and packs of DATA to clips, sequences kept whole on either side of the split."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from rtsr_cli import __version__
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.opening import ReadOptions, declared, open_pair, shots_of
+from rtsr_cli.core.io.provenance import config_digest, digest
+from rtsr_cli.core.io.shots import FrameSet, Shot
+from rtsr_cli.core.io.simulation import Simulation
+from rtsr_cli.core.learning.clips import Clip, read_clips
+from rtsr_cli.core.learning.config import DataConfig
+from rtsr_cli.core.learning.recording import Wanted, record
+
+MANIFEST = "manifest.json"
+"""A data set's list of sequences with their split, beside its scenes."""
+
+HELD_OUT = 8
+"""One of so many shots is judged on where nothing says which."""
+
+MIN_SHOTS = 3
+"""Of fewer shots none is held out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gathering:
+    """How clips are gathered.
+
+    Attributes:
+        wanted: what is recorded.
+        cache: folder of recordings.
+        options: how frames are read.
+        policy: for NaN and Inf.
+        data: which shots.
+        said: called with a line for the user.
+    """
+
+    wanted: Wanted
+    cache: Path
+    options: ReadOptions
+    policy: NonfinitePolicy
+    data: DataConfig
+    said: Callable[[str], None]
+
+
+def gather(folders: Sequence[Path], how: Gathering) -> list[Clip]:
+    """Record (or find recorded) every shot of every folder; one group a folder.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong, or patterns match nothing.
+    """
+    clips: list[Clip] = []
+    patterns = set(how.data.validation) | set(how.data.exclude)
+    for group, folder in enumerate(folders):
+        shots = shots_of(folder, how.options)
+        names = {shot.name: shown_name(folder, shot) for shot in shots}
+        split = split_of(folder, list(names.values()), how.data)
+        patterns -= {p for p in patterns if any(fnmatchcase(n, p) for n in names.values())}
+        for shot in shots:
+            role = split.get(names[shot.name], "")
+            if role not in (TRAIN, VALIDATION):
+                continue
+            for path in _recorded(shot, folder, how):
+                clips += [
+                    _named(clip, names[shot.name], group, validation=role == VALIDATION)
+                    for clip in read_clips(path)[0]
+                ]
+    if patterns:
+        raise FrameFolderError(
+            f"[data] {', '.join(sorted(patterns))} matches no shot of "
+            f"{', '.join(map(str, folders))}"
+        )
+    return clips
+
+
+def shown_name(folder: Path, shot: Shot) -> str:
+    """Name of a shot; of a folder that is one shot, the folder's."""
+    return folder.resolve().name if shot.name == "." else shot.name
+
+
+def _named(clip: Clip, name: str, group: int, *, validation: bool) -> Clip:
+    return replace(clip, facts=replace(clip.facts, name=name, group=group, validation=validation))
+
+
+TRAIN, VALIDATION = "train", "val"
+
+
+def split_of(folder: Path, names: Sequence[str], data: DataConfig) -> dict[str, str]:
+    """Shot -> `train`, `val` or another word, which leaves it out.
+
+    By patterns where there are any; else by the folder's manifest, whose other shots are left out;
+    else every `HELD_OUT`th shot is for validation, from `MIN_SHOTS` on.
+
+    Raises:
+        FrameFolderError: the manifest cannot be read.
+    """
+    left = [n for n in names if not _matches(n, data.exclude)]
+    if data.validation:
+        return {n: VALIDATION if _matches(n, data.validation) else TRAIN for n in left}
+    listed = manifest_split(folder)
+    if listed:
+        return {n: listed[n] for n in left if n in listed}
+    held = set(left[HELD_OUT // 2 :: HELD_OUT] or left[1:2]) if len(left) >= MIN_SHOTS else set()
+    return {n: VALIDATION if n in held else TRAIN for n in left}
+
+
+def _matches(name: str, patterns: Iterable[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def manifest_split(folder: Path) -> dict[str, str]:
+    """`scene/sequence` -> split, by a manifest; empty if there is none.
+
+    Raises:
+        FrameFolderError: it is no manifest.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        return {}
+    try:
+        sequences = json.loads(path.read_text(encoding="utf-8"))["sequences"]
+        return {f"{s['scene']}/{s['sequence']}": str(s["split"]) for s in sequences}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FrameFolderError(
+            f"{path}: not a list of sequences with scene, sequence and split ({error!r}); mend it, "
+            "or give data.validation"
+        ) from error
+
+
+def _recorded(shot: Shot, folder: Path, how: Gathering) -> list[Path]:
+    """Files of clips of a shot; one that was recorded before is not even surveyed again."""
+    index = how.cache / f"{_signature(shot, folder, how)}.json"
+    if index.is_file():
+        paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]
+        if all(path.is_file() for path in paths):
+            return paths
+    real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
+    source = open_pair(
+        shot,
+        folder,
+        how.options,
+        hr=shot.hr if real else None,
+        simulation=None if real else Simulation(scale=how.wanted.scale),
+    )
+    for reader in source.readers:
+        for text in reader.warnings:
+            how.said(f"Warning: {reader.frames.root}: {text}")
+    if source.scale != how.wanted.scale:
+        raise FrameFolderError(
+            f"{shot.root}: HR is {source.scale} times the size of LR; training.scale is "
+            f"{how.wanted.scale}"
+        )
+    paths = record(source, how.wanted, cache=how.cache, policy=how.policy, said=how.said)
+    names = json.dumps([path.name for path in paths])
+    write_atomically(index, lambda part: _write_text(part, names))
+    return paths
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _signature(shot: Shot, folder: Path, how: Gathering) -> str:
+    """Hash of names, sizes and times of a shot's files, and of everything declared about it."""
+    sets = [frames for frames in (shot.frames, shot.hr) if frames is not None]
+    return digest(
+        config_digest("shot", __version__, asdict(how.wanted), how.policy.value, how.options),
+        str(declared(shot, folder, how.options)),
+        [_files(frames) for frames in sets],
+    )
+
+
+def _files(frames: FrameSet) -> list[tuple[str, int, int]]:
+    found = sorted({path for stream in frames.streams.values() for path in stream.files.values()})
+    stats = [(path, path.stat()) for path in found]
+    return [(str(path.resolve()), stat.st_size, stat.st_mtime_ns) for path, stat in stats]

@@ -1,0 +1,153 @@
+"""What a training run leaves for people: a table, its curves, pictures, and TensorBoard's files.
+
+Runs where no image library is installed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
+from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.learning.plotting import Curve, labelled, plotted
+from rtsr_cli.core.metrics.flip import ldr_flip
+from rtsr_cli.core.metrics.heat import heat_map
+from rtsr_cli.core.shapes import Color
+
+LOG_FILE = "log.csv"
+CURVES_FILE = "curves.png"
+PICTURES_FOLDER = "pictures"
+
+GAP_PX = 4
+"""Between the panels of a picture."""
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+class Journal:
+    """Keeps the files of a run up to date."""
+
+    def __init__(self, folder: Path, columns: Sequence[str], *, resume_step: int | None) -> None:
+        """Start anew, or keep the rows up to a step and go on after them.
+
+        Args:
+            folder: RUN.
+            columns: of the table, after `step`.
+            resume_step: last step whose row is kept; None starts anew.
+        """
+        self._folder, self._columns = folder, tuple(columns)
+        kept = 0 if resume_step is None else resume_step
+        self._rows = [row for row in _read(folder / LOG_FILE) if int(row["step"]) <= kept]
+        self._board = _board(folder)
+        self._write()
+
+    def log(self, step: int, values: Mapping[str, float]) -> None:
+        """Add a row and draw the curves again; values without a column are left out."""
+        row = {"step": str(step)}
+        row |= {name: f"{values[name]:.6g}" for name in self._columns if name in values}
+        self._rows.append(row)
+        self._write()
+        curves = [c for c in (self._curve("loss"), self._curve("psnr")) if len(c.points)]
+        if curves:
+            write_png(self._folder / CURVES_FILE, plotted(curves))
+        if self._board is not None:
+            for name, value in values.items():
+                self._board.add_scalar(name, value, step)
+
+    def picture(self, step: int, name: str, panels: Mapping[str, Color]) -> None:
+        """Write one strip: the panels, and FLIP of `output` against `reference`.
+
+        Args:
+            step: steps done.
+            name: of the fixed crop.
+            panels: label -> linear radiance, all of one size.
+        """
+        strip = _strip(panels)
+        write_png(self._folder / PICTURES_FOLDER / f"step-{step:06d}-{name}.png", strip)
+        if self._board is not None:
+            self._board.add_image(name, strip, step, dataformats="HWC")
+
+    def close(self) -> None:
+        """Finish TensorBoard's files."""
+        if self._board is not None:
+            self._board.close()
+
+    def _curve(self, name: str) -> Curve:
+        points = [(float(r["step"]), float(r[name])) for r in self._rows if r.get(name)]
+        return Curve(name, np.array(points).reshape(-1, 2))
+
+    def _write(self) -> None:
+        """The table is small: written whole, it is never half there."""
+        text = io.StringIO(newline="")
+        table = csv.DictWriter(text, ("step", *self._columns), restval="")
+        table.writeheader()
+        table.writerows(self._rows)
+        content = text.getvalue().encode()
+        write_atomically(self._folder / LOG_FILE, lambda part: _put(part, content))
+
+
+def _put(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def _read(path: Path) -> list[dict[str, str]]:
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return [row for row in csv.DictReader(file) if (row.get("step") or "").isdigit()]
+
+
+def _board(folder: Path) -> Any:
+    """TensorBoard's writer, None where it is not installed."""
+    if find_spec("tensorboard") is None:
+        return None
+    from torch.utils.tensorboard import SummaryWriter
+
+    return SummaryWriter(str(folder / "tensorboard"))
+
+
+def _strip(panels: Mapping[str, Color]) -> NDArray[np.uint8]:
+    shown = {name: encode_srgb(encode_reinhard(image.float())) for name, image in panels.items()}
+    if {"output", "reference"} <= shown.keys():
+        shown["FLIP"] = heat_map(ldr_flip(shown["output"], shown["reference"]))
+    images = [labelled(_bytes(image), name) for name, image in shown.items()]
+    gap = np.full((images[0].shape[0], GAP_PX, 3), 255, np.uint8)
+    parts = [part for image in images for part in (image, gap)]
+    return np.concatenate(parts[:-1], axis=1)
+
+
+def _bytes(image: Color) -> NDArray[np.uint8]:
+    pixels = (image[0].clamp(0.0, 1.0) * 255.0 + 0.5).to(torch.uint8)
+    array: NDArray[np.uint8] = pixels.permute(1, 2, 0).cpu().numpy()
+    return array
+
+
+def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
+    """Write (height, width, 3) values [PNG specification, third edition: colour type 2].
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    height, width, _ = rgb.shape
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    # each row begins with its filter: none
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), rgb.reshape(height, -1)], axis=1)
+    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 6)), (b"IEND", b""))
+    content = PNG_SIGNATURE + b"".join(_chunk(kind, payload) for kind, payload in parts)
+    write_atomically(path, lambda part: _put(part, content))
+
+
+def _chunk(kind: bytes, payload: bytes) -> bytes:
+    checked = kind + payload
+    return struct.pack(">I", len(payload)) + checked + struct.pack(">I", zlib.crc32(checked))

@@ -1,0 +1,94 @@
+"""Packing crops into one file, for a machine that has no EXR library or little disk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from torch import Tensor
+
+from rtsr_cli.core.learning.clips import Clip, write_clips
+from rtsr_cli.core.learning.config import TrainingConfig
+from rtsr_cli.core.learning.crops import Region, Task, random_region
+from rtsr_cli.core.learning.sampling import Sampler
+from rtsr_cli.core.learning.validating import validation_frames
+
+MARGIN = 4
+"""A packed crop is larger than a sample by a share of 1 / MARGIN, so that samples can shift."""
+
+
+def pack(
+    path: Path, clips: Sequence[Clip], task: Task, config: TrainingConfig, *, crops: int
+) -> int:
+    """Write `crops` random crops, and whole frames for validation; return the number of clips.
+
+    Args:
+        path: of the file.
+        clips: to cut from.
+        task: system, config, scale.
+        config: crop side, seed, frames of a validation.
+        crops: to write.
+
+    Raises:
+        RtsrError: there is nothing to train on, or the file cannot be written.
+    """
+    sampler = Sampler(clips, task, config)
+    history = task.system.history_frames
+    side = config.crop + config.crop // MARGIN
+    packed = []
+    for index in range(crops):
+        rng = np.random.default_rng([config.seed, index, 1])
+        clip = sampler.draw(rng)
+        region = random_region(
+            clip, (side, side), scale=task.scale, unroll=task.learning.unroll, rng=rng
+        )
+        packed.append(cut(clip, region, task.scale, history, task.learning.unroll))
+    for clip, position in validation_frames(clips, config.validation_frames):
+        height, width = clip.size
+        whole = Region(
+            position=position, top=0, left=0, size=(height // task.scale, width // task.scale)
+        )
+        first = 0 if task.system.recurrent else history
+        packed.append(cut(clip, whole, task.scale, first or position, 1))
+    about = {"system": task.system.name, "scale": task.scale, "crop": config.crop}
+    write_clips(path, packed, about)
+    return len(packed)
+
+
+def cut(clip: Clip, region: Region, scale: int, history: int, unroll: int) -> Clip:
+    """Cut a region and the frames that a sample there needs out of a clip."""
+    facts = clip.facts
+    first = max(0, region.position - history)
+    last = min(region.position + unroll, len(facts.numbers))
+    height, width = region.size
+    hr = _window(clip.hr, (first, last), (region.top, region.left), (height * scale, width * scale))
+    lr = {}
+    if facts.lr_scale:
+        corner = (region.top // scale, region.left // scale)
+        lr = _window(clip.lr, (first, last), corner, (height, width))
+    return Clip(
+        replace(
+            facts,
+            numbers=facts.numbers[first:last],
+            targets=region.position - first,
+            top=facts.top + region.top,
+            left=facts.left + region.left,
+            jitters_px=facts.jitters_px[first:last],
+            lighting_scales=facts.lighting_scales[first:last],
+        ),
+        hr,
+        lr,
+    )
+
+
+def _window(
+    planes: Mapping[str, Tensor],
+    frames: tuple[int, int],
+    corner: tuple[int, int],
+    size: tuple[int, int],
+) -> dict[str, Tensor]:
+    rows = slice(corner[0], corner[0] + size[0])
+    columns = slice(corner[1], corner[1] + size[1])
+    return {name: plane[slice(*frames), :, rows, columns].clone() for name, plane in planes.items()}

@@ -1,0 +1,85 @@
+"""A system's network with its weights, ready to run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from rtsr_cli.core.acceleration import accelerated
+from rtsr_cli.core.errors import CheckpointError
+from rtsr_cli.core.settings import Source, resolve
+from rtsr_cli.core.system import System
+from rtsr_cli.core.weights import Weights, load_into, read_weights, shipped
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """A network and what decides its outputs.
+
+    Attributes:
+        network: on the device, in eval mode.
+        config: of the system.
+        digest: of the weights' file, empty where there are none.
+        weights: path of the file, None where there is none.
+    """
+
+    network: nn.Module
+    config: Any
+    digest: str = ""
+    weights: Path | None = None
+
+
+def has_weights(system: System, scale: int) -> bool:
+    """Tell whether a system runs at a scale as it is shipped: baselines need no weights."""
+    return system.learning is None or shipped(system.weights, scale) is not None
+
+
+def load_network(system: System, scale: int, device: str, path: Path | None = None) -> Loaded:
+    """Build a system's network and fill it.
+
+    Args:
+        system: to build.
+        scale: S.
+        device: torch device.
+        path: of weights; the shipped ones if None.
+
+    Raises:
+        CheckpointError: there are no weights, or they are of another system or scale.
+    """
+    if system.learning is None:
+        if path is not None:
+            raise CheckpointError(f"{path}: system '{system.name}' takes no weights")
+        config = system.config()
+        return Loaded(network=system.build(config, scale).eval().to(device), config=config)
+    chosen = path or shipped(system.weights, scale)
+    if chosen is None:
+        raise CheckpointError(
+            f"system '{system.name}' comes without weights for {scale}x: train them (rtsr train "
+            f"{system.name} DATA --scale {scale} --out RUN) and give --weights RUN/best.safetensors"
+        )
+    weights = read_weights(chosen)
+    _check(weights, system, scale)
+    config = resolve(system.config, Source(str(chosen), weights.config))
+    network = system.build(config, scale)
+    load_into(network, weights)
+    return Loaded(
+        network=accelerated(network).to(device),
+        config=config,
+        digest=weights.digest(),
+        weights=chosen,
+    )
+
+
+def _check(weights: Weights, system: System, scale: int) -> None:
+    if weights.system != system.name:
+        raise CheckpointError(
+            f"{weights.path}: weights of '{weights.system}', not of '{system.name}'; choose "
+            f"--system {weights.system}"
+        )
+    if weights.scale != scale:
+        raise CheckpointError(
+            f"{weights.path}: weights for {weights.scale}x, the frames ask for {scale}x"
+        )
