@@ -20,10 +20,13 @@ def option(command: click.Command, name: str) -> click.Parameter:
     return next(p for p in command.params if p.name == name)
 
 
+DIVISORS = [mode for mode in DemodulationMode if mode is not DemodulationMode.NONE]
+
+
 @pytest.mark.parametrize(
     ("command", "name", "values"),
     [
-        (demodulate.command, "mode", DemodulationMode),
+        (demodulate.command, "mode", DIVISORS),
         (demodulate.command, "convention", brdf_lut.LutConvention),
         (precompute_lut.command, "convention", brdf_lut.LutConvention),
         (upscale.command, "jitter", JitterMode),

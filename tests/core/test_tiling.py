@@ -59,7 +59,7 @@ def make_window(
             camera=CameraMetadata(**camera),  # type: ignore[arg-type]
             view=View(display=(height, width)),
         )
-        return derive(whole, wanted, system.derivation)
+        return derive(whole, wanted, system.derivation(system.config()))
 
     lr = frame(*size, system.lr_inputs, jitter_px=jitter_px)
     hr = frame(size[0] * scale, size[1] * scale, (*system.hr_inputs, *system.hr_optional))

@@ -78,14 +78,18 @@ def make_windows() -> Callable[..., list[Window]]:
         height, width = LR_SIZE
         jitter_px = (0.5 - (scale - scale // 2 - 0.5) / scale, 0.25)
         lr = [
-            derive(stored_frame(n, height, width, jitter_px), lr_inputs, system.derivation)
+            derive(
+                stored_frame(n, height, width, jitter_px),
+                lr_inputs,
+                system.derivation(system.config()),
+            )
             for n in range(1, count + 1)
         ]
         hr = [
             derive(
                 stored_frame(n, height * scale, width * scale, (0.0, 0.0)),
                 hr_inputs,
-                system.derivation,
+                system.derivation(system.config()),
             )
             for n in range(1, count + 1)
         ]

@@ -110,12 +110,26 @@ def test_inputs_are_left_as_they_were(system: System, make_windows: MakeWindows)
                 assert torch.equal(frame.gbuffer[buffer], original.gbuffer[buffer]), buffer
 
 
-def test_only_a_system_that_says_so_carries_a_state(
+def test_only_a_system_with_history_carries_a_state(
     system: System, make_windows: MakeWindows
 ) -> None:
     scale = first_scale(system)
     states = [prediction.state for prediction in run(system, make_windows(system, scale))]
-    assert all((state is not None) == system.recurrent for state in states)
+    assert all((state is not None) == system.carries_history for state in states)
+
+
+def test_the_state_of_a_system_that_is_not_recurrent_changes_nothing(
+    system: System, make_windows: MakeWindows
+) -> None:
+    """It may keep what it computed of past frames, which their images give again."""
+    if system.recurrent:
+        pytest.skip("its state is part of its input")
+    windows = make_windows(system, first_scale(system))
+    carried = run(system, windows)[-1].image
+    alone = run(system, windows[-1:])[-1].image
+    assert carried is not None
+    assert alone is not None
+    assert torch.equal(carried, alone)
 
 
 def test_a_flat_grey_frame_stays_flat_through_bicubic(make_windows: MakeWindows) -> None:

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from rtsr_cli.core.errors import CheckpointError, TrainingError
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.config import Optimiser, Schedule, TrainingConfig
-from rtsr_cli.core.learning.crops import Step, Task, moved, stacked
+from rtsr_cli.core.learning.crops import Task, moved, stacked
 from rtsr_cli.core.learning.sampling import Sample, Sampler
 from rtsr_cli.core.learning.state import (
     average_in,
@@ -173,9 +173,11 @@ class Trainer:
         """Autocast of the run's precision."""
         return torch.autocast(self.run.device.type, self.dtype, enabled=self.dtype is not None)
 
-    def losses(self, steps: Sequence[Step]) -> dict[str, Tensor]:
-        """Terms of an unrolled sample: state is carried, each step's terms are summed."""
+    def losses_of(self, samples: Sequence[Sample]) -> dict[str, Tensor]:
+        """Terms of a batch of unrolled samples: state is carried, each step's terms are summed."""
         task = self.run.task
+        batch = stacked([sample.steps for sample in samples])
+        steps = [moved(step, self.run.device, self.layout) for step in batch]
         state, totals = None, dict[str, Tensor]()
         for step in steps:
             with self.cast():
@@ -198,10 +200,7 @@ class Trainer:
         self.optimiser.zero_grad(set_to_none=True)
         sums: dict[str, float] = {}
         for batch in batches:
-            steps = [
-                moved(s, self.run.device, self.layout) for s in stacked([b.steps for b in batch])
-            ]
-            terms = self.losses(steps)
+            terms = self.losses_of(batch)
             total = torch.stack(list(terms.values())).sum()
             if not bool(torch.isfinite(total)):
                 raise self._not_finite(batch)
@@ -231,9 +230,8 @@ class Trainer:
         )
 
     def _finite(self, sample: Sample) -> bool:
-        steps = [moved(s, self.run.device, self.layout) for s in sample.steps]
         with torch.no_grad():
-            terms = self.losses(steps)
+            terms = self.losses_of([sample])
         return all(bool(torch.isfinite(value)) for value in terms.values())
 
     def validate(self) -> tuple[list[Judged], dict[str, float]]:
