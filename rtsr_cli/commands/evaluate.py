@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import Any, NoReturn
 
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.commands.stopping import SIGNALLED, STOPPING, leave
+from rtsr_cli.core.errors import ConfigError
 
 METRIC_NAMES = (
     "psnr", "ssim", "ms-ssim", "flip", "hdr-flip", "lpips", "vmaf", "tpsnr", "temporal", "warped",
@@ -17,6 +25,8 @@ PROTOCOL_NAMES = ("rtsr", "nsrd", "fusesr", "extranet")
 SSIM_CONVENTIONS = ("wang", "skimage7", "skimage11", "zero-pad", "torchmetrics")
 OUTPUT_SUFFIXES = (".json", ".csv", ".html")
 EVERY = "all"
+
+NOTHING_KEPT = "Interrupted: nothing was written; an evaluation starts anew when it is run again"
 
 
 class MetricList(click.ParamType[tuple[str, ...]]):
@@ -30,7 +40,7 @@ class MetricList(click.ParamType[tuple[str, ...]]):
         """Check every name."""
         if isinstance(value, tuple):
             return value
-        names = [name.strip() for name in str(value).split(",") if name.strip()]
+        names = [name.strip().lower() for name in str(value).split(",") if name.strip()]
         if not names:
             self.fail("name at least one metric", param, ctx)
         if names == [EVERY]:
@@ -51,6 +61,46 @@ class ResultFile(click.ParamType[Path]):
             listed = ", ".join(OUTPUT_SUFFIXES)
             self.fail(f"'{value}' ends in none of {listed}", param, ctx)
         return path
+
+
+def _leave(number: int, _: FrameType | None) -> NoReturn:
+    """End at once, in one line that is true while nothing is written."""
+    with suppress(OSError, ValueError, AttributeError):
+        os.write(sys.stderr.fileno(), f"{NOTHING_KEPT}\n".encode())
+    os._exit(SIGNALLED + number)
+
+
+@contextmanager
+def keeping_nothing() -> Iterator[None]:
+    """While an evaluation is worked out, let Ctrl-C say that nothing of it is kept."""
+    if signal.getsignal(signal.SIGINT) is not leave:
+        yield
+        return
+    for number in STOPPING:
+        signal.signal(number, _leave)
+    try:
+        yield
+    finally:
+        for number in STOPPING:
+            signal.signal(number, leave)
+
+
+def _demanded(chosen: dict[str, Any]) -> tuple[Any, ...]:
+    """Conditions of --fail-under; what merged parts hold is found out when they are read.
+
+    Raises:
+        click.UsageError: it is no list of conditions, or names what is not computed.
+    """
+    if chosen["fail_under"] is None:
+        return ()
+    from rtsr_cli.core.evaluation.results import conditions
+
+    try:
+        return conditions(
+            chosen["fail_under"], METRIC_NAMES if chosen["merge"] else chosen["metrics"]
+        )
+    except ConfigError as error:
+        raise click.UsageError(f"--fail-under: {error}") from error
 
 
 @click.command("evaluate")
@@ -121,6 +171,9 @@ class ResultFile(click.ParamType[Path]):
     help="Write .json, .csv or a one-file .html report. Repeatable.",
 )
 @click.option(
+    "--overwrite", is_flag=True, help="Replace outputs that 'rtsr evaluate' did not write, too."
+)
+@click.option(
     "--fail-under",
     metavar="LIST",
     help="Demands on means, like 'psnr>30,flip<0.1'; exit 1 where a test misses one.",
@@ -136,8 +189,14 @@ class ResultFile(click.ParamType[Path]):
 @click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.layout
 @opt.capture
-@opt.frames
-@opt.shard
+@click.option(
+    "--frames",
+    type=opt.Frames(),
+    help="Judge these frames only; temporal metrics still read the others.",
+)
+@click.option(
+    "--shard", type=opt.ShardOf(), help="Judge part I of N of each shot; --merge joins the parts."
+)
 @click.option(
     "--jobs",
     type=click.IntRange(1, 64),
@@ -174,6 +233,9 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
                 "--ref"
             )
         chosen["tests"], chosen["reference"] = folders[:1], folders[1]
-    from rtsr_cli.commands.run_evaluate import run_evaluate
+    chosen["demanded"] = _demanded(chosen)
+    with keeping_nothing():
+        from rtsr_cli.commands.run_evaluate import deliver, evaluated
 
-    ctx.exit(run_evaluate(chosen))
+        found = evaluated(chosen)
+    ctx.exit(0 if found is None else deliver(chosen, found))

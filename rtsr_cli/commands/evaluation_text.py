@@ -1,4 +1,4 @@
-"""What `rtsr evaluate` prints and writes: a table, JSON, CSV."""
+"""What `rtsr evaluate` prints and writes, and reads again: a table, JSON, CSV."""
 
 from __future__ import annotations
 
@@ -7,12 +7,32 @@ import io
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.io.atomic import check_writable
 
 Result = Mapping[str, Any]
 
 GAP = "  "
 NOTHING = "-"
+
+INFINITE = {"inf": math.inf, "-inf": -math.inf}
+"""How JSON, which has no infinite numbers, holds them."""
+
+CSV_HEAD, CSV_TAIL = ("test", "shot", "frame", "region", "share"), ("nonfinite",)
+"""Columns before and after those of the metrics."""
+
+REPORT_MARK = "rtsr report</title>"
+"""Every report has it near its beginning."""
+
+HEAD_CHARACTERS = 1 << 16
+
+JSON_FIELDS: Mapping[str, type] = {
+    "protocol": str, "options": dict, "metrics": dict, "rules": str, "tests": dict,
+}  # fmt: skip
+"""What a result always holds."""
 
 
 def number(value: float | None) -> str:
@@ -76,8 +96,109 @@ def region_table(result: Result) -> Iterator[str]:
 
 
 def as_json(result: Result) -> str:
-    """Write the result; infinite values as `Infinity`, as Python reads and writes them."""
-    return json.dumps(result, indent=1, ensure_ascii=False) + "\n"
+    """Write the result as strict JSON."""
+    return json.dumps(strict(result), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def strict(value: Any) -> Any:
+    """Return plain values as JSON can hold them: infinite numbers as "inf", NaN as null."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return next((name for name, known in INFINITE.items() if value == known), None)
+    if isinstance(value, Mapping):
+        return {key: strict(held) for key, held in value.items()}
+    if isinstance(value, list | tuple):
+        return [strict(held) for held in value]
+    return value
+
+
+def from_json(content: str) -> dict[str, Any]:
+    """Read a result that `as_json` wrote; what follows from its frames is left as it is.
+
+    Raises:
+        ValueError: it is none; says what is wrong.
+    """
+    try:
+        found = json.loads(content)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+    _check_fields(found, JSON_FIELDS, "the result")
+    _check_fields(found, {k: dict for k in ("inputs", "regions", "versions") if k in found}, "it")
+    for name, metric in found["metrics"].items():
+        _check_fields(metric, dict.fromkeys(("title", "unit", "better"), str), f"metric '{name}'")
+    _demand(bool(found["tests"]), "it has no tests")
+    if "shard" in found:
+        _check_shard(found["shard"])
+    tests = {key: _test(test, f"test '{key}'") for key, test in found["tests"].items()}
+    return {**found, "tests": tests}
+
+
+def _check_fields(found: Any, fields: Mapping[str, type], what: str) -> None:
+    _demand(isinstance(found, dict), f"{what} is no object")
+    for name, kind in fields.items():
+        right = isinstance(found.get(name), kind)
+        _demand(right, f"'{name}' of {what} is missing, or of another kind")
+
+
+def _demand(condition: bool, complaint: str) -> None:
+    if not condition:
+        raise ValueError(complaint)
+
+
+def _check_shard(found: Any) -> None:
+    _check_fields(found, {"parts": list, "of": int}, "'shard'")
+    right = all(isinstance(i, int) and 1 <= i <= found["of"] for i in found["parts"])
+    _demand(right and "frames" in found, "'shard' names no parts")
+
+
+def _test(found: Any, what: str) -> dict[str, Any]:
+    _check_fields(found, {"method": str, "shot": str, "frames": dict, "notes": list}, what)
+    _demand(all(isinstance(n, str) for n in found["notes"]), f"notes of {what} are no sentences")
+    frames = {key: _frame(key, facts, what) for key, facts in found["frames"].items()}
+    return {**found, "frames": frames}
+
+
+def _frame(number: str, found: Any, what: str) -> dict[str, Any]:
+    """One frame's facts, infinite numbers as numbers."""
+    what = f"frame '{number}' of {what}"
+    _demand(number.removeprefix("-").isdecimal(), f"{what} has no number")
+    plain = {"nonfinite": int, "counted": bool, "regions": dict}
+    _check_fields(found, plain, what)
+    regions = {
+        region: None if scores is None else _scores(scores, what)
+        for region, scores in found["regions"].items()
+    }
+    scores = _scores({k: v for k, v in found.items() if k not in plain}, what)
+    return {**found, **scores, "regions": regions}
+
+
+def _scores(found: Any, what: str) -> dict[str, float | None]:
+    _check_fields(found, {}, f"a region of {what}")
+    return {name: _score(value, f"'{name}' of {what}") for name, value in found.items()}
+
+
+def _score(value: Any, what: str) -> float | None:
+    if isinstance(value, str) and value in INFINITE:
+        return INFINITE[value]
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return None
+    _demand(type(value) in (int, float), f"{what} is no number")
+    return float(value)
+
+
+def is_result(path: Path) -> bool:
+    """Tell whether `rtsr evaluate` wrote a file, by what its suffix promises."""
+    try:
+        with path.open(encoding="utf-8") as stream:
+            if path.suffix.lower() == ".json":
+                found = json.load(stream)
+                return isinstance(found, dict) and found.keys() >= JSON_FIELDS.keys()
+            head = stream.read(HEAD_CHARACTERS)
+    except (OSError, ValueError, RecursionError):
+        return False
+    if path.suffix.lower() == ".csv":
+        columns = tuple(head.partition("\n")[0].split(","))
+        return columns[: len(CSV_HEAD)] == CSV_HEAD and columns[-1:] == CSV_TAIL
+    return REPORT_MARK in head
 
 
 def as_csv(result: Result) -> str:
@@ -85,7 +206,7 @@ def as_csv(result: Result) -> str:
     metrics = list(result["metrics"])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["test", "shot", "frame", "region", "share", *metrics, "nonfinite"])
+    writer.writerow([*CSV_HEAD, *metrics, *CSV_TAIL])
     for test in result["tests"].values():
         place = [test["method"], test["shot"]]
         for frame, facts in test["frames"].items():
@@ -102,3 +223,23 @@ def as_csv(result: Result) -> str:
                  *(everything.get(m) for m in metrics), test["nonfinite"]]
             )  # fmt: skip
     return text.getvalue()
+
+
+def check_outputs(paths: Sequence[Path], *, overwrite: bool) -> None:
+    """Refuse files that cannot be written, or that something else wrote.
+
+    Raises:
+        OutputError: names the file.
+    """
+    for path in paths:
+        file = next((p for p in path.parents if p.exists() and not p.is_dir()), None)
+        if file is not None:
+            raise OutputError(f"{path}: {file} is a file, no folder; choose another --output")
+        if path.is_dir():
+            raise OutputError(f"{path}: is a folder; name a file in --output")
+        if path.exists() and not overwrite and not is_result(path):
+            raise OutputError(
+                f"{path}: 'rtsr evaluate' did not write this file; choose another --output, or "
+                "replace it with --overwrite"
+            )
+        check_writable(path.parent)

@@ -1,10 +1,9 @@
-"""`rtsr evaluate` after parsing: comparisons, one run, a table, files."""
+"""`rtsr evaluate` after parsing: comparisons, one run; then a table, files, thresholds."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,12 @@ from rtsr_cli.commands.basics import LOG, device_named
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import FAILED, selection
 from rtsr_cli.commands.stopping import unwinding
-from rtsr_cli.core.errors import FrameFolderError, MetricUnavailableError
+from rtsr_cli.core.errors import (
+    ConfigError,
+    FrameFolderError,
+    MetricUnavailableError,
+    did_you_mean,
+)
 from rtsr_cli.core.evaluation import results
 from rtsr_cli.core.evaluation.comparing import (
     CompareOptions,
@@ -30,9 +34,9 @@ from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judged_shot,
 from rtsr_cli.core.evaluation.metric_table import METRICS, Rules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.running import RunOptions
-from rtsr_cli.core.io.atomic import check_writable, write_atomically
+from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.opening import ReadOptions
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.io.selection import Selection, ranges
 from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD
 from rtsr_cli.core.metrics.lpips import Lpips
@@ -40,12 +44,22 @@ from rtsr_cli.core.metrics.ssim import SsimConvention
 from rtsr_cli.core.metrics.vmaf import ffmpeg
 from rtsr_cli.core.reporting.report import html_report
 
+EXR_SUFFIX = ".exr"
+PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
+
+ALL_POLICIES, OWN_POLICY = "--on-missing skip|hold (history restarts there)", "--on-missing skip"
+"""What reading advises, and what of it judging has: a frame that stands in is not judged."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluated:
-    """A result, and what its pictures are made from; nothing of the latter after a merge."""
+    """A result, and what its pictures are made from; nothing of the latter after a merge.
+
+    `contents` are those of the files that are to be written.
+    """
 
     result: Mapping[str, Any]
+    contents: Mapping[Path, str] = field(default_factory=dict)
     shots: Sequence[JudgedShot] = ()
     judgement: Judgement | None = None
 
@@ -55,23 +69,38 @@ class Evaluated:
         return () if self.judgement is None else tuple(self.judgement.unavailable)
 
 
-def run_evaluate(chosen: Mapping[str, Any]) -> int:
-    """Judge, or join parts; print and write; return the exit code."""
-    demanded: tuple[results.Condition, ...] = ()
-    if chosen["fail_under"]:
-        demanded = results.conditions(chosen["fail_under"], chosen["metrics"])
-    for path in chosen["outputs"]:
-        check_writable(path.parent)
+def evaluated(chosen: Mapping[str, Any]) -> Evaluated | None:
+    """Judge, or join parts; None for a dry run. Nothing is written yet."""
+    text.check_outputs(chosen["outputs"], overwrite=chosen["overwrite"])
     found = _merged(chosen["tests"]) if chosen["merge"] else _judged(chosen)
     if found is None:
-        return 0
+        return None
+    _check_demands(chosen, found.result)
+    contents = {path: WRITERS[path.suffix.lower()](found) for path in chosen["outputs"]}
+    return replace(found, contents=contents)
+
+
+def _check_demands(chosen: Mapping[str, Any], result: Mapping[str, Any]) -> None:
+    """Refuse demands on metrics that merged parts do not hold.
+
+    Raises:
+        ConfigError: names the metric.
+    """
+    known = result["metrics"]
+    for condition in chosen["demanded"]:
+        if condition.metric not in known:
+            hint = did_you_mean(condition.metric, known)
+            raise ConfigError(f"--fail-under: the parts hold no metric '{condition.metric}'{hint}")
+
+
+def deliver(chosen: Mapping[str, Any], found: Evaluated) -> int:
+    """Print and write; return the exit code."""
     _tell(chosen, found.result)
-    for path in chosen["outputs"]:
-        content = WRITERS[path.suffix.lower()](found)
+    for path, content in found.contents.items():
         with unwinding():
             write_atomically(path, partial(_put, content))
         LOG.info("%s: written", path)
-    missed = results.failures(found.result, demanded)
+    missed = results.failures(found.result, chosen["demanded"])
     for line in missed:
         LOG.error("Missed: %s", line)
     failed = [reason for shot in found.shots for reason in shot.failed]
@@ -117,8 +146,10 @@ def _judged(chosen: Mapping[str, Any]) -> Evaluated | None:
             sharded=chosen["shard"] is not None,
         ),
     )
+    _check_folders(chosen)
     tests = method_names(chosen["tests"])
-    comparisons = open_comparisons(tests, chosen["reference"], options)
+    comparisons = _comparisons(tests, chosen["reference"], options)
+    _check_counted(comparisons, chosen["skip_first"], options.selection)
     judgement = _judgement(chosen, tests)
     for comparison in comparisons:
         check_border(comparison, chosen["border"])
@@ -130,6 +161,70 @@ def _judged(chosen: Mapping[str, Any]) -> Evaluated | None:
         for comparison in comparisons:
             shots.append(judged_shot(comparison, judgement, bar.update))
     return Evaluated(result=result_of(shots, judgement), shots=shots, judgement=judgement)
+
+
+def _comparisons(
+    tests: Mapping[str, Path], reference: Path, options: CompareOptions
+) -> list[Comparison]:
+    """Survey; advice about missing frames is put as this command takes it."""
+    try:
+        return open_comparisons(tests, reference, options)
+    except FrameFolderError as error:
+        raise FrameFolderError(str(error).replace(ALL_POLICIES, OWN_POLICY)) from error
+
+
+def _check_folders(chosen: Mapping[str, Any]) -> None:
+    """Refuse folders that are not there, or hold pictures of other formats alone.
+
+    Raises:
+        FrameFolderError: names the folder, and what it was given as.
+    """
+    named = [(folder, "TEST") for folder in chosen["tests"]]
+    named += [(chosen["reference"], "REF"), (chosen["gbuffer"], "--gbuffer")]
+    for folder, role in named:
+        if folder is None:
+            continue
+        if folder.is_file():
+            raise FrameFolderError(
+                f"{folder}: is a file ({role}); name the folder that holds the frames"
+            )
+        if not folder.is_dir():
+            raise FrameFolderError(f"{folder}: no such folder ({role})")
+        others = _picture_suffixes(folder)
+        if others:
+            raise FrameFolderError(
+                f"{folder}: holds {' and '.join(sorted(others))} files, no EXR ({role}); evaluate "
+                "reads linear radiance from EXR frames: give the folder that has them"
+            )
+
+
+def _picture_suffixes(folder: Path) -> frozenset[str]:
+    """Suffixes of the pictures below a folder; none where one EXR is among them."""
+    found = set()
+    for path in folder.rglob("*"):
+        suffix = path.suffix.lower()
+        if suffix == EXR_SUFFIX:
+            return frozenset()
+        found.add(suffix)
+    return PICTURE_SUFFIXES & found
+
+
+def _check_counted(
+    comparisons: Sequence[Comparison], skip_first: int, selection: Selection
+) -> None:
+    """Refuse to skip so much that no shot has a mean; of a shard the others may have one.
+
+    Raises:
+        FrameFolderError: names the reference's folder and its frames.
+    """
+    whole = replace(selection, shard=None)
+    if any(set(whole.of(c.available)) - set(c.available[:skip_first]) for c in comparisons):
+        return
+    first = comparisons[0]
+    raise FrameFolderError(
+        f"{first.reference.frames.root}: --skip-first {skip_first} leaves no frame of any test for "
+        f"means; frames {ranges(whole.of(first.available))} are judged, skip fewer"
+    )
 
 
 def _judgement(chosen: Mapping[str, Any], tests: Mapping[str, Path]) -> Judgement:
@@ -164,6 +259,7 @@ def _judgement(chosen: Mapping[str, Any], tests: Mapping[str, Path]) -> Judgemen
             "tests": {name: str(path) for name, path in tests.items()},
         },
         unavailable=unavailable,
+        selection=selection(chosen),
     )
 
 
@@ -217,8 +313,8 @@ def _merged(paths: Sequence[Path]) -> Evaluated:
     parts = []
     for path in paths:
         try:
-            parts.append((str(path), json.loads(path.read_text(encoding="utf-8"))))
-        except (OSError, ValueError) as error:
+            parts.append((str(path), text.from_json(path.read_text(encoding="utf-8"))))
+        except (OSError, ValueError, OverflowError) as error:
             raise FrameFolderError(
                 f"{path}: is no result of 'rtsr evaluate --output part.json' ({error})"
             ) from error
@@ -227,7 +323,7 @@ def _merged(paths: Sequence[Path]) -> Evaluated:
 
 def _tell(chosen: Mapping[str, Any], result: Mapping[str, Any]) -> None:
     if chosen["as_json"]:
-        emit({"event": "done", **result})
+        emit({"event": "done", **text.strict(result)})
         return
     for line in text.table(result):
         LOG.info("%s", line)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 import os
 import shutil
 import signal
@@ -119,7 +118,7 @@ def test_the_table_marks_the_best(rtsr: Run, results: Path, small_capture: Path)
 def test_a_folder_against_itself_is_perfect(rtsr: Run, results: Path, tmp_path: Path) -> None:
     same = Path(shutil.copytree(results / "bicubic", tmp_path / "same"))
     mean = judged(rtsr, tmp_path, same, results / "bicubic")["tests"]["same"]["mean"]
-    assert mean == {"psnr": math.inf, "ssim": pytest.approx(1.0), "flip": 0.0}
+    assert mean == {"psnr": "inf", "ssim": pytest.approx(1.0), "flip": 0.0}
 
 
 def test_without_buffers_regions_are_null_and_said(
@@ -174,7 +173,6 @@ def test_thresholds_decide_the_exit_code(rtsr: Run, results: Path, small_capture
     missed = rtsr("evaluate", *pair, "--fail-under", "psnr>5,flip<0.0001")
     assert missed.exit_code == FAILED
     assert "Missed: bicubic: flip is 0." in missed.stderr
-    assert "is no condition" in refusal(rtsr("evaluate", *pair, "--fail-under", "psnr"))
 
 
 def test_parts_merge_to_the_whole(

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -16,17 +17,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rtsr_cli import __version__
+from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.evaluation import results
 from rtsr_cli.core.evaluation.comparing import Comparison
-from rtsr_cli.core.evaluation.frames import JudgedFrame
+from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.metric_table import METRICS, REFERENCE_WARPED, WARPED, Rules
 from rtsr_cli.core.evaluation.protocols import Protocol, Shown
 from rtsr_cli.core.evaluation.regions import REGION_MEANINGS, Region
+from rtsr_cli.core.evaluation.results import VMAF
 from rtsr_cli.core.evaluation.running import RunOptions, score_shot
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.io.selection import Selection, ranges
 from rtsr_cli.core.metrics.vmaf import Vmaf, default_model
-
-VMAF = "vmaf"
 
 REFERENCE = ""
 """Stands for the reference among methods."""
@@ -93,14 +94,12 @@ class JudgedShot:
     Attributes:
         comparison: what was compared.
         frames: method -> frame number -> `FrameScores.facts`.
-        sequence: method -> metric -> what judges the sequence as a whole.
         slice: rows for the EPI picture.
         failed: why frames could not be judged.
     """
 
     comparison: Comparison
     frames: Mapping[str, Mapping[str, Any]]
-    sequence: Mapping[str, Mapping[str, float | None]]
     slice: Slice
     failed: tuple[str, ...] = ()
 
@@ -114,6 +113,7 @@ class Judgement:
         options: what of it users chose, for the result.
         inputs: folders, for the result.
         unavailable: metric -> why it was left out.
+        selection: frames that are judged, `shard` being the part of them that this run judges.
         vmaf_model: VMAF's model, None for the one that the size calls for.
     """
 
@@ -121,7 +121,39 @@ class Judgement:
     options: Mapping[str, Any]
     inputs: Mapping[str, Any]
     unavailable: Mapping[str, str] = field(default_factory=dict)
+    selection: Selection = field(default_factory=Selection)
     vmaf_model: str | None = None
+
+
+class _Videos:
+    """VMAF of every method; a frame's score depends on the one before and the one after it."""
+
+    def __init__(self, scorers: Mapping[str, Vmaf]) -> None:
+        """Start with no frame."""
+        self._scorers = scorers
+        self._judged: list[bool] = []
+
+    def add(self, kept: Kept, *, judged: bool = True) -> None:
+        """Add a frame; one that is not judged is there for its neighbour's sake."""
+        for method, scorer in self._scorers.items():
+            scorer.add(kept.pictures[method], kept.pictures[REFERENCE])
+        self._judged.append(judged)
+
+    def finish(self) -> dict[str, tuple[float, ...]]:
+        """Scores of the judged frames, by method."""
+        return {
+            method: tuple(compress(scorer.finish().frames, self._judged))
+            for method, scorer in self._scorers.items()
+        }
+
+
+def neighbours(comparison: Comparison, selection: Selection) -> tuple[int | None, int | None]:
+    """Return the frames before and after a part (`--shard`) in the sequence that it is part of."""
+    whole = replace(selection, shard=None).of(comparison.available)
+    first, last = comparison.numbers[0], comparison.numbers[-1]
+    before = max((n for n in whole if n < first), default=None)
+    after = min((n for n in whole if n > last), default=None)
+    return (before, after) if selection.shard else (None, None)
 
 
 def judged_shot(
@@ -147,7 +179,9 @@ def judged_shot(
     failed: list[str] = []
     with ExitStack() as stack:
         model = judgement.vmaf_model or default_model(height)
-        scorers = {m: stack.enter_context(Vmaf((height, width), model)) for m in videos}
+        video = _Videos({m: stack.enter_context(Vmaf((height, width), model)) for m in videos})
+        before, after = neighbours(comparison, judgement.selection) if videos else (None, None)
+        _add_neighbour(video, comparison, before, replace(options, keep=keep))
         for found in score_shot(comparison, replace(options, keep=keep)):
             progress()
             if found.failed:
@@ -155,22 +189,44 @@ def judged_shot(
                 continue
             for method, row in found.kept.row.items():
                 sliced.rows.setdefault(method, []).append(row)
-            for method, scorer in scorers.items():
-                scorer.add(found.kept.pictures[method], found.kept.pictures[REFERENCE])
+            video.add(found.kept)
             for method, scores in found.scores.items():
                 frames[method][str(found.number)] = scores.facts()
-        videos_scored = {method: scorer.finish() for method, scorer in scorers.items()}
-    for method, video in videos_scored.items():
-        for facts, value in zip(frames[method].values(), video.frames, strict=True):
+        _add_neighbour(video, comparison, after, replace(options, keep=keep))
+        scored = video.finish()
+    for method, values in scored.items():
+        for facts, value in zip(frames[method].values(), values, strict=True):
             facts[VMAF] = value
-    sequence = {m: {"vmaf-harmonic": v.harmonic_mean} for m, v in videos_scored.items()}
     return JudgedShot(
         comparison=comparison,
         frames=frames,
-        sequence=sequence,
         slice=sliced,
         failed=tuple(failed),
     )
+
+
+def _add_neighbour(
+    video: _Videos, comparison: Comparison, number: int | None, options: RunOptions
+) -> None:
+    """Show VMAF a frame that another part judges; one that cannot be read fails there."""
+    if number is None or options.keep is None:
+        return
+    try:
+        frame = read_judged(comparison, number, border=options.border, device=options.device)
+    except RtsrError:
+        return
+    video.add(options.keep(frame), judged=False)
+
+
+def shard_of(selection: Selection) -> dict[str, Any] | None:
+    """Which part of what is judged, as the JSON file has it; None for everything."""
+    if selection.shard is None:
+        return None
+    return {
+        "parts": [selection.shard.index],
+        "of": selection.shard.count,
+        "frames": None if selection.frames is None else ranges(selection.frames),
+    }
 
 
 def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, Any]:
@@ -182,7 +238,7 @@ def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, An
         name = shot.comparison.shot
         for method, frames in shot.frames.items():
             key = f"{method}/{name}" if name and not single else method
-            summary = results.summarised(frames, shot.sequence.get(method))
+            summary = results.summarised(frames)
             tests[key] = {"method": method, "shot": name, **summary, "notes": _notes(shot, method)}
     result = {
         "protocol": rules.protocol.name,
@@ -196,6 +252,9 @@ def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, An
         "rules": results.INFINITE_RULE,
         "tests": tests,
     }
+    shard = shard_of(judgement.selection)
+    if shard is not None:
+        result["shard"] = shard
     return result if single else {**result, "methods": results.grouped(tests)}
 
 

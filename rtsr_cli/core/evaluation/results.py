@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, did_you_mean
+from rtsr_cli.core.io.selection import ranges
 
 Scores = Mapping[str, float | None]
 """Metric -> value; None where a frame has none."""
@@ -22,7 +23,21 @@ Scores = Mapping[str, float | None]
 RESAMPLES = 1000
 CONFIDENCE = 0.95
 
-INFINITE_RULE = "infinite values (identical frames) are left out of means unless all are"
+INFINITE_RULE = (
+    "infinite values (identical frames) are left out of means unless all are; "
+    'JSON holds them as "inf"'
+)
+
+VMAF, VMAF_HARMONIC = "vmaf", "vmaf-harmonic"
+"""Of the latter there is no value a frame: its mean lets bad frames weigh more."""
+
+MISSING_PARTS = "parts missing: "
+"""Starts the note of a result that lacks parts; merging it with them takes the note away."""
+
+STANDING_STILL = (
+    "VMAF: parts that were made without --shard count their first frames as standing still, so "
+    "that this is not the VMAF of one run"
+)
 
 CONDITION = re.compile(r"\s*([\w-]+)\s*(<=|>=|<|>)\s*([-+.\deE]+|inf)\s*$")
 
@@ -34,6 +49,12 @@ def mean(values: Iterable[float | None]) -> float | None:
     if finite:
         return math.fsum(finite) / len(finite)
     return known[0] if known else None
+
+
+def harmonic_mean(values: Iterable[float | None]) -> float | None:
+    """n / sum(1 / (v + 1)) - 1, as libvmaf pools scores; None without values."""
+    known = [v for v in values if v is not None]
+    return len(known) / math.fsum(1.0 / (v + 1.0) for v in known) - 1.0 if known else None
 
 
 def interval(values: Iterable[float | None]) -> list[float] | None:
@@ -82,19 +103,15 @@ class FrameScores:
         }
 
 
-def summarised(
-    frames: Mapping[str, Mapping[str, Any]], sequence: Scores | None = None
-) -> dict[str, Any]:
-    """Put the frames of one method and shot together.
-
-    Args:
-        frames: number -> `FrameScores.facts`.
-        sequence: metric -> value of metrics that judge the sequence as a whole.
-    """
+def summarised(frames: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Put the frames of one method and shot together, by number, as `FrameScores.facts`."""
     counted = [f for f in frames.values() if f["counted"]]
     names = [k for k in _keys(counted) if k not in {"nonfinite", "counted", "regions"}]
+    means = {name: mean(f.get(name) for f in counted) for name in names}
+    if VMAF in means:
+        means[VMAF_HARMONIC] = harmonic_mean(f.get(VMAF) for f in counted)
     return {
-        "mean": {name: mean(f.get(name) for f in counted) for name in names} | dict(sequence or {}),
+        "mean": means,
         "confidence": {name: interval(f.get(name) for f in counted) for name in names},
         "frames": dict(frames),
         "regions": _region_means([f["regions"] for f in counted]),
@@ -137,40 +154,125 @@ def grouped(tests: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def merged(parts: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Any]:
+Part = tuple[str, Mapping[str, Any]]
+"""File name and content of a part's result."""
+
+
+def merged(parts: Sequence[Part]) -> dict[str, Any]:
     """Join the results of parts of the same frames (`--shard`), by frame number.
 
-    Args:
-        parts: file name and its content.
+    Parts that are missing are told in the notes of every test.
 
     Raises:
-        FrameFolderError: a part was judged by other rules, or holds a frame of another one.
+        FrameFolderError: a part was judged by other rules, of other tests, or holds what another
+            one holds.
     """
-    first_name, first = parts[0]
+    first = parts[0][1]
+    _check_rules(parts)
+    _check_tests(parts)
+    shard = _joined_shards(parts)
     tests: dict[str, dict[str, Any]] = {}
-    for name, part in parts:
-        for rule in ("protocol", "options", "metrics"):
-            if part.get(rule) != first.get(rule):
-                raise FrameFolderError(
-                    f"{name}: was judged with another {rule} than {first_name}; evaluate it again "
-                    "with the same options"
-                )
-        for key, test in part["tests"].items():
-            into = tests.setdefault(key, {**test, "frames": {}})
-            twice = sorted(set(into["frames"]) & set(test["frames"]), key=int)
-            if twice:
-                raise FrameFolderError(
-                    f"{name}: frame {twice[0]} of '{key}' is in another part already; merge each "
-                    "part once"
-                )
-            into["frames"] |= test["frames"]
-    for key, test in tests.items():
-        frames = dict(sorted(test["frames"].items(), key=lambda item: int(item[0])))
-        tests[key] = {**test, **summarised(frames)}
+    for key, test in first["tests"].items():
+        found = {**test, **summarised(_joined_frames(parts, key))}
+        tests[key] = {**found, "notes": _joined_notes(parts, key, shard)}
     result = {**first, "tests": tests}
+    result.pop("shard", None)
+    if shard is not None and _missing_parts(shard):
+        result["shard"] = shard
     if "methods" in first:
         result["methods"] = grouped(tests)
     return result
+
+
+def _check_rules(parts: Sequence[Part]) -> None:
+    first_name, first = parts[0]
+    for name, part in parts:
+        for rule, what in (
+            ("protocol", "another protocol"),
+            ("options", "other options"),
+            ("metrics", "other metrics"),
+        ):
+            if part.get(rule) != first.get(rule):
+                raise FrameFolderError(
+                    f"{name}: was judged with {what} than {first_name}; evaluate it again with "
+                    "the same options"
+                )
+
+
+def _check_tests(parts: Sequence[Part]) -> None:
+    """Every part holds every test: means over different frames would not compare."""
+    holders = {key: name for name, part in reversed(parts) for key in part["tests"]}
+    for name, part in parts:
+        lacking = [key for key in holders if key not in part["tests"]]
+        if lacking:
+            listed = ", ".join(f"'{key}'" for key in lacking)
+            raise FrameFolderError(
+                f"{name}: lacks {listed}, which {holders[lacking[0]]} has; tests compare over the "
+                "same frames only: evaluate this part again with the same TEST folders"
+            )
+
+
+def _joined_frames(parts: Sequence[Part], key: str) -> dict[str, Any]:
+    """Frames of one test, of all parts, in order."""
+    frames: dict[str, Any] = {}
+    for name, part in parts:
+        found = part["tests"][key]["frames"]
+        twice = sorted(set(frames) & set(found), key=int)
+        if twice:
+            raise FrameFolderError(
+                f"{name}: frame {twice[0]} of '{key}' is in another part already; merge each part "
+                "once"
+            )
+        frames |= found
+    return dict(sorted(frames.items(), key=lambda item: int(item[0])))
+
+
+def _joined_notes(parts: Sequence[Part], key: str, shard: Mapping[str, Any] | None) -> list[str]:
+    """Notes of all parts once each, and what is to be said of the parts themselves."""
+    notes = [note for _, part in parts for note in part["tests"][key].get("notes", ())]
+    notes = [note for note in dict.fromkeys(notes) if not note.startswith(MISSING_PARTS)]
+    missing = set() if shard is None else _missing_parts(shard)
+    if shard is not None and missing:
+        notes.append(
+            f"{MISSING_PARTS}{ranges(missing)} of {shard['of']} (--shard); all figures are of the "
+            "other parts alone"
+        )
+    unsharded = len(parts) > 1 and any("shard" not in part for _, part in parts)
+    if unsharded and VMAF in parts[0][1]["metrics"] and STANDING_STILL not in notes:
+        notes.append(STANDING_STILL)
+    return notes
+
+
+def _joined_shards(parts: Sequence[Part]) -> dict[str, Any] | None:
+    """Which parts of how many there are; None where no part says."""
+    known = [(name, part["shard"]) for name, part in parts if "shard" in part]
+    if not known:
+        return None
+    first_name, first = known[0]
+    taken: dict[int, str] = {}
+    for name, shard in known:
+        if any(shard[key] != first[key] for key in ("of", "frames")):
+            raise FrameFolderError(
+                f"{name}: is {_shard_text(shard)}, {first_name} is {_shard_text(first)}; merge "
+                "parts of one division (--shard, --frames)"
+            )
+        for index in shard["parts"]:
+            if index in taken:
+                raise FrameFolderError(
+                    f"{name}: part {index}/{shard['of']} is in {taken[index]} already; merge each "
+                    "part once"
+                )
+            taken[index] = name
+    return {**first, "parts": sorted(taken)}
+
+
+def _shard_text(shard: Mapping[str, Any]) -> str:
+    of_frames = "" if shard["frames"] is None else f" of frames {shard['frames']}"
+    return f"part {ranges(shard['parts'])} of {shard['of']}{of_frames}"
+
+
+def _missing_parts(shard: Mapping[str, Any]) -> set[int]:
+    return set(range(1, shard["of"] + 1)) - set(shard["parts"])
 
 
 @dataclass(frozen=True)
@@ -212,12 +314,11 @@ def conditions(text: str, metrics: Sequence[str]) -> tuple[Condition, ...]:
             bound = math.nan
         if match is None or math.isnan(bound):
             raise ConfigError(f"'{part.strip()}' is no condition; write them as psnr>30,flip<0.1")
-        if match.group(1) not in metrics:
-            hint = did_you_mean(match.group(1), metrics)
-            raise ConfigError(
-                f"metric '{match.group(1)}' is not computed{hint}; add it to --metric"
-            )
-        found.append(Condition(match.group(1), match.group(2), bound))
+        metric = match.group(1).lower()
+        if metric not in metrics:
+            hint = did_you_mean(metric, metrics)
+            raise ConfigError(f"metric '{metric}' is not computed{hint}; add it to --metric")
+        found.append(Condition(metric, match.group(2), bound))
     return tuple(found)
 
 

@@ -14,6 +14,7 @@ from rtsr_cli.core.evaluation.results import (
     conditions,
     failures,
     grouped,
+    harmonic_mean,
     interval,
     mean,
     merged,
@@ -98,10 +99,62 @@ def test_parts_join_to_what_one_run_gives() -> None:
 
 
 def test_parts_of_other_rules_or_with_a_frame_twice_are_refused() -> None:
-    with pytest.raises(FrameFolderError, match=r"2\.json: was judged with another options"):
+    with pytest.raises(FrameFolderError, match=r"2\.json: was judged with other options"):
         merged([("1.json", part(1)), ("2.json", part(2, border=3))])
     with pytest.raises(FrameFolderError, match=r"2\.json: frame 1 of 'a' is in another part"):
         merged([("1.json", part(1)), ("2.json", part(1))])
+
+
+def test_parts_of_other_tests_are_refused() -> None:
+    both = part(1)
+    both["tests"]["b"] = {**both["tests"]["a"], "method": "b"}
+    for parts in ([("1.json", both), ("2.json", part(2))], [("2.json", part(2)), ("1.json", both)]):
+        with pytest.raises(FrameFolderError, match=r"2\.json: lacks 'b', which 1\.json has"):
+            merged(parts)
+
+
+def shard(index: int, count: int, *numbers: int, frames: str | None = None) -> dict[str, Any]:
+    return {**part(*numbers), "shard": {"parts": [index], "of": count, "frames": frames}}
+
+
+def test_missing_parts_are_noted_until_they_are_there() -> None:
+    some = merged([("1.json", shard(1, 4, 1)), ("3.json", shard(3, 4, 3))])
+    assert some["shard"] == {"parts": [1, 3], "of": 4, "frames": None}
+    (note,) = some["tests"]["a"]["notes"]
+    assert "parts missing: 2, 4 of 4" in note
+    rest = [("2.json", shard(2, 4, 2)), ("4.json", shard(4, 4, 4))]
+    assert merged([("some.json", some), *rest]) == part(1, 2, 3, 4)
+
+
+def test_a_part_that_comes_twice_or_of_another_division_is_refused() -> None:
+    with pytest.raises(FrameFolderError, match=r"b\.json: part 1/2 is in a\.json already"):
+        merged([("a.json", shard(1, 2, 1)), ("b.json", shard(1, 2, 1))])
+    with pytest.raises(FrameFolderError, match=r"b\.json: is part 2 of 3, a\.json is part 1 of 2"):
+        merged([("a.json", shard(1, 2, 1)), ("b.json", shard(2, 3, 2))])
+    with pytest.raises(
+        FrameFolderError, match=r"part 2 of 2 of frames 1-8, a\.json is part 1 of 2;"
+    ):
+        merged([("a.json", shard(1, 2, 1)), ("b.json", shard(2, 2, 2, frames="1-8"))])
+
+
+def test_notes_of_all_parts_are_kept_once() -> None:
+    first, second = part(1), part(2)
+    first["tests"]["a"]["notes"] = ["dark"]
+    second["tests"]["a"]["notes"] = ["dark", "late"]
+    assert merged([("1", first), ("2", second)])["tests"]["a"]["notes"] == ["dark", "late"]
+
+
+def test_vmaf_of_parts_that_do_not_overlap_is_noted() -> None:
+    parts = [(str(n), {**part(n), "metrics": {"vmaf": {}}}) for n in (1, 2)]
+    assert "standing still" in merged(parts)["tests"]["a"]["notes"][0]
+    sharded = [(str(n), {**shard(n, 2, n), "metrics": {"vmaf": {}}}) for n in (1, 2)]
+    assert merged(sharded)["tests"]["a"]["notes"] == []
+
+
+def test_the_harmonic_mean_is_of_scores_plus_one() -> None:
+    # two scores, of whose reciprocals after adding 1, 1/4 and 1/12, the sum is 1/3
+    assert harmonic_mean([3.0, None, 11.0]) == pytest.approx(5.0)
+    assert harmonic_mean([]) is None
 
 
 @pytest.mark.parametrize(
@@ -121,7 +174,7 @@ def test_conditions(value: float | None, relation: str, bound: float, holds: boo
 
 
 def test_conditions_are_parsed_and_name_what_they_miss() -> None:
-    demanded = conditions("psnr>30, flip<=1e-1", ["psnr", "flip"])
+    demanded = conditions("PSNR>30, flip<=1e-1", ["psnr", "flip"])
     assert [str(c) for c in demanded] == ["psnr>30", "flip<=0.1"]
     result = {"tests": {"a": {"mean": {"psnr": 29.0, "flip": 0.05}}}}
     assert failures(result, demanded) == ["a: psnr is 29, demanded psnr>30"]
