@@ -451,6 +451,7 @@ FUSESR = System(
     halo_px=None,
     derivation=derivation,
     config=FuseSRConfig,
+    variants={v.value: FuseSRConfig(variant=v) for v in (Variant.HEAD, Variant.FIRST_RELEASE)},
     build=FuseSRNetwork,
     predict=neural_predict(prepare, compose),
     learning=LEARNING,
