@@ -145,6 +145,7 @@ class System:
             so that the frame cannot be tiled.
         derivation: what divides radiance; of a config, where a config decides.
         config: frozen dataclass of its settings; the defaults are used where weights name none.
+        variants: configs of the published networks by name, where there are several.
         build: makes the network from a config and a scale.
         predict: runs it.
         learning: how it is trained, None if there is nothing to train.
@@ -167,6 +168,7 @@ class System:
     halo_px: int | None = 0
     derivation: Callable[[Any], DerivationConfig] = default_derivation
     config: type[Any]
+    variants: Mapping[str, Any] = field(default_factory=dict)
     build: Callable[[Any, int], nn.Module]
     predict: Predict
     learning: Learning | None = None

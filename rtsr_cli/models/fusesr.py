@@ -299,21 +299,23 @@ class FuseSRNetwork(nn.Module):
         parts = [self.expand(main)]
         past: list[Image] = []
         if self.attention is not None:
-            past = [self._past(age, main, inputs, state) for age in (1, 2)]
+            past = [self._past(age, inputs, state) for age in (1, 2)]
             parts += [self._fetched(age, past[age - 1], inputs) for age in (1, 2)]
         if self.fusion.lr_channels:
             parts.append(self.compact(self.fusion.at_lr(inputs["hr"])))
         features = self.backbone(torch.cat(parts, dim=1))
         outputs = self.decoder(torch.cat([features, shallow], dim=1), inputs)
-        return outputs, (main, *past[:1]) if past else None
+        # after a reset the current frame may have stood in for the past: it is none of the next's
+        known = past[:1] if state is not None else []
+        return outputs, (main, *known) if past else None
 
-    def _past(self, age: int, main: Image, inputs: Tensors, state: State) -> Image:
-        """Main features of a past frame, as computed then; the current ones stand in."""
-        if state is None:
-            features: Image = self.encoder(inputs[f"frame_{age}"])[1]
-            return features
-        known = cast(tuple[Image, ...], state)
-        return known[age - 1] if len(known) >= age else main
+    def _past(self, age: int, inputs: Tensors, state: State) -> Image:
+        """Main features of a past frame, or of what stands in: as computed then, or anew."""
+        known = cast(tuple[Image, ...], state or ())
+        if age <= len(known):
+            return known[age - 1]
+        features: Image = self.encoder(inputs[f"frame_{age}"])[1]
+        return features
 
     def _fetched(self, age: int, features: Image, inputs: Tensors) -> Image:
         """Features where each pixel was, weighted."""
@@ -451,6 +453,7 @@ FUSESR = System(
     halo_px=None,
     derivation=derivation,
     config=FuseSRConfig,
+    variants={v.value: FuseSRConfig(variant=v) for v in (Variant.HEAD, Variant.FIRST_RELEASE)},
     build=FuseSRNetwork,
     predict=neural_predict(prepare, compose),
     learning=LEARNING,

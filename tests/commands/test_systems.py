@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
+import pytest
 from click.testing import Result
 
-from rtsr_cli.models import system_names
+from rtsr_cli.commands import run_systems
+from rtsr_cli.models import system_names, trainable_names
 
 
 def test_every_system_is_listed_with_its_inputs(rtsr: Callable[..., Result]) -> None:
@@ -21,4 +23,45 @@ def test_every_system_is_listed_with_its_inputs(rtsr: Callable[..., Result]) -> 
 def test_json_has_one_object_a_system(rtsr: Callable[..., Result]) -> None:
     facts = [json.loads(line) for line in rtsr("systems", "--json").stdout.splitlines()]
     assert [f["name"] for f in facts] == list(system_names())
-    assert all(f["parameters"] == 0 for f in facts if "baseline" in f["summary"])
+    assert {f["name"] for f in facts if f["parameters"]} == set(trainable_names())
+
+
+def test_parameters_are_shown_for_every_scale(rtsr: Callable[..., Result]) -> None:
+    lines = [line.strip() for line in rtsr("systems").stdout.splitlines()]
+    assert "parameters 36,968 (2x), 68,108 (4x), 192,668 (8x)" in lines
+    assert "parameters 2,274,662 (4x), 2,800,118 (8x)" in lines
+    assert "parameters -" in lines
+
+
+def test_flops_of_every_network_are_those_of_its_publication(
+    rtsr: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a 27th of the rows, so that the test is quick: every layer's cost grows with the pixels
+    monkeypatch.setattr(run_systems, "OUTPUT_SIZE", (40, 1920))
+    facts = [json.loads(line) for line in rtsr("systems", "--flops", "--json").stdout.splitlines()]
+    found = {
+        (f["name"], n["variant"], n["scale"]): (n["parameters"], round(27 * n["gmac"], 3))
+        for f in facts
+        for n in f["networks"]
+    }
+    assert found == {
+        ("fusesr", "head", 4): (2_274_662, 317.356),
+        ("fusesr", "head", 8): (2_800_118, 96.485),
+        ("fusesr", "first-release", 4): (2_164_006, 303.024),
+        ("fusesr", "first-release", 8): (2_578_870, 89.319),
+        ("fusesr-fast", "default", 2): (36_968, 18.710),
+        ("fusesr-fast", "default", 4): (68_108, 8.835),
+        ("fusesr-fast", "default", 8): (192_668, 6.366),
+        ("fusesr-direct", "default", 4): (2_247_014, 313.773),
+        ("fusesr-direct", "default", 8): (2_689_526, 92.902),
+    }
+
+
+def test_flops_say_what_they_were_counted_for(
+    rtsr: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_systems, "OUTPUT_SIZE", (32, 64))
+    output = rtsr("systems", "--flops").stdout
+    # 8.835 GMAC for 1920 x 1080 pixels, 1012.5 times 64 x 32
+    assert "default 4x from 16x8: 68,108 parameters, 0.009 GMAC" in output
+    assert output.count(" GMAC") == 9

@@ -137,7 +137,7 @@ def fetch_nearest(image: AnyImage, motion_px: MotionPx) -> AnyImage:
 
 def _may_hold_nonfinite(image: Tensor) -> bool:
     """False only if every pixel is finite: a finite sum proves it, far cheaper than a look."""
-    return not bool(image.detach().sum().isfinite())
+    return image.is_meta or not bool(image.detach().sum().isfinite())
 
 
 def _weighted_sum(terms: Iterator[tuple[Tensor, Tensor]], *, drop_zero_weights: bool) -> Tensor:
