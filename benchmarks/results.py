@@ -45,11 +45,11 @@ SETTINGS = (("none", "none"), ("halton", "none"), ("none", "blackman-harris"))
 
 HEAD = """# Results
 
-Networks with the weights that come with rtsr, and baselines, on the rendered sequences that rtsr is developed on (480 x 288 captures, one sample a
-pixel, LR frames by decimation), protocol `rtsr`: PSNR on c/(1+c), the others on
-c/(1+c) then sRGB, border {border} pixels, first {skip} frames of each sequence left out. Temporal
-is the change of (test - reference) along motion: 0 is perfect. Means over frames, then over
-sequences.
+Networks with the weights that come with rtsr, and baselines, on the rendered sequences that rtsr
+is developed on (480 x 288 captures, one sample a pixel, LR frames by decimation), protocol `rtsr`:
+PSNR on c/(1+c), the others on c/(1+c) then sRGB, border {border} pixels, first {skip} frames of
+each sequence left out. Temporal is the change of (test - reference) along motion: 0 is perfect.
+Means over frames, then over sequences.
 
 Written by `python benchmarks/results.py DATA`; do not edit.
 """

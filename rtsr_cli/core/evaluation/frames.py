@@ -28,7 +28,8 @@ class JudgedFrame:
         reference: linear Rec.709, finite.
         tests: method -> the same.
         valid: method -> pixels that are finite there and in the reference, 1 x 1 x h x w booleans.
-        nonfinite: method -> pixels that are not, in the test alone.
+        nonfinite: method -> pixels that are not, in the test.
+        nonfinite_reference: pixels that are not, in the reference.
         gbuffer: buffers, None where there are none.
     """
 
@@ -37,6 +38,7 @@ class JudgedFrame:
     tests: Mapping[str, Color]
     valid: Mapping[str, Mask]
     nonfinite: Mapping[str, int]
+    nonfinite_reference: int
     gbuffer: Frame | None
 
 
@@ -82,6 +84,7 @@ def read_judged(
         tests=tests,
         valid=valid,
         nonfinite=nonfinite,
+        nonfinite_reference=int((~known).sum()),
         gbuffer=gbuffer,
     )
 

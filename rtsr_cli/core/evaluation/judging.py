@@ -28,6 +28,7 @@ from rtsr_cli.core.evaluation.results import VMAF
 from rtsr_cli.core.evaluation.running import RunOptions, score_shot
 from rtsr_cli.core.io.selection import Selection, ranges
 from rtsr_cli.core.metrics.vmaf import Vmaf, default_model
+from rtsr_cli.core.statistics import INTERVAL_RULE
 
 REFERENCE = ""
 """Stands for the reference among methods."""
@@ -249,7 +250,7 @@ def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, An
         "regions": {region.value: {"description": REGION_MEANINGS[region]} for region in Region},
         "inputs": dict(judgement.inputs),
         "versions": {"rtsr": __version__, "torch": torch.__version__},
-        "rules": results.INFINITE_RULE,
+        "rules": f"{results.INFINITE_RULE}; {INTERVAL_RULE}",
         "tests": tests,
     }
     shard = shard_of(judgement.selection)
@@ -294,6 +295,11 @@ def _notes(shot: JudgedShot, method: str) -> list[str]:
     if bad:
         frames = ranges(int(n) for n in bad)
         notes.append(f"{sum(bad.values())} pixels are NaN or Inf in frames {frames}; left out")
+    hidden = {n: c for n, f in shot.frames[method].items() if (c := f["nonfinite_reference"])}
+    if hidden:
+        frames = ranges(int(n) for n in hidden)
+        count = sum(hidden.values())
+        notes.append(f"{count} pixels of the reference are NaN or Inf in frames {frames}; left out")
     if shot.comparison.gbuffer is None:
         notes.append("no buffers of this size: regions and temporal metrics cannot be made")
     return notes

@@ -12,16 +12,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from rtsr_cli.core import statistics
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, did_you_mean
 from rtsr_cli.core.io.selection import ranges
 
 Scores = Mapping[str, float | None]
 """Metric -> value; None where a frame has none."""
 
-RESAMPLES = 1000
-CONFIDENCE = 0.95
+FACTS = frozenset({"nonfinite", "nonfinite_reference", "counted", "regions"})
+"""What a frame's entry holds beside its scores."""
 
 INFINITE_RULE = (
     "infinite values (identical frames) are left out of means unless all are; "
@@ -58,21 +57,9 @@ def harmonic_mean(values: Iterable[float | None]) -> float | None:
 
 
 def interval(values: Iterable[float | None]) -> list[float] | None:
-    """95 % interval of the mean by a moving-block bootstrap, seeded [Kunsch 1989].
-
-    Neighbouring frames resemble each other: blocks of n^(1/3) of them are drawn, not single ones.
-    """
-    finite = np.array([v for v in values if v is not None and math.isfinite(v)], dtype=np.float64)
-    count = len(finite)
-    if count < 2:
-        return None
-    block = max(1, round(count ** (1 / 3)))
-    random = np.random.default_rng(0)
-    starts = random.integers(0, count - block + 1, (RESAMPLES, -(-count // block)))
-    drawn = (starts[:, :, None] + np.arange(block)).reshape(RESAMPLES, -1)[:, :count]
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(finite[drawn].mean(axis=1), (tail, 1.0 - tail))
-    return [float(low), float(high)]
+    """95 % interval of the mean over those values that are there and finite."""
+    found = statistics.interval([v for v in values if v is not None and math.isfinite(v)])
+    return None if found is None else list(found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +71,7 @@ class FrameScores:
         scores: metric -> value.
         regions: region -> share of the pixels and metric -> value; None where it cannot be made.
         nonfinite: pixels that are NaN or Inf in the test.
+        nonfinite_reference: pixels that are in the reference.
         counted: False where the frame is shown but takes no part in means (`--skip-first`).
     """
 
@@ -91,6 +79,7 @@ class FrameScores:
     scores: Scores
     regions: Mapping[str, Scores | None]
     nonfinite: int
+    nonfinite_reference: int = 0
     counted: bool = True
 
     def facts(self) -> dict[str, Any]:
@@ -98,6 +87,7 @@ class FrameScores:
         return {
             **self.scores,
             "nonfinite": self.nonfinite,
+            "nonfinite_reference": self.nonfinite_reference,
             "counted": self.counted,
             "regions": {name: None if r is None else dict(r) for name, r in self.regions.items()},
         }
@@ -106,7 +96,7 @@ class FrameScores:
 def summarised(frames: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Put the frames of one method and shot together, by number, as `FrameScores.facts`."""
     counted = [f for f in frames.values() if f["counted"]]
-    names = [k for k in _keys(counted) if k not in {"nonfinite", "counted", "regions"}]
+    names = [k for k in _keys(counted) if k not in FACTS]
     means = {name: mean(f.get(name) for f in counted) for name in names}
     if VMAF in means:
         means[VMAF_HARMONIC] = harmonic_mean(f.get(VMAF) for f in counted)
@@ -116,6 +106,7 @@ def summarised(frames: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "frames": dict(frames),
         "regions": _region_means([f["regions"] for f in counted]),
         "nonfinite": sum(int(f["nonfinite"]) for f in frames.values()),
+        "nonfinite_reference": sum(int(f.get("nonfinite_reference", 0)) for f in frames.values()),
     }
 
 

@@ -59,6 +59,7 @@ def score_frame(
             scores=scores,
             regions=by_region,
             nonfinite=frame.nonfinite[method],
+            nonfinite_reference=frame.nonfinite_reference,
             counted=counted,
         )
     return found

@@ -44,6 +44,7 @@ def html_report(
         **_head(result, results),
         **_sections(result, results),
         "no_moments": "" if moments else "hidden",
+        "some_moments": "hidden" if moments else "",
         "no_strips": "" if strips else "hidden",
         "css": _part("report.css"),
         "js": "\n".join(map(_part, SCRIPTS)),
@@ -71,7 +72,12 @@ def _head(result: Mapping[str, Any], results: Results) -> dict[str, str]:
         "protocol": text(result.get("protocol", "")),
         "description": text(result.get("description", "")),
         "version": text(result.get("version", "")),
+        "rules": text(_sentence(result.get("rules", ""))),
     }
+
+
+def _sentence(rules: str) -> str:
+    return rules[:1].upper() + rules[1:]
 
 
 def _sections(result: Mapping[str, Any], results: Results) -> dict[str, str]:
@@ -83,6 +89,7 @@ def _sections(result: Mapping[str, Any], results: Results) -> dict[str, str]:
         "shots": shots,
         "no_shots": "" if shots else "hidden",
         "regions": regions,
+        "region_terms": tables.region_terms(results),
         "over_shots": OVER_SHOTS if shots else "",
         "no_regions": "" if regions else "hidden",
         "conventions": tables.conventions(results),

@@ -69,6 +69,16 @@ def by_region(results: Results) -> str:
     )
 
 
+def region_terms(results: Results) -> str:
+    """What each region is."""
+    rows = [
+        element("dt", text(title)) + element("dd", text(description))
+        for title, description in results.regions.values()
+        if description
+    ]
+    return element("dl", *rows, class_="facts") if rows else ""
+
+
 def facts(found: Mapping[str, Any]) -> str:
     """Names and values; what is nested is named by its path."""
     rows = "".join(

@@ -6,6 +6,7 @@ import math
 
 from rtsr_cli.core.reporting.markup import joined
 from rtsr_cli.core.reporting.results import Metric, Results, Values
+from rtsr_cli.core.statistics import interval
 
 MOST_REGIONS = 3
 """Regions named in a sentence."""
@@ -48,15 +49,24 @@ def _without_a_best(metric: Metric, values: Values) -> str:
 
 
 def _certainty(results: Results, metric: Metric, first: str, second: str) -> str:
-    pair = [results.overall[name].confidence.get(metric.key) for name in (first, second)]
-    if pair[0] is None or pair[1] is None:
+    """Whether the lead, frame by frame, stands out of its own scatter."""
+    rounds = [
+        (values.get(first), values.get(second))
+        for shot in results.shots
+        for frame in results.frames(shot)
+        for values in [results.at_frame(metric, shot, frame)]
+    ]
+    leads = [a - b for a, b in rounds if a is not None and b is not None]
+    found = interval([lead for lead in leads if math.isfinite(lead)])
+    if found is None:
         return ""
-    (a, b), (c, d) = pair[0], pair[1]
-    return " (the intervals overlap)" if a <= d and c <= b else " (the intervals are apart)"
+    if found[0] > 0.0 or found[1] < 0.0:
+        return " (more than frames scatter)"
+    return " (no more than frames scatter)"
 
 
 def _frames(results: Results, metric: Metric, best: str) -> str:
-    """In how many frames it is among the best."""
+    """In how many frames it alone is best, and in how many among the best."""
     rounds = [
         metric.best(results.at_frame(metric, shot, frame))
         for shot in results.shots
@@ -65,7 +75,10 @@ def _frames(results: Results, metric: Metric, best: str) -> str:
     decided = [names for names in rounds if names]
     if not decided:
         return ""
-    return f"ahead in {sum(best in names for names in decided)} of {len(decided)} frames"
+    alone = sum(list(names) == [best] for names in decided)
+    level = sum(best in names for names in decided) - alone
+    also = f", level in {level}" if level else ""
+    return f"ahead in {alone} of {len(decided)} frames{also}"
 
 
 def _losses(results: Results, metric: Metric, best: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rtsr_cli.core.errors import ConfigError, FrameFolderError
@@ -50,7 +51,16 @@ def test_an_interval_holds_the_mean_and_narrows_with_more_frames() -> None:
     assert low < mean(few) < high  # type: ignore[operator]
     tight = interval(many) or [0.0, 0.0]
     assert tight[1] - tight[0] < (high - low) / 2
-    assert interval([30.0]) is None
+    assert interval([30.0, 31.0]) is None
+
+
+def test_intervals_of_independent_frames_hold_the_truth_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(5)
+    for count in (3, 5, 8, 16, 60):
+        found = [interval(list(rng.normal(size=count))) or [1.0, 1.0] for _ in range(2000)]
+        share = sum(low <= 0.0 <= high for low, high in found) / len(found)
+        # a correlation that chance shows widens them a little, so that they hold it more often
+        assert 0.94 <= share <= 0.99, (count, share)
 
 
 def test_the_interval_of_correlated_frames_is_wider_than_of_shuffled_ones() -> None:

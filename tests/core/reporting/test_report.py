@@ -214,23 +214,25 @@ def test_what_is_no_number_is_a_dash_and_does_not_stop_the_report(evaluation: Ev
     assert any("7 pixels that are not finite, in 1 frames" in item for item in page.all("li"))
 
 
+def scored(values: list[float], **more: object) -> dict[str, object]:
+    frames = {str(i + 1): {"psnr": value} for i, value in enumerate(values)}
+    return {"mean": {"psnr": sum(values) / len(values)}, "frames": frames, **more}
+
+
 def test_a_sentence_tells_the_lead_the_certainty_and_the_loss() -> None:
-    first = {
-        "mean": {"psnr": 31.2},
-        "confidence": {"psnr": [31.0, 31.4]},
-        "frames": {"1": {"psnr": 32.0}, "2": {"psnr": 29.0}},
-        "regions": {"all": {"psnr": 31.2}, "sky": {"psnr": 20.0}},
-    }
-    second = {
-        "mean": {"psnr": 30.0},
-        "confidence": {"psnr": [29.8, 30.2]},
-        "frames": {"1": {"psnr": 31.0}, "2": {"psnr": 30.0}},
-        "regions": {"all": {"psnr": 30.0}, "sky": {"psnr": 25.0}},
-    }
-    assert said(first, second) == (
-        "a is best: 31.20 dB, 1.20 dB over b (the intervals are apart), "
-        "ahead in 1 of 2 frames; it loses in sky (to b)."
+    first = scored([32.0, 29.0, 31.5, 32.3], regions={"all": {"psnr": 31.2}, "sky": {"psnr": 20.0}})
+    second = scored(
+        [31.0, 27.9, 30.4, 31.3], regions={"all": {"psnr": 30.0}, "sky": {"psnr": 25.0}}
     )
+    assert said(first, second) == (
+        "a is best: 31.20 dB, 1.05 dB over b (more than frames scatter), "
+        "ahead in 4 of 4 frames; it loses in sky (to b)."
+    )
+
+
+def test_a_frame_that_reads_alike_is_no_lead() -> None:
+    text = said(scored([32.0, 30.0, 31.0]), scored([31.0, 30.001, 30.5]))
+    assert "ahead in 2 of 3 frames, level in 1" in text
 
 
 def test_a_sentence_tells_a_tie_and_a_method_alone() -> None:
@@ -240,10 +242,12 @@ def test_a_sentence_tells_a_tie_and_a_method_alone() -> None:
     assert said({"mean": {"psnr": 30.0}}, {"mean": {"psnr": None}}) == "a 30.00 dB."
 
 
-def test_overlapping_intervals_are_named() -> None:
-    first = {"mean": {"psnr": 31.0}, "confidence": {"psnr": [30.0, 32.0]}}
-    second = {"mean": {"psnr": 30.5}, "confidence": {"psnr": [29.5, 31.5]}}
-    assert "0.50 dB over b (the intervals overlap)" in said(first, second)
+def test_a_lead_that_turns_from_frame_to_frame_is_no_lead() -> None:
+    """Each method's own scatter does not matter, that of their difference does."""
+    turning = said(scored([31.0, 30.0, 33.0]), scored([30.0, 31.5, 30.5]))
+    assert "(no more than frames scatter)" in turning
+    steady = said(scored([31.0, 20.0, 40.0]), scored([30.5, 19.4, 39.5]))
+    assert "(more than frames scatter)" in steady
 
 
 def test_regions_of_several_shots_are_means_and_what_cannot_be_made_says_so(
