@@ -256,6 +256,24 @@ def test_pixels_that_are_not_finite_are_told(
     assert "20 pixels are NaN or Inf in frames 1-4; left out" in result.stderr
 
 
+def test_pixels_of_the_reference_that_are_not_finite_are_told(
+    rtsr: Run, results: Path, small_capture: Path, tmp_path: Path
+) -> None:
+    spoilt = tmp_path / "spoilt"
+    for path in small_capture.glob("*.exr"):
+        planes: dict[str, NDArray[Any]] = {
+            k: v.copy() for k, v in read_channels(path, "RGB").items()
+        }
+        planes["G"][3, :5] = np.nan
+        write_exr(spoilt / path.name, planes, attributes=read_header(path).attributes)
+    output = tmp_path / "r.json"
+    result = rtsr("evaluate", results / "bicubic", spoilt, "--output", output)
+    assert result.exit_code == 0
+    assert "20 pixels of the reference are NaN or Inf in frames 1-4; left out" in result.stderr
+    test = json.loads(output.read_text(encoding="utf-8"))["tests"]["bicubic"]
+    assert (test["nonfinite"], test["nonfinite_reference"]) == (0, 20)
+
+
 def test_lpips_without_weights_says_how_to_get_them(
     rtsr: Run, results: Path, small_capture: Path, tmp_path: Path
 ) -> None:
