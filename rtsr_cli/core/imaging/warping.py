@@ -205,7 +205,8 @@ def backward_warp(
     else:
         raise TypeError(f"{image.dtype} cannot be interpolated ({mode}): use mode='nearest'")
     if border == "zero":
-        warped = warped.masked_fill(inside_mask == 0, 0)
+        # unlike masked_fill, keeps channels that come last
+        warped = torch.where(inside_mask == 0, warped.new_zeros(()), warped)
     return warped, inside_mask
 
 
