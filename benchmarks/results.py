@@ -1,11 +1,11 @@
-"""The baselines on every sequence of a data set, as a table: `docs/results.md`.
+"""Every method that comes with weights, and the baselines, on a data set: `docs/results.md`.
 
     python benchmarks/results.py DATA [--output docs/results.md] [--keep FOLDER]
 
-Upscales every sequence of DATA/manifest.json with every baseline at 2x and 4x from decimated
-frames, without and with Halton jitter, and judges them by protocol `rtsr` with a border of 16
-pixels, the first 2 frames of each sequence left out. Scenes that the `train` split holds and
-scenes it does not are kept apart.
+Upscales every sequence of DATA/manifest.json at 2x and 4x from decimated frames: as they are,
+with Halton jitter, and with radiance that a Blackman-Harris pixel filter went over. Judges by
+protocol `rtsr` with a border of 16 pixels, the first 2 frames of each sequence left out. Scenes
+that the `train` split holds and scenes it does not are kept apart.
 """
 
 from __future__ import annotations
@@ -23,8 +23,14 @@ import click
 from click.testing import CliRunner
 
 from rtsr_cli.cli import group
+from rtsr_cli.core.networks import has_weights
+from rtsr_cli.models import load_system, trainable_names
 
 BASELINES = ("bicubic", "demod-bicubic", "taau")
+STRAIGHT = ("bicubic", "demod-bicubic")
+"""Baselines that networks are held against, the better one of each sequence."""
+
+LOWER_IS_BETTER = ("flip", "lpips", "temporal")
 SCALES = (2, 4)
 METRICS = {
     "psnr": "PSNR dB",
@@ -34,11 +40,12 @@ METRICS = {
     "temporal": "temporal",
 }
 BORDER, SKIP_FIRST = 16, 2
-JITTERS = ("none", "halton")
+SETTINGS = (("none", "none"), ("halton", "none"), ("none", "blackman-harris"))
+"""Jitter and pixel filter of the LR frames."""
 
 HEAD = """# Results
 
-Baselines on the rendered sequences that rtsr is developed on (480 x 288 captures, one sample a
+Networks with the weights that come with rtsr, and baselines, on the rendered sequences that rtsr is developed on (480 x 288 captures, one sample a
 pixel, LR frames by decimation), protocol `rtsr`: PSNR on c/(1+c), the others on
 c/(1+c) then sRGB, border {border} pixels, first {skip} frames of each sequence left out. Temporal
 is the change of (test - reference) along motion: 0 is perfect. Means over frames, then over
@@ -55,13 +62,20 @@ def rtsr(*arguments: object) -> None:
         raise click.ClickException(result.output)
 
 
-def judged(data: Path, work: Path, scale: int, jitter: str) -> dict[str, Any]:
+def methods(scale: int) -> tuple[str, ...]:
+    """Baselines, and networks with weights for a scale."""
+    trained = [name for name in trainable_names() if has_weights(load_system(name), scale)]
+    return (*BASELINES, *trained)
+
+
+def judged(data: Path, work: Path, scale: int, jitter: str, lr_filter: str) -> dict[str, Any]:
     """Upscale and judge everything at one scale; return the result."""
-    outputs = [work / f"{scale}x-{jitter}" / name for name in BASELINES]
-    for name, output in zip(BASELINES, outputs, strict=True):
-        made = ("--simulate-lr", scale, "--jitter", jitter, "--system", name)
-        rtsr("upscale", data, output, *made, "-q")
-    report = work / f"{scale}x-{jitter}.json"
+    setting = f"{scale}x-{jitter}-{lr_filter}"
+    outputs = [work / setting / name for name in methods(scale)]
+    for name, output in zip(methods(scale), outputs, strict=True):
+        made = ("--simulate-lr", scale, "--jitter", jitter, "--lr-filter", lr_filter)
+        rtsr("upscale", data, output, *made, "--system", name, "-q")
+    report = work / f"{setting}.json"
     rtsr(
         "evaluate", *outputs, "--ref", data, "--metric", ",".join(METRICS), "--border", BORDER,
         "--skip-first", SKIP_FIRST, "--output", report, "-q",
@@ -74,27 +88,58 @@ def cell(value: float | None, digits: int) -> str:
     return "-" if value is None or math.isnan(value) else f"{value:.{digits}f}"
 
 
-def row(head: Iterable[str], means: dict[str, dict[str, float | None]]) -> str:
+Means = dict[str, dict[str, float | None]]
+
+
+def row(head: Iterable[str], means: Means) -> str:
     """One line: each method's metrics."""
     cells = [
         cell(means[name].get(metric), 2 if metric == "psnr" else 4)
-        for name in BASELINES
+        for name in means
         for metric in METRICS
     ]
     return "| " + " | ".join([*head, *cells]) + " |"
 
 
-def mean_of(rows: list[dict[str, dict[str, float | None]]]) -> dict[str, dict[str, float | None]]:
+def mean_of(rows: list[Means]) -> Means:
     def mean(name: str, metric: str) -> float | None:
         values = [v for r in rows if (v := r[name].get(metric)) is not None]
         return statistics.fmean(values) if values else None
 
-    return {name: {metric: mean(name, metric) for metric in METRICS} for name in BASELINES}
+    return {name: {metric: mean(name, metric) for metric in METRICS} for name in rows[0]}
+
+
+def gains(result: dict[str, Any], sequences: list[dict[str, Any]], head: str) -> Iterator[str]:
+    """What networks gain over the better of two baselines, on sequences not trained on."""
+    names = [name for name in methods(int(head[0])) if name not in BASELINES]
+    if not names:
+        return
+    yield f"\n## {head}: gain over the better of {' and '.join(STRAIGHT)} of each sequence\n"
+    titles = ["PSNR dB", *(f"{METRICS[m]} lower by" for m in LOWER_IS_BETTER)]
+    yield "| sequence | scene | " + " | ".join(f"{n} {t}" for n in names for t in titles) + " |"
+    yield "| --- | --- |" + " ---: |" * (len(names) * len(titles))
+    rows = []
+    for s in (s for s in sequences if s["split"] != "train"):
+        shot = f"{s['scene']}/{s['sequence']}"
+        means = {n: result["tests"][f"{n}/{shot}"]["mean"] for n in (*STRAIGHT, *names)}
+        rows.append([value for n in names for value in gain(means, n)])
+        seen = "seen in training" if s["seen_in_training"] else "unseen"
+        yield f"| {shot} | {seen} | " + " | ".join(f"{v:+.3f}" for v in rows[-1]) + " |"
+    mean = [statistics.fmean(column) for column in zip(*rows, strict=True)]
+    yield f"| **mean of {len(rows)}** |  | " + " | ".join(f"{v:+.3f}" for v in mean) + " |"
+
+
+def gain(means: dict[str, dict[str, float]], name: str) -> list[float]:
+    """PSNR above the best baseline's, the others below the best baseline's."""
+    best = max(means[b]["psnr"] for b in STRAIGHT)
+    lower = [min(means[b][m] for b in STRAIGHT) - means[name][m] for m in LOWER_IS_BETTER]
+    return [means[name]["psnr"] - best, *lower]
 
 
 def lines(result: dict[str, Any], sequences: list[dict[str, Any]], head: str) -> Iterator[str]:
     """The tables of one setting: every sequence, then means of seen and of unseen scenes."""
-    heads = [f"{name} {title}" for name in BASELINES for title in METRICS.values()]
+    names = methods(int(head[0]))
+    heads = [f"{name} {title}" for name in names for title in METRICS.values()]
     for seen, title in ((True, "Scenes that `train` holds"), (False, "Scenes that `train` lacks")):
         chosen = [s for s in sequences if bool(s["seen_in_training"]) is seen]
         if not chosen:
@@ -105,7 +150,7 @@ def lines(result: dict[str, Any], sequences: list[dict[str, Any]], head: str) ->
         rows = []
         for s in chosen:
             shot = f"{s['scene']}/{s['sequence']}"
-            means = {name: result["tests"][f"{name}/{shot}"]["mean"] for name in BASELINES}
+            means = {name: result["tests"][f"{name}/{shot}"]["mean"] for name in names}
             rows.append(means)
             yield row([shot, s["split"]], means)
         yield row([f"**mean of {len(rows)}**", ""], mean_of(rows))
@@ -128,9 +173,11 @@ def main(data: Path, output: Path, keep: Path | None) -> None:
             link.parent.mkdir(parents=True, exist_ok=True)
             if not link.exists():
                 link.symlink_to((data / s["scene"] / s["sequence"]).resolve())
-        for scale, jitter in itertools.product(SCALES, JITTERS):
-            head = f"{scale}x, jitter {jitter}"
-            text += lines(judged(tree, work, scale, jitter), sequences, head)
+        for scale, (jitter, lr_filter) in itertools.product(SCALES, SETTINGS):
+            head = f"{scale}x, jitter {jitter}, pixel filter {lr_filter}"
+            result = judged(tree, work, scale, jitter, lr_filter)
+            text += gains(result, sequences, head)
+            text += lines(result, sequences, head)
     output.write_text("\n".join(text) + "\n", encoding="utf-8")
     click.echo(f"{output}: written")
 

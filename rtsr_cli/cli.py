@@ -116,7 +116,7 @@ def main() -> NoReturn:
     """Entry point of `rtsr`."""
     # torch then asks for huge pages: a frame's arrays cost far fewer page faults
     os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
-    # threads that spin while they wait take the cores from those they wait for: 5x on a busy machine
+    # threads that spin while they wait take the cores from those they wait for: 5x when busy
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     for number in STOPPING:
         signal.signal(number, leave)

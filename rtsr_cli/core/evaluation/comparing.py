@@ -233,8 +233,8 @@ def _gbuffer(
         if options.gbuffer is None:
             return None
         raise FrameFolderError(
-            f"{reader.frames.root}: buffers are {_text(reader.size)}, the reference is "
-            f"{_text(truth.size)}; give buffers of the reference's size"
+            f"{reader.frames.root}: buffers are {_pixels(reader)}, the reference is "
+            f"{_pixels(truth)}; give buffers of the reference's size"
         )
     return reader
 
@@ -248,6 +248,14 @@ def _text(size: Size) -> str:
     return f"{size[1]} x {size[0]}"
 
 
+def _pixels(reader: FrameReader) -> str:
+    """A reader's size, and where it comes from if its files hold a part of the image plane."""
+    plane = (reader.display.height, reader.display.width)
+    if reader.size == plane:
+        return _text(reader.size)
+    return f"{_text(reader.size)} (the data window; the display window is {_text(plane)})"
+
+
 def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: str) -> None:
     height, width = (side // samples for side in truth.size)
     if reader.size == (height, width):
@@ -256,8 +264,9 @@ def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: s
     whole = ratio > 1 and (reader.size[0] * ratio, reader.size[1] * ratio) == truth.size
     hint = f", or give --samples-per-pixel {ratio} if it holds so many samples" if whole else ""
     raise FrameFolderError(
-        f"{reader.frames.root}: frames of '{method}' are {_text(reader.size)}, the reference "
-        f"{truth.frames.root} asks for {_text((height, width))}; compare frames of one size{hint}"
+        f"{reader.frames.root}: frames of '{method}' are {_pixels(reader)}, the reference "
+        f"{truth.frames.root} is {_pixels(truth)} and asks for {_text((height, width))}; "
+        f"compare frames of one size{hint}"
     )
 
 

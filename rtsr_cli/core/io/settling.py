@@ -197,7 +197,10 @@ def _fits_others(settled: Settled, capture: Capture) -> Settled:
     finding = settled.measured.motion
     if not capture.motion.decides():
         return replace(settled, motion_undecided=undecided(settled.reader, finding))
-    others = "; or ".join(str(c.convention) for c in finding.ties) if finding else ""
+    if finding is None or not finding.ties:
+        # no reading fits better than none: that speaks against no declaration
+        return settled
+    others = "; or ".join(str(c.convention) for c in finding.ties)
     text = (
         f"motion is declared as {settled.reader.conventions.motion}, but the frames fit others "
         f"better: {others}; the declaration is obeyed. Correct it, or check with 'rtsr inspect'"

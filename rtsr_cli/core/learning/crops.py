@@ -31,7 +31,7 @@ from rtsr_cli.core.learning.augmentation import (
     relit,
     swapped,
 )
-from rtsr_cli.core.learning.clips import DERIVED, Clip
+from rtsr_cli.core.learning.clips import DERIVED, MATERIAL_GAIN, Clip
 from rtsr_cli.core.shapes import Image, Size
 from rtsr_cli.core.system import Learning, System, Tensors, Window
 
@@ -150,6 +150,9 @@ class _Maker:
     """Cuts, changes and derives the frames of one sample; each LR frame is made once."""
 
     def __init__(self, clip: Clip, region: Region, choices: Choices, task: Task) -> None:
+        if clip.facts.lr_scale and MATERIAL_GAIN not in clip.lr:
+            # LR and HR change their materials together or not at all
+            choices = replace(choices, swap=None)
         self._clip, self._region, self._choices, self._task = clip, region, choices, task
         self._lr: dict[int, Frame] = {}
         self._hr: dict[int, dict[str, Tensor]] = {}

@@ -10,18 +10,25 @@ from pathlib import Path
 
 from rtsr_cli import __version__
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
-from rtsr_cli.core.io.opening import ReadOptions, declared, open_pair, shots_of
+from rtsr_cli.core.io.opening import ReadOptions, declared, open_pair, open_set, shots_of
+from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.provenance import config_digest, digest
-from rtsr_cli.core.io.shots import FrameSet, Shot
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.io.shots import FrameSet, Shot, frame_set
 from rtsr_cli.core.io.simulation import Simulation
 from rtsr_cli.core.learning.clips import Clip, read_clips
 from rtsr_cli.core.learning.config import DataConfig
-from rtsr_cli.core.learning.recording import Wanted, record
+from rtsr_cli.core.learning.recording import Captured, Wanted, record
 
 MANIFEST = "manifest.json"
 """A data set's list of sequences with their split, beside its scenes."""
+
+REFERENCE_FOLDER = "reference"
+"""Beside `lr` and `hr`: radiance at the target size, as `rtsr synth --scale` writes it."""
 
 HELD_OUT = 8
 """One of so many shots is judged on where nothing says which."""
@@ -59,10 +66,11 @@ def gather(folders: Sequence[Path], how: Gathering) -> list[Clip]:
     """
     clips: list[Clip] = []
     patterns = set(how.data.validation) | set(how.data.exclude)
+    chosen = bool(how.data.validation) or any(manifest_split(folder) for folder in folders)
     for group, folder in enumerate(folders):
         shots = shots_of(folder, how.options)
         names = {shot.name: shown_name(folder, shot) for shot in shots}
-        split = split_of(folder, list(names.values()), how.data)
+        split = split_of(folder, list(names.values()), how.data, hold_out=not chosen)
         patterns -= {p for p in patterns if any(fnmatchcase(n, p) for n in names.values())}
         for shot in shots:
             role = split.get(names[shot.name], "")
@@ -93,11 +101,13 @@ def _named(clip: Clip, name: str, group: int, *, validation: bool) -> Clip:
 TRAIN, VALIDATION = "train", "val"
 
 
-def split_of(folder: Path, names: Sequence[str], data: DataConfig) -> dict[str, str]:
+def split_of(
+    folder: Path, names: Sequence[str], data: DataConfig, *, hold_out: bool
+) -> dict[str, str]:
     """Shot -> `train`, `val` or another word, which leaves it out.
 
     By patterns where there are any; else by the folder's manifest, whose other shots are left out;
-    else every `HELD_OUT`th shot is for validation, from `MIN_SHOTS` on.
+    else, with `hold_out`, every `HELD_OUT`th shot is for validation, from `MIN_SHOTS` on.
 
     Raises:
         FrameFolderError: the manifest cannot be read.
@@ -108,7 +118,8 @@ def split_of(folder: Path, names: Sequence[str], data: DataConfig) -> dict[str, 
     listed = manifest_split(folder)
     if listed:
         return {n: listed[n] for n in left if n in listed}
-    held = set(left[HELD_OUT // 2 :: HELD_OUT] or left[1:2]) if len(left) >= MIN_SHOTS else set()
+    enough = hold_out and len(left) >= MIN_SHOTS
+    held = set(left[HELD_OUT // 2 :: HELD_OUT] or left[1:2]) if enough else set()
     return {n: VALIDATION if n in held else TRAIN for n in left}
 
 
@@ -150,7 +161,8 @@ def _recorded(shot: Shot, folder: Path, how: Gathering) -> list[Path]:
         hr=shot.hr if real else None,
         simulation=None if real else Simulation(scale=how.wanted.scale),
     )
-    for reader in source.readers:
+    captured = Captured(source, _reference(shot, folder, source, how) if real else None)
+    for reader in captured.readers:
         for text in reader.warnings:
             how.said(f"Warning: {reader.frames.root}: {text}")
     if source.scale != how.wanted.scale:
@@ -158,10 +170,31 @@ def _recorded(shot: Shot, folder: Path, how: Gathering) -> list[Path]:
             f"{shot.root}: HR is {source.scale} times the size of LR; training.scale is "
             f"{how.wanted.scale}"
         )
-    paths = record(source, how.wanted, cache=how.cache, policy=how.policy, said=how.said)
+    paths = record(captured, how.wanted, cache=how.cache, policy=how.policy, said=how.said)
     names = json.dumps([path.name for path in paths])
     write_atomically(index, lambda part: _write_text(part, names))
     return paths
+
+
+def _reference(shot: Shot, folder: Path, source: PairSource, how: Gathering) -> FrameReader | None:
+    """Radiance beside the HR frames, in `reference/`, where they hold none themselves.
+
+    Raises:
+        FrameFolderError: it is of another size, or lacks frames.
+    """
+    hr = source.readers[-1]
+    beside = shot.root / REFERENCE_FOLDER
+    if Buffer.COLOR in hr.stored or not beside.is_dir():
+        return None
+    frames = frame_set(beside, ())
+    if frames is None:
+        return None
+    reader = open_set(frames, shot, folder, how.options, jittered=False, vectors=False)
+    lacking = sorted(set(source.reader.numbers) - set(reader.numbers))
+    if reader.size != hr.size or lacking:
+        what = f"lacks frames {ranges(lacking)}" if lacking else "is of another size than HR"
+        raise FrameFolderError(f"{beside}: {what}; render it with the HR frames")
+    return reader
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -170,7 +203,9 @@ def _write_text(path: Path, text: str) -> None:
 
 def _signature(shot: Shot, folder: Path, how: Gathering) -> str:
     """Hash of names, sizes and times of a shot's files, and of everything declared about it."""
-    sets = [frames for frames in (shot.frames, shot.hr) if frames is not None]
+    beside = shot.root / REFERENCE_FOLDER
+    apart = frame_set(beside, ()) if beside.is_dir() else None
+    sets = [frames for frames in (shot.frames, shot.hr, apart) if frames is not None]
     return digest(
         config_digest("shot", __version__, asdict(how.wanted), how.policy.value, how.options),
         str(declared(shot, folder, how.options)),

@@ -37,6 +37,9 @@ CLIP_BYTES = 256 << 20
 
 MAX_CLIP_FRAMES = 16
 
+RADIANCE_PARTS = frozenset({Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK})
+"""What HR frames need not give where their radiance lies apart."""
+
 HALF_BYTES = 2
 
 MAX_CHANNELS = 24
@@ -108,8 +111,27 @@ def _raw(derivation: DerivationConfig) -> DerivationConfig:
     return derivation
 
 
+@dataclass(frozen=True)
+class Captured:
+    """A shot to train on.
+
+    Attributes:
+        source: LR/HR pairs, or captures that LR frames are made from.
+        reference: radiance at the target size, where it lies apart from the HR frames.
+    """
+
+    source: PairSource
+    reference: FrameReader | None = None
+
+    @property
+    def readers(self) -> tuple[FrameReader, ...]:
+        """Every reader behind it."""
+        apart = () if self.reference is None else (self.reference,)
+        return (*self.source.readers, *apart)
+
+
 def record(
-    source: PairSource,
+    shot: Captured,
     wanted: Wanted,
     *,
     cache: Path,
@@ -119,7 +141,7 @@ def record(
     """Return the files of clips of a shot, made now or before.
 
     Args:
-        source: frames of the shot.
+        shot: its frames.
         wanted: from `wanted_by`.
         cache: folder of recordings.
         policy: for NaN and Inf.
@@ -128,30 +150,37 @@ def record(
     Raises:
         RtsrError: a buffer is missing, a file cannot be read or written.
     """
+    source = shot.source
     root = source.reader.frames.root
-    missing = source.missing(Inputs(lr=wanted.lr, hr=wanted.hr, derivation=wanted.derivation))
+    apart = RADIANCE_PARTS if shot.reference is not None else frozenset()
+    hr = tuple(b for b in wanted.hr if b not in apart)
+    missing = source.missing(Inputs(lr=wanted.lr, hr=hr, derivation=wanted.derivation))
     if missing:
         raise FrameFolderError(
             f"{root}: cannot be trained on, missing: {', '.join(missing)}. Training needs the "
             "system's inputs, and radiance at the target size"
         )
-    key = _key(source, wanted, policy)
+    key = _key(shot, wanted, policy)
     paths = []
     for i, (numbers, targets) in enumerate(_parts(source, wanted)):
         path = cache / f"{key}-{i:04d}{SUFFIX}"
         if not path.exists():
             said(f"recording {root}, frames {ranges(numbers)}")
-            clip = _clip(source, wanted, policy, numbers, targets)
+            clip = _clip(shot, wanted, policy, numbers, targets)
             write_clips(path, [clip], {"frames": ranges(numbers)})
         paths.append(path)
     return paths
 
 
-def _key(source: PairSource, wanted: Wanted, policy: NonfinitePolicy) -> str:
+def _key(shot: Captured, wanted: Wanted, policy: NonfinitePolicy) -> str:
     """Hash of everything that decides a recording."""
+    source = shot.source
     inputs = Inputs(lr=wanted.lr, hr=wanted.hr, derivation=wanted.derivation)
     files = sorted({p for n in source.reader.numbers for p in source.files(n, inputs)})
-    declarations = [reader.declaration for reader in source.readers]
+    if shot.reference is not None:
+        apart = shot.reference
+        files += [p for n in apart.numbers for p in apart.files(n, (Buffer.COLOR,))]
+    declarations = [reader.declaration for reader in shot.readers]
     return digest(
         config_digest("clips", asdict(wanted), policy.value, declarations),
         FileDigests().of_all(tuple(files)),
@@ -181,18 +210,22 @@ def _unused(number: int) -> Frame:
 
 
 def _clip(
-    source: PairSource,
+    shot: Captured,
     wanted: Wanted,
     policy: NonfinitePolicy,
     numbers: Sequence[int],
     targets: int,
 ) -> Clip:
+    source = shot.source
     real = isinstance(source, RealPairs)
     hr_reader, lr_reader = source.readers[-1], source.reader
     hr_required = wanted.hr if real else (*wanted.hr, *wanted.lr)
     hr_optional = wanted.hr_optional if real else (*wanted.hr_optional, *wanted.lr_optional)
     hr = recorded_buffers(hr_required, hr_optional, hr_reader, wanted.derivation)
     hr_frames = [_read(hr_reader, n, hr, wanted.derivation, policy) for n in numbers]
+    if shot.reference is not None:
+        hr_frames = [_with_radiance(f, shot.reference, policy) for f in hr_frames]
+        hr = tuple(dict.fromkeys((*hr, Buffer.COLOR)))
     planes = {b.value: _stacked(frame.gbuffer[b] for frame in hr_frames) for b in hr}
     gains = [_material_gain(hr_reader, n, hr, wanted.derivation) for n in numbers]
     if all(gain is not None for gain in gains):
@@ -230,6 +263,13 @@ def _read(
     stored = needs(buffers, reader.readable, has_camera=reader.has_camera, config=raw).read
     frame, _ = checked(reader.read(number, stored), policy)
     return derive(frame, buffers, raw)
+
+
+def _with_radiance(frame: Frame, reference: FrameReader, policy: NonfinitePolicy) -> Frame:
+    """Add the radiance of the reference's frame of the same number."""
+    found, _ = checked(reference.read(frame.number, (Buffer.COLOR,)), policy)
+    color = {Buffer.COLOR: found.gbuffer[Buffer.COLOR]}
+    return replace(frame, gbuffer=frame.gbuffer.with_buffers(color))
 
 
 def _material_gain(

@@ -9,7 +9,7 @@ import pytest
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.evaluation.comparing import CompareOptions, method_names, open_comparisons
-from rtsr_cli.core.io.exr import write_exr
+from rtsr_cli.core.io.exr import Window, write_exr
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.selection import Selection, Shard
 from rtsr_cli.core.io.survey import MissingPolicy
@@ -84,6 +84,18 @@ def test_sizes_that_differ_are_told_with_what_may_help(tmp_path: Path) -> None:
     assert open_comparisons({"test": test}, ref, CompareOptions(samples=2))[0].size == (16, 24)
     with pytest.raises(FrameFolderError, match=r"compare frames of one size$"):
         open_comparisons({"test": ref}, test, CompareOptions())
+
+
+def test_a_data_window_that_makes_sizes_differ_is_named(tmp_path: Path) -> None:
+    ref = write(tmp_path / "ref", [1])
+    data = Window(left=2, top=1, width=WIDTH - 4, height=HEIGHT - 2)
+    plane = np.full((data.height, data.width), 0.5, np.float16)
+    write_exr(
+        tmp_path / "cut" / "frame.0001.exr", dict.fromkeys("RGB", plane), data_window=data,
+        display_window=Window(left=0, top=0, width=WIDTH, height=HEIGHT),
+    )  # fmt: skip
+    with pytest.raises(FrameFolderError, match=r"20 x 14 \(the data window; .* is 24 x 16\)"):
+        open_comparisons({"cut": tmp_path / "cut"}, ref, CompareOptions())
 
 
 def test_pictures_of_one_channel_are_refused(tmp_path: Path) -> None:

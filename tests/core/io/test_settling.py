@@ -158,6 +158,17 @@ def test_a_tie_far_before_a_declaration_is_warned_about(settled: Settle) -> None
     assert result.motion_undecided == ""
 
 
+def test_readings_that_all_fit_worse_than_none_speak_against_no_declaration(
+    settled: Settle,
+) -> None:
+    declared = capture(motion={"direction": P, "unit": "pixels", "y_axis": "down"})
+    finding = replace(ahead(NEGATED), unmoved_error=0.05)
+    assert finding.ties == ()
+    result = settled(Measured(motion=finding), declared)
+    assert result.reader.conventions.motion == MotionConvention()
+    assert not any("fit others" in text for text in result.warnings)
+
+
 def test_a_preset_that_fits_worse_but_not_by_far_is_kept_and_doubted(settled: Settle) -> None:
     behind = candidate(MotionConvention(), 0.112, 0.1, 4.6)
     finding = replace(clear(NEGATED), candidates=(*clear(NEGATED).candidates, behind))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from rtsr_cli.core.learning.augmentation import NO_AUGMENTATION, AugmentationConfig, Turn
+from rtsr_cli.core.learning.augmentation import NO_AUGMENTATION, AugmentationConfig, Swap, Turn
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.crops import (
     Choices,
@@ -122,6 +122,20 @@ def test_real_lr_frames_are_cropped_with_their_jitter(clip: Clip, task: Task) ->
     # sample (3, 1) of a block comes to lie at (2, 2): the goal moves by (1, -1)
     color = clip.hr["color"][3:4, :, 4:36, 8:44].float()
     assert torch.equal(step.goal["color"][..., 1:, :-1], color[..., :-1, 1:])
+
+
+def test_materials_of_real_pairs_are_swapped_at_both_sizes_or_at_none(
+    clip: Clip, task: Task
+) -> None:
+    names = ("albedo", "material", "color", "depth", "normal", "motion", "emission")
+    lr = {name: clip.hr[name][:, :, 2::4, 2::4] for name in names}
+    real = Clip(replace(clip.facts, lr_scale=4, jitters_px=((0.125, 0.125),) * 4), clip.hr, lr)
+    region = Region(position=3, top=4, left=8, size=(8, 9))
+    swap = Choices(swap=Swap(permutation=(1, 2, 0), gain=(0.5, 1.0, 0.7)))
+    plain = sample_steps(real, region, Choices(), task)[0]
+    changed = sample_steps(real, region, swap, task)[0]
+    assert torch.equal(plain.goal["color"], changed.goal["color"])
+    assert torch.equal(plain.inputs["frame_0"], changed.inputs["frame_0"])
 
 
 def test_a_batch_is_its_samples(clip: Clip, task: Task) -> None:

@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+
+from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.weights import read_weights
+
+ROOT = Path(__file__).resolve().parents[2]
+
+SMALL = {
+    "training.steps": 4,
+    "training.batch": 2,
+    "training.crop": 12,
+    "training.warmup": 1,
+    "training.validate_every": 4,
+    "training.save_every": 1,
+    "training.log_every": 1,
+    "training.validation_frames": 1,
+    "training.precision": '"fp32"',
+}
+
+Run = Callable[..., Result]
+
+
+def settings(**changed: object) -> list[str]:
+    names = {key.replace("__", "."): value for key, value in changed.items()}
+    return [part for k, v in {**SMALL, **names}.items() for part in ("--set", f"{k}={v}")]
+
+
+@pytest.fixture(scope="session")
+def captures(tmp_path_factory: pytest.TempPathFactory, small_capture: Path) -> Path:
+    """Two shots of two frames, 192 x 128."""
+    root = tmp_path_factory.mktemp("captures")
+    for name, numbers in (("one", (1, 2)), ("two", (3, 4))):
+        (root / name).mkdir()
+        for number in numbers:
+            shutil.copy(small_capture / f"frame.{number:04d}.exr", root / name)
+    return root
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Frames are decoded once for all tests."""
+    return tmp_path_factory.mktemp("cache")
+
+
+def train(rtsr: Run, captures: Path, cache: Path, out: Path, *more: str) -> Result:
+    return rtsr("train", "fusesr-fast", captures, "--out", out, "--cache", cache, *more)
+
+
+def test_a_run_leaves_what_the_contract_says(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    result = train(rtsr, captures, cache, tmp_path, *settings(data__validation='["two"]'))
+    assert result.exit_code == 0, result.output
+    assert "2 frames of 1 shots to train on, 2 to validate" in result.output
+    there = {path.name for path in tmp_path.iterdir()}
+    assert there >= {
+        "config.toml", "last.safetensors", "best.safetensors", "state", "log.csv", "pictures",
+    }  # fmt: skip
+    assert [p.name for p in (tmp_path / "pictures").iterdir()] == ["step-000004-two-4.png"]
+    weights = read_weights(tmp_path / "best.safetensors")
+    assert weights.system == "fusesr-fast"
+    assert weights.about["trained_on"] == ["one"]
+    assert len((tmp_path / "log.csv").read_text().splitlines()) == 5
+
+
+def test_trained_weights_upscale(rtsr: Run, captures: Path, cache: Path, tmp_path: Path) -> None:
+    assert train(rtsr, captures, cache, tmp_path / "run", *settings()).exit_code == 0
+    weights = tmp_path / "run" / "best.safetensors"
+    result = rtsr(
+        "upscale", captures / "one", tmp_path / "out", "--simulate-lr", "4", "--weights", weights
+    )
+    assert result.exit_code == 0, result.output
+    assert "system fusesr-fast" in result.output
+    again = rtsr(
+        "upscale", captures / "one", tmp_path / "out", "--simulate-lr", "4", "--weights", weights
+    )
+    assert "0 written, 2 kept" in again.output
+
+
+def test_lr_frames_beside_hr_frames_and_their_radiance_train(
+    rtsr: Run, small_shot: Path, cache: Path, tmp_path: Path
+) -> None:
+    result = train(rtsr, small_shot, cache, tmp_path, *settings())
+    assert result.exit_code == 0, result.output
+    assert "4 frames of 1 shots to train on" in result.output
+
+
+def test_one_shot_is_judged_on_what_it_was_trained_on_and_says_so(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    result = train(rtsr, captures / "one", cache, tmp_path, *settings())
+    assert result.exit_code == 0, result.output
+    assert "no shot is held out" in result.output
+
+
+@pytest.mark.parametrize(
+    ("assignment", "said"),
+    [
+        ("training.stpes=3", "there is no 'stpes', did you mean 'steps'?"),
+        ("network.fusion=cat", "not one of unshuffle, pool, upsample, none"),
+        ("nonsense.a=1", "there is no table 'nonsense'"),
+        ("training.scale=3", "made for 2x, 4x, 8x, not 3x"),
+        ('data.exclude=["nothing*"]', "nothing* matches no shot"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path, assignment: str, said: str
+) -> None:
+    result = train(rtsr, captures, cache, tmp_path / "run", *settings(), "--set", assignment)
+    assert result.exit_code == 3
+    assert said in result.output
+    assert not (tmp_path / "run" / "config.toml").exists()
+
+
+def test_a_run_is_not_gone_on_with_under_other_settings(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    assert train(rtsr, captures, cache, tmp_path, *settings()).exit_code == 0
+    result = train(rtsr, captures, cache, tmp_path, *settings(training__batch=1))
+    assert result.exit_code == 3
+    assert "training.batch is 2, not 1" in result.output
+    result = train(rtsr, captures, cache, tmp_path, *settings(training__log_every=2))
+    assert result.exit_code == 0, result.output
+
+
+def test_frames_without_radiance_are_refused_by_name(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    shot = tmp_path / "dark"
+    shot.mkdir()
+    for path in (captures / "one").iterdir():
+        header = read_header(path)
+        names = [name for name in header.channels if name not in "RGB"]
+        write_exr(shot / path.name, read_channels(path, names), attributes=header.attributes)
+    result = train(rtsr, shot, cache, tmp_path / "run", *settings())
+    assert result.exit_code == 3
+    assert "missing: color" in result.output
+
+
+@pytest.mark.parametrize("options", [(), ("--out", "a", "--pack", "b")])
+def test_either_a_run_or_a_pack(rtsr: Run, captures: Path, options: tuple[str, ...]) -> None:
+    result = rtsr("train", "fusesr-fast", captures, *options)
+    assert result.exit_code == 2
+    assert "give either --out RUN or --pack FILE" in result.output
+
+
+def test_a_dry_run_prints_the_settings_and_writes_nothing(
+    rtsr: Run, captures: Path, tmp_path: Path
+) -> None:
+    result = rtsr("train", "fusesr", captures, "--out", tmp_path / "run", "--dry-run", *settings())
+    assert result.exit_code == 0, result.output
+    assert "steps = 4" in result.output
+    assert not (tmp_path / "run").exists()
+
+
+BARE = """
+import importlib.abc, importlib.util, sys
+blocked = {"OpenEXR", "OpenImageIO", "pydantic", "fileseq", "jaxtyping", "colour"}
+class Refuse(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in blocked:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Refuse())
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda n, *a: None if n.split(".")[0] in blocked else found(n, *a)
+from rtsr_cli.__main__ import main
+main()
+"""
+
+
+def test_a_pack_trains_where_little_is_installed(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    pack = tmp_path / "crops.rtsr-clips"
+    packed = rtsr(
+        "train", "fusesr-fast", captures, "--pack", pack, "--pack-crops", "6", "--cache", cache,
+        *settings(data__validation='["two"]'),
+    )  # fmt: skip
+    assert packed.exit_code == 0, packed.output
+    assert "7 clips packed" in packed.output
+    command = [sys.executable, "-c", BARE, "train", "fusesr-fast", str(pack), "--out"]
+    done = subprocess.run(
+        [*command, str(tmp_path / "run"), *settings()],
+        capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "run" / "best.safetensors").is_file()
+
+
+@pytest.mark.slow
+def test_a_killed_run_ends_as_one_that_was_not(captures: Path, cache: Path, tmp_path: Path) -> None:
+    def command(out: Path) -> list[str]:
+        start = [sys.executable, "-m", "rtsr_cli", "train", "fusesr-fast", str(captures)]
+        changed = settings(training__steps=12, training__validate_every=12)
+        return [*start, "--out", str(out), "--cache", str(cache), *changed]
+
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    subprocess.run(command(whole), check=True, cwd=ROOT, capture_output=True)
+    process = subprocess.Popen(
+        command(cut), cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    state = cut / "state" / "state.json"
+    deadline = time.monotonic() + 120
+    while not state.is_file() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert state.is_file()
+    assert not (cut / "last.safetensors").is_file() or '"step": 12' not in state.read_text()
+    subprocess.run(command(cut), check=True, cwd=ROOT, capture_output=True)
+    for name in ("last.safetensors", "state/step-000000012.safetensors"):
+        assert (cut / name).read_bytes() == (whole / name).read_bytes(), name
+    rows = [
+        [line.rsplit(",", 1)[0] for line in (run / "log.csv").read_text().splitlines()]
+        for run in (whole, cut)
+    ]
+    assert rows[0] == rows[1]
