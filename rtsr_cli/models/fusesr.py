@@ -32,6 +32,7 @@ from rtsr_cli.core.blocks import (
     ResidualBlock,
     conv3,
     normalised_conv3,
+    pixel_unshuffle,
     separable,
 )
 from rtsr_cli.core.derive import DerivationConfig
@@ -228,11 +229,11 @@ class HrFusion(nn.Module):
         self.lr_channels = config.hr_channels * at_lr.get(config.fusion, 0)
         self.hr_channels = config.hr_channels if config.fusion is Fusion.UPSAMPLE else 0
 
-    def at_lr(self, hr: Image) -> Image:
-        """n c S*h S*w -> n `lr_channels` h w."""
+    def at_lr(self, hr: Image, like: Image) -> Image:
+        """n c S*h S*w -> n `lr_channels` h w, in the number and memory format of `like`."""
         if self.fusion is Fusion.POOL:
             return F.avg_pool2d(hr, self.scale)
-        return F.pixel_unshuffle(hr, self.scale)
+        return pixel_unshuffle(hr, self.scale, like=like)
 
     def at_hr(self, image: Color, hr: Image) -> Image:
         """Return what the last layer sees."""
@@ -261,7 +262,7 @@ class Decoder(nn.Module):
         if "base" in inputs:
             image = image + inputs["base"]
         refined = self.refine(self.fusion.at_hr(image, inputs["hr"]))
-        return {"predicted": F.relu(refined)}
+        return {"predicted": refined.relu_()}
 
 
 class FuseSRNetwork(nn.Module):
@@ -302,7 +303,7 @@ class FuseSRNetwork(nn.Module):
             past = [self._past(age, inputs, state) for age in (1, 2)]
             parts += [self._fetched(age, past[age - 1], inputs) for age in (1, 2)]
         if self.fusion.lr_channels:
-            parts.append(self.compact(self.fusion.at_lr(inputs["hr"])))
+            parts.append(self.compact(self.fusion.at_lr(inputs["hr"], like=main)))
         features = self.backbone(torch.cat(parts, dim=1))
         outputs = self.decoder(torch.cat([features, shallow], dim=1), inputs)
         # after a reset the current frame may have stood in for the past: it is none of the next's
@@ -354,7 +355,7 @@ class FuseSRFastNetwork(nn.Module):
         shallow = self.shallow(inputs["frame_0"])
         parts = [self.expand(self.main(shallow))]
         if self.fusion.lr_channels:
-            parts.append(self.fusion.at_lr(inputs["hr"]))
+            parts.append(self.fusion.at_lr(inputs["hr"], like=shallow))
         features = self.backbone(torch.cat(parts, dim=1))
         return self.decoder(torch.cat([features, shallow], dim=1), inputs), state
 

@@ -112,8 +112,15 @@ def _nearest_index(motion_px: Tensor, axis: int) -> Tensor:
 def _fetch(image: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
     """image[n, :, rows, columns] for index maps of shape n 1 h w."""
     n, c, h, w = image.shape
-    index = torch.add(columns, rows, alpha=w).reshape(n, 1, h * w).expand(n, c, h * w)
-    return image.reshape(n, c, h * w).gather(2, index).view(n, c, h, w)
+    index = torch.add(columns, rows, alpha=w)
+    if c > 1 and image.is_contiguous(memory_format=torch.channels_last):
+        # a pixel's channels are one row: fetched at once
+        start = torch.arange(0, n * h * w, h * w, device=image.device).view(n, 1, 1, 1)
+        pixels = image.permute(0, 2, 3, 1).reshape(n * h * w, c)
+        fetched = pixels.index_select(0, (index + start).flatten())
+        return fetched.view(n, h, w, c).permute(0, 3, 1, 2)
+    flat = index.view(n, 1, h * w).expand(n, c, h * w)
+    return image.reshape(n, c, h * w).gather(2, flat).view(n, c, h, w)
 
 
 def inside_frame(motion_px: MotionPx) -> Mask:
@@ -198,7 +205,8 @@ def backward_warp(
     else:
         raise TypeError(f"{image.dtype} cannot be interpolated ({mode}): use mode='nearest'")
     if border == "zero":
-        warped = warped.masked_fill(inside_mask == 0, 0)
+        # unlike masked_fill, keeps channels that come last
+        warped = torch.where(inside_mask == 0, warped.new_zeros(()), warped)
     return warped, inside_mask
 
 

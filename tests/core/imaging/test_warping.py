@@ -368,3 +368,34 @@ def test_the_gpu_agrees_with_the_cpu(mode):
     on_gpu, inside_gpu = backward_warp(image.cuda(), motion.cuda(), mode=mode)
     torch.testing.assert_close(on_gpu.cpu(), on_cpu, atol=1e-6, rtol=1e-5)
     assert torch.equal(inside_gpu.cpu(), inside_cpu)
+
+
+@pytest.mark.parametrize("border", ["clamp", "zero"])
+@pytest.mark.parametrize("mode", ["nearest", "bilinear"])
+def test_channels_last_give_the_same_bits(mode, border):
+    torch.manual_seed(7)
+    image, motion = torch.rand(2, 5, 6, 7), 4.0 * torch.randn(2, 2, 6, 7)
+    last = image.to(memory_format=torch.channels_last)
+    expected, _ = backward_warp(image, motion, mode=mode, border=border)
+    found, _ = backward_warp(last, motion, mode=mode, border=border)
+    assert torch.equal(found, expected)
+    assert found.is_contiguous(memory_format=torch.channels_last)
+
+
+def test_gradients_through_channels_last_are_the_same():
+    torch.manual_seed(8)
+    image, motion = torch.rand(2, 5, 6, 7), 4.0 * torch.randn(2, 2, 6, 7)
+    gradients = []
+    for memory_format in (torch.contiguous_format, torch.channels_last):
+        leaf = image.detach().to(memory_format=memory_format).requires_grad_()
+        warped, _ = backward_warp(leaf, motion, mode="nearest", border="zero")
+        (warped * torch.arange(7.0)).sum().backward()
+        gradients.append(leaf.grad)
+    assert torch.allclose(*gradients)
+
+
+def test_outside_the_frame_is_zero_even_where_the_border_is_no_number():
+    image = torch.full((1, 2, 3, 3), torch.nan)
+    motion = torch.full((1, 2, 3, 3), 9.0)
+    warped, _ = backward_warp(image, motion, mode="nearest", border="zero")
+    assert torch.equal(warped, torch.zeros(1, 2, 3, 3))

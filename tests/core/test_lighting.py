@@ -1,0 +1,196 @@
+"""Lighting as networks see it, and what they are judged on."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
+from rtsr_cli.core.lighting import (
+    MAX_LIGHTING,
+    PAPER_LOSS,
+    LossWeights,
+    Preset,
+    aligned,
+    compose_lighting,
+    decode_lighting,
+    encode_lighting,
+    lighting_goal,
+    lighting_inputs,
+    lighting_loss,
+    masked_mean,
+    network_depth,
+    network_lighting,
+    recomposed,
+    unaligned,
+)
+from rtsr_cli.core.system import Window
+
+SCALE, SIZE = 4, (24, 32)
+
+K = 0.6
+"""Lighting scale of the frame."""
+
+
+def frame(buffers: dict[Buffer, Tensor], jitter_px: tuple[float, float] = (0.0, 0.0)) -> Frame:
+    gbuffer = GBuffer(buffers, "made by a test")
+    return Frame(
+        number=1,
+        gbuffer=gbuffer,
+        camera=CameraMetadata(jitter_px=jitter_px),
+        view=View(display=gbuffer.size),
+        lighting_scale=K,
+    )
+
+
+def capture() -> Frame:
+    """Surfaces over sky, a strip of black metal that is not divided, a lamp."""
+    torch.manual_seed(4)
+    sky, mask = torch.zeros(1, 1, *SIZE), torch.ones(1, 1, *SIZE)
+    sky[..., :4, :] = 1.0
+    mask[..., :8, :] = 0.0
+    material = torch.where(mask > 0, 0.2 + 0.6 * torch.rand(1, 3, *SIZE), torch.ones(1, 3, *SIZE))
+    emission = torch.zeros(1, 3, *SIZE)
+    emission[..., 12:14, :] = 5.0
+    lighting = 0.1 + torch.rand(1, 3, *SIZE)
+    return frame(
+        {
+            Buffer.COLOR: lighting * material + emission,
+            Buffer.LIGHTING: lighting,
+            Buffer.LIGHTING_MASK: mask,
+            Buffer.SKY: sky,
+            Buffer.MATERIAL: material,
+            Buffer.EMISSION: emission,
+        }
+    )
+
+
+def window(offset: tuple[int, int] = (2, 2)) -> Window:
+    hr = capture()
+    jitter_px = (sample_jitter(offset[0], SCALE), sample_jitter(offset[1], SCALE))
+    lr = {b: decimate(t, SCALE, offset) for b, t in hr.gbuffer.items()}
+    material = hr.gbuffer.only((Buffer.MATERIAL, Buffer.SKY, Buffer.EMISSION))
+    hr_frame = frame(dict(material.buffers))
+    return Window(lr=(frame(lr, jitter_px),), hr=hr_frame, scale=SCALE)
+
+
+def test_encoding_is_undone_by_decoding() -> None:
+    lighting = torch.tensor([0.0, 1e-3, 0.5, 7.0, 64.0]).view(1, 1, 1, 5)
+    scale = torch.full((1, 1, 1, 1), K)
+    encoded = encode_lighting(lighting, scale)
+    assert float(encoded[..., 2]) == pytest.approx(math.log(1 + 0.5 / K))
+    assert torch.allclose(decode_lighting(encoded, scale), lighting, rtol=1e-5)
+
+
+def test_negative_predictions_are_no_light() -> None:
+    scale = torch.ones(1, 1, 1, 1)
+    assert float(decode_lighting(torch.full((1, 3, 1, 1), -2.0), scale).abs().max()) == 0.0
+
+
+def test_depth_of_sky_is_zero_for_a_network() -> None:
+    depth = torch.tensor([SKY_DEPTH_M, 0.0, 1.0, 3.0]).view(1, 1, 1, 4)
+    expected = torch.tensor([0.0, 1.0, 0.5, 0.25]).view(1, 1, 1, 4)
+    assert torch.equal(network_depth(depth, Preset.RTSR), expected)
+    assert torch.equal(network_depth(depth, Preset.PAPER), depth)
+
+
+def test_what_is_not_divided_is_black_for_a_network_and_the_rest_is_bounded() -> None:
+    lighting = torch.full((1, 3, 1, 2), 1e4)
+    mask = torch.tensor([1.0, 0.0]).view(1, 1, 1, 2)
+    seen = network_lighting(
+        frame({Buffer.LIGHTING: lighting, Buffer.LIGHTING_MASK: mask}), Preset.RTSR
+    )
+    bound = math.log(1 + MAX_LIGHTING / K)
+    assert torch.allclose(seen[0, :, 0], torch.tensor([bound, 0.0]))
+
+
+@pytest.mark.parametrize("offset", [(0, 0), (2, 2), (3, 1)])
+def test_alignment_is_undone_inside(offset: tuple[int, int]) -> None:
+    seen, image = window(offset), torch.rand(1, 3, *SIZE)
+    back = unaligned(seen, aligned(seen, image))
+    assert torch.equal(back[..., 2:-2, 2:-2], image[..., 2:-2, 2:-2])
+
+
+@pytest.mark.parametrize("offset", [(2, 2), (1, 3)])
+def test_a_perfect_prediction_has_no_loss(offset: tuple[int, int]) -> None:
+    seen = window(offset)
+    inputs, goal = lighting_inputs(seen, Preset.RTSR), lighting_goal(Preset.RTSR, seen, capture())
+    terms = lighting_loss(
+        LossWeights(), goal["encoded"], inputs=inputs, goal=goal, preset=Preset.RTSR
+    )
+    assert set(terms) == {"log", "tonemapped"}
+    assert all(float(term) < 1e-6 for term in terms.values())
+
+
+def test_a_perfect_prediction_has_no_loss_in_paper() -> None:
+    seen = window()
+    # paper divides everything by the same material that it multiplies by, without emission
+    quotient = capture().gbuffer[Buffer.COLOR] / capture().gbuffer[Buffer.MATERIAL]
+    terms = lighting_loss(
+        PAPER_LOSS,
+        quotient,
+        inputs=lighting_inputs(seen, Preset.PAPER),
+        goal=lighting_goal(Preset.PAPER, seen, capture()),
+        preset=Preset.PAPER,
+    )
+    assert set(terms) == {"radiance"}
+    assert float(terms["radiance"]) < 1e-6
+
+
+def test_masked_pixels_do_not_count() -> None:
+    seen = window()
+    inputs, goal = lighting_inputs(seen, Preset.RTSR), lighting_goal(Preset.RTSR, seen, capture())
+
+    def terms(predicted: Tensor) -> dict[str, float]:
+        found = lighting_loss(
+            LossWeights(), predicted, inputs=inputs, goal=goal, preset=Preset.RTSR
+        )
+        return {name: float(term) for name, term in found.items()}
+
+    right = goal["encoded"]
+    assert terms(torch.where(goal["surface_mask"] > 0, right, right + 9.0))["tonemapped"] < 1e-6
+    undivided = torch.where(goal["divided_mask"] > 0, right, right + 9.0)
+    assert terms(undivided)["log"] < 1e-6
+    assert terms(undivided)["tonemapped"] > 1e-3
+    # an error of 1 in every divided pixel weighs what the log term weighs
+    assert terms(right + 1.0)["log"] == pytest.approx(0.1, rel=1e-4)
+
+
+def test_a_masked_mean_is_over_its_pixels_alone() -> None:
+    values = torch.tensor([1.0, 5.0, 100.0]).view(1, 1, 1, 3).expand(1, 3, 1, 3)
+    mask = torch.tensor([1.0, 1.0, 0.0]).view(1, 1, 1, 3)
+    assert float(masked_mean(values, mask)) == pytest.approx(3.0)
+    assert float(masked_mean(values, 0.0 * mask)) == 0.0
+
+
+def test_a_perfect_prediction_is_the_capture() -> None:
+    seen, whole = window(), capture().gbuffer
+    inputs, goal = lighting_inputs(seen, Preset.RTSR), lighting_goal(Preset.RTSR, seen, capture())
+    surface = whole[Buffer.SKY] < 0.5
+    image = recomposed(goal["encoded"], inputs, Preset.RTSR)
+    assert torch.allclose(image, whole[Buffer.COLOR], rtol=1e-4)
+    composed = compose_lighting(Preset.RTSR, seen, inputs, goal["encoded"]).image
+    assert composed is not None
+    every = surface.expand_as(composed)
+    assert torch.allclose(composed[every], whole[Buffer.COLOR][every], rtol=1e-4)
+    assert not torch.allclose(composed[~every], whole[Buffer.COLOR][~every], rtol=1e-2)
+
+
+def test_the_sky_is_never_the_networks() -> None:
+    seen = window()
+    inputs = lighting_inputs(seen, Preset.RTSR)
+    sky = seen.hr is not None and seen.hr.gbuffer[Buffer.SKY].expand(1, 3, -1, -1) > 0.5
+    dark, bright = (
+        compose_lighting(Preset.RTSR, seen, inputs, torch.full((1, 3, *SIZE), value)).image
+        for value in (0.0, 3.0)
+    )
+    assert dark is not None
+    assert bright is not None
+    assert torch.equal(dark[sky], bright[sky])
+    assert (dark < bright)[~sky].all()
