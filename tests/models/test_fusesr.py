@@ -20,18 +20,15 @@ from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
 from rtsr_cli.core.lighting import Preset
 from rtsr_cli.core.system import System, Window
 from rtsr_cli.models import load_system
-from rtsr_cli.models.fusesr import (
+from rtsr_cli.models.fusesr import compose, derivation, history_inputs, prepare
+from rtsr_cli.models.fusesr.config import (
     FuseSRConfig,
     FuseSRDirectConfig,
     FuseSRFastConfig,
     Fusion,
     Variant,
-    WarpAttention,
-    compose,
-    derivation,
-    history_inputs,
-    prepare,
 )
+from rtsr_cli.models.fusesr.network import WarpAttention
 
 FULL, FAST, DIRECT = (load_system(n) for n in ("fusesr", "fusesr-fast", "fusesr-direct"))
 

@@ -1,0 +1,103 @@
+"""Settings of FuseSR's networks, and what they see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.brdf_lut import LutConvention
+from rtsr_cli.core.imaging.demodulation import DemodulationMode
+from rtsr_cli.core.lighting import (
+    PAPER_LOSS,
+    LossWeights,
+    Preset,
+)
+
+HISTORY_FRAMES = 2
+
+LR_CHANNELS = 7
+"""Lighting 3, depth 1, normal 3, in this order."""
+
+HR_CHANNELS = {Buffer.MATERIAL: 3, Buffer.DEPTH: 1, Buffer.NORMAL: 3, Buffer.ALBEDO: 3}
+
+
+class Variant(StrEnum):
+    """Which of the published networks."""
+
+    HEAD = "head"
+    FIRST_RELEASE = "first-release"
+    DIRECT = "direct"
+    FAST = "fast"
+
+
+class Fusion(StrEnum):
+    """How HR buffers reach LR features; all but `unshuffle` are ablations."""
+
+    UNSHUFFLE = "unshuffle"
+    POOL = "pool"
+    UPSAMPLE = "upsample"
+    NONE = "none"
+
+
+HR_PARTS = {
+    Variant.HEAD: (Buffer.MATERIAL, Buffer.DEPTH, Buffer.NORMAL, Buffer.ALBEDO),
+    Variant.FIRST_RELEASE: (Buffer.MATERIAL,),
+    Variant.DIRECT: (Buffer.ALBEDO, Buffer.DEPTH, Buffer.NORMAL),
+    Variant.FAST: (Buffer.MATERIAL,),
+}
+"""HR buffers that each network sees, in the published order."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FuseSRConfig:
+    """Settings of the full network.
+
+    Attributes:
+        variant: published network.
+        preset: what surrounds its layers.
+        demodulation: divisor of the radiance; `paper` takes softplus.
+        lut: convention of the split-sum table.
+        fusion: how HR buffers come in.
+        history: whether past frames do.
+        loss: weights of its terms; `paper` has its own.
+    """
+
+    variant: Variant = Variant.HEAD
+    preset: Preset = Preset.RTSR
+    demodulation: DemodulationMode = DemodulationMode.BRDF
+    lut: LutConvention = LutConvention.KARIS
+    fusion: Fusion = Fusion.UNSHUFFLE
+    history: bool = True
+    loss: LossWeights = field(default_factory=LossWeights)
+
+    @property
+    def hr_parts(self) -> tuple[Buffer, ...]:
+        """HR buffers that the network sees."""
+        return () if self.fusion is Fusion.NONE else HR_PARTS[self.variant]
+
+    @property
+    def hr_channels(self) -> int:
+        """Their channels."""
+        return sum(HR_CHANNELS[buffer] for buffer in self.hr_parts)
+
+    @property
+    def loss_weights(self) -> LossWeights:
+        """Weights of the preset."""
+        return PAPER_LOSS if self.preset is Preset.PAPER else self.loss
+
+
+@dataclass(frozen=True, kw_only=True)
+class FuseSRFastConfig(FuseSRConfig):
+    """Settings of the fast network, which sees no history."""
+
+    variant: Variant = Variant.FAST
+    history: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class FuseSRDirectConfig(FuseSRConfig):
+    """Settings of the network that predicts radiance itself."""
+
+    variant: Variant = Variant.DIRECT
+    demodulation: DemodulationMode = DemodulationMode.NONE
