@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.io.exr import read_channels
-from rtsr_cli.core.io.preview import preview, write_png
+from rtsr_cli.core.io.png import write_png
+from rtsr_cli.core.io.preview import preview
 
 GAP_PX = 4
 LABEL_PX = 18

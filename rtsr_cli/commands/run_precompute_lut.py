@@ -10,7 +10,7 @@ from rtsr_cli import __version__
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.imaging.brdf_lut import LutConvention, integrate_lut
 from rtsr_cli.core.io.exr import write_exr
-from rtsr_cli.core.io.preview import write_png
+from rtsr_cli.core.io.png import write_png
 
 
 def write_table(outputs: tuple[Path, ...], *, size: int, samples: int, convention: str) -> None:

@@ -17,7 +17,7 @@ from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.judging import REFERENCE, JudgedShot, Judgement
 from rtsr_cli.core.evaluation.metric_table import METRICS, Better
 from rtsr_cli.core.evaluation.protocols import Shown
-from rtsr_cli.core.io.preview import encoded
+from rtsr_cli.core.io.encoding import encoded
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.heat import heat_map
 from rtsr_cli.core.metrics.temporal import epi

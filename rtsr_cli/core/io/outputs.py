@@ -17,7 +17,8 @@ from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.imaging.color import MAX_HALF
 from rtsr_cli.core.io.exr import Plane, Window, write_exr
-from rtsr_cli.core.io.preview import preview, write_png
+from rtsr_cli.core.io.png import write_png
+from rtsr_cli.core.io.preview import preview
 from rtsr_cli.core.io.provenance import stamp_of
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.shapes import Color, Image

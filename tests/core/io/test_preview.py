@@ -1,13 +1,9 @@
 from __future__ import annotations
 
-from pathlib import Path
-
-import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 import torch
 
 from rtsr_cli.core.frames.conventions import ColorSpace
-from rtsr_cli.core.io.preview import preview, write_png
+from rtsr_cli.core.io.preview import preview
 
 
 def test_mid_grey_goes_through_reinhard_and_srgb() -> None:
@@ -27,10 +23,3 @@ def test_wide_primaries_are_brought_to_rec709() -> None:
     shown = preview(red, ColorSpace.REC2020)[0, 0].tolist()
     assert shown[0] > preview(red)[0, 0, 0]
     assert shown[1:] == [0, 0]
-
-
-def test_a_png_holds_the_pixels_that_were_given(tmp_path: Path) -> None:
-    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
-    write_png(tmp_path / "p.png", pixels)
-    stored = oiio.ImageBuf(str(tmp_path / "p.png")).get_pixels(oiio.UINT8)
-    np.testing.assert_array_equal(stored, pixels)
