@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-import struct
-import zlib
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.io.png import write_png
 from rtsr_cli.core.learning.plotting import Curve, labelled, plotted
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.heat import heat_map
@@ -31,8 +30,6 @@ PICTURES_FOLDER = "pictures"
 
 GAP_PX = 4
 """Between the panels of a picture."""
-
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 class Journal:
@@ -131,23 +128,3 @@ def _bytes(image: Color) -> NDArray[np.uint8]:
     pixels = (image[0].clamp(0.0, 1.0) * 255.0 + 0.5).to(torch.uint8)
     array: NDArray[np.uint8] = pixels.permute(1, 2, 0).cpu().numpy()
     return array
-
-
-def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
-    """Write (height, width, 3) values [PNG specification, third edition: colour type 2].
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    height, width, _ = rgb.shape
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    # each row begins with its filter: none
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), rgb.reshape(height, -1)], axis=1)
-    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 6)), (b"IEND", b""))
-    content = PNG_SIGNATURE + b"".join(_chunk(kind, payload) for kind, payload in parts)
-    write_atomically(path, lambda part: _put(part, content))
-
-
-def _chunk(kind: bytes, payload: bytes) -> bytes:
-    checked = kind + payload
-    return struct.pack(">I", len(payload)) + checked + struct.pack(">I", zlib.crc32(checked))

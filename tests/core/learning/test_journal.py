@@ -6,7 +6,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import torch
 
-from rtsr_cli.core.learning.journal import Journal, write_png
+from rtsr_cli.core.learning.journal import Journal
 from rtsr_cli.core.learning.plotting import Curve, labelled, plotted
 
 
@@ -35,13 +35,6 @@ def test_a_new_run_starts_a_new_table(tmp_path: Path) -> None:
     Journal(tmp_path, ("loss",), resume_step=None).log(1, {"loss": 1})
     Journal(tmp_path, ("loss",), resume_step=None)
     assert (tmp_path / "log.csv").read_text().split() == ["step,loss"]
-
-
-def test_a_png_is_read_back_as_it_was_written(tmp_path: Path) -> None:
-    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 3), np.uint8)
-    write_png(tmp_path / "a.png", pixels)
-    read = oiio.ImageBuf(str(tmp_path / "a.png")).get_pixels(oiio.UINT8)
-    assert np.array_equal(read, pixels)
 
 
 def test_a_picture_shows_every_panel_and_flip(tmp_path: Path) -> None:
