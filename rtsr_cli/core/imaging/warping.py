@@ -119,7 +119,7 @@ def _fetch(image: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
         pixels = image.permute(0, 2, 3, 1).reshape(n * h * w, c)
         fetched = pixels.index_select(0, (index + start).flatten())
         return fetched.view(n, h, w, c).permute(0, 3, 1, 2)
-    flat = index.view(n, 1, h * w).expand(n, c, h * w)
+    flat = index.reshape(n, 1, h * w).expand(n, c, h * w)
     return image.reshape(n, c, h * w).gather(2, flat).view(n, c, h, w)
 
 
