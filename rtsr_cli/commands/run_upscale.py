@@ -149,7 +149,8 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan, options: UpscaleOptions
         "read_bytes": plan.read_bytes,
         "write_bytes_at_most": plan.write_bytes(options),
     }
-    default = " (the best that these inputs allow)" if chosen["system"] is None else ""
+    unnamed = chosen["system"] is None and chosen["weights_file"] is None
+    default = " (the best that these inputs allow)" if unnamed else ""
     what = (
         f", {width} x {height} -> {width * scale} x {height * scale}, "
         f"system {plan.system.name}{default}"

@@ -165,7 +165,10 @@ def compose_lighting(
     image = unaligned(window, recomposed(predicted, inputs, preset)).clamp(min=0.0)
     if preset is Preset.RTSR:
         image = with_sky(window, image)
-    return Prediction(image=image, debug={"encoded_lighting": unaligned(window, predicted)})
+    lighting = predicted
+    if preset is Preset.RTSR:
+        lighting = decode_lighting(predicted, inputs["lighting_scale"])
+    return Prediction(image=image, debug={"lighting": unaligned(window, lighting)})
 
 
 def with_sky(window: Window, image: Color) -> Color:
