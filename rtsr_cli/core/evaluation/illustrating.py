@@ -99,9 +99,10 @@ def _spoilt(shots: Sequence[JudgedShot]) -> Iterator[tuple[JudgedShot, int, str]
             for method, frames in shot.frames.items()
             for number, facts in frames.items()
         ]
-        most, shot, number, method = max(counts, key=lambda found: found[0])
-        whose = method if key == "nonfinite" else "the reference"
-        if most:
+        bad = [found for found in counts if found[0]]
+        if bad:
+            most, shot, number, method = max(bad, key=lambda found: found[0])
+            whose = method if key == "nonfinite" else "the reference"
             yield shot, int(number), f"pixels of {whose} that are not finite: {most}"
 
 
