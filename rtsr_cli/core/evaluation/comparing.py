@@ -63,7 +63,8 @@ class Comparison:
         reference: true frames, `samples` times as large along each axis.
         gbuffer: buffers of the reference's size, or None.
         numbers: frames that are judged.
-        available: frames that every folder has; history is read of those too.
+        available: frames that could be judged: those that every folder has.
+        there: the same whether stamped or not; history is read of those too.
         samples: K.
     """
 
@@ -73,6 +74,7 @@ class Comparison:
     gbuffer: FrameReader | None
     numbers: tuple[int, ...]
     available: tuple[int, ...]
+    there: tuple[int, ...]
     samples: int = 1
 
     @property
@@ -89,7 +91,7 @@ class Comparison:
         """Return the frame that this one's motion leads to, None after a cut or hole."""
         before = number - self.step
         resets = self.reference.resets if self.gbuffer is None else self.gbuffer.resets
-        return before if before in self.available and number not in resets else None
+        return before if before in self.there and number not in resets else None
 
 
 def method_names(folders: Sequence[Path]) -> dict[str, Path]:
@@ -150,7 +152,8 @@ def _compared(
     gbuffer = _gbuffer(name, reference, truth, options)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
-    numbers, available = _numbers(tests, truth, options)
+    there = _there(tests, truth)
+    numbers, available = _numbers(tests, truth, there, options)
     return Comparison(
         shot=name,
         tests=tests,
@@ -158,6 +161,7 @@ def _compared(
         gbuffer=gbuffer,
         numbers=numbers,
         available=available,
+        there=tuple(sorted(set.intersection(*there.values()))),
         samples=options.samples,
     )
 
@@ -270,18 +274,26 @@ def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: s
     )
 
 
+def _there(tests: Mapping[str, FrameReader], truth: FrameReader) -> dict[str, set[int]]:
+    """Frames that each folder has."""
+    return {str(r.frames.root): set(r.numbers) - set(r.held) for r in (truth, *tests.values())}
+
+
 def _numbers(
-    tests: Mapping[str, FrameReader], truth: FrameReader, options: CompareOptions
+    tests: Mapping[str, FrameReader],
+    truth: FrameReader,
+    there: Mapping[str, set[int]],
+    options: CompareOptions,
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Frames to judge, and all that could be: what every folder has, or all have under `skip`.
 
     Raises:
         FrameFolderError: a folder lacks a frame that another has; names both.
     """
-    there = {str(r.frames.root): set(r.numbers) - set(r.held) for r in (truth, *tests.values())}
     if options.predicted_only:
-        there |= {str(r.frames.root): _predicted(r) for r in tests.values()}
-        there[str(truth.frames.root)] &= set().union(*(_predicted(r) for r in tests.values()))
+        stamped = {str(r.frames.root): _predicted(r) for r in tests.values()}
+        stamped[str(truth.frames.root)] = set().union(*stamped.values())
+        there = {root: numbers & stamped[root] for root, numbers in there.items()}
     every = sorted(set().union(*there.values()))
     chosen = set(options.selection.of(every))
     if options.read.on_missing is MissingPolicy.ERROR:

@@ -30,6 +30,7 @@ class JudgedFrame:
         valid: method -> pixels that are finite there and in the reference, 1 x 1 x h x w booleans.
         nonfinite: method -> pixels that are not, in the test.
         nonfinite_reference: pixels that are not, in the reference.
+        known: pixels of the reference that are finite, as `valid`.
         gbuffer: buffers, None where there are none.
     """
 
@@ -39,6 +40,7 @@ class JudgedFrame:
     valid: Mapping[str, Mask]
     nonfinite: Mapping[str, int]
     nonfinite_reference: int
+    known: Mask
     gbuffer: Frame | None
 
 
@@ -85,6 +87,7 @@ def read_judged(
         valid=valid,
         nonfinite=nonfinite,
         nonfinite_reference=int((~known).sum()),
+        known=_cut(known, border).to(device),
         gbuffer=gbuffer,
     )
 

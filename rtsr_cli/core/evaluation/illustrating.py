@@ -15,14 +15,14 @@ from torch import Tensor
 
 from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.judging import REFERENCE, JudgedShot, Judgement
-from rtsr_cli.core.evaluation.metric_table import METRICS, Better
+from rtsr_cli.core.evaluation.metric_table import METRICS, Better, Rules
 from rtsr_cli.core.evaluation.protocols import Shown
 from rtsr_cli.core.io.encoding import encoded
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.heat import heat_map
 from rtsr_cli.core.metrics.temporal import epi
 from rtsr_cli.core.reporting.report import Crop, Moment, Picture, Strip
-from rtsr_cli.core.shapes import Color, PixelMap
+from rtsr_cli.core.shapes import Color, Mask, PixelMap
 
 MOST_PICTURES = 42
 """Pictures of whole frames in a report: about 10 MB."""
@@ -33,6 +33,9 @@ WIDEST_PX = 960
 """Whole frames are shown no wider; their worst part is shown pixel by pixel beside."""
 
 CROP_PX = 160
+BOX_STEP_PX = 8
+"""Places at which the worst part may begin."""
+
 MOST_STRIPS = 6
 STRIP_HEIGHT_PX = 96
 """Short sequences are stretched to about so many rows."""
@@ -40,9 +43,12 @@ STRIP_HEIGHT_PX = 96
 MAGENTA = (1.0, 0.0, 1.0)
 """Pixels that are not finite."""
 
+MARK_PX = 3
+"""Side of their marks in whole frames, odd."""
+
 
 def moments(shots: Sequence[JudgedShot], judgement: Judgement) -> Iterator[Moment]:
-    """Show the frames on which the methods are worst, worst first, and the middling one.
+    """Show the frames on which the methods are worst, worst first, the middling one, spoilt ones.
 
     Raises:
         RtsrError: a frame cannot be read any more.
@@ -51,11 +57,53 @@ def moments(shots: Sequence[JudgedShot], judgement: Judgement) -> Iterator[Momen
     ranked = sorted(_frames(shots, name), key=lambda found: found[0], reverse=True)
     count = MOST_PICTURES // (2 * len(shots[0].frames) + 1)
     worst = ranked[: max(LEAST_MOMENTS, min(MOST_MOMENTS, count)) - 1]
-    middling = ranked[len(ranked) // 2 :][:1] if len(ranked) > len(worst) else []
-    title = METRICS[name].title
+    middle = len(ranked) // 2
+    middling = ranked[middle : middle + 1] if middle >= len(worst) else []
+    reasons: dict[tuple[str, int], list[str]] = {}
     for place, (_, shot, number) in enumerate([*worst, *middling]):
-        why = f"{_ordinal(place)} by {title}" if place < len(worst) else f"middling by {title}"
-        yield _moment(shot, number, why, judgement)
+        rank = _ordinal(place) if place < len(worst) else "middling"
+        why = f"{rank} by {METRICS[name].title}{_whose(shot, number, name)}"
+        reasons[shot.comparison.shot, number] = [why]
+    spoilt = list(_spoilt(shots))
+    for shot, number, why in spoilt:
+        reasons.setdefault((shot.comparison.shot, number), []).append(why)
+    by_name = {shot.comparison.shot: shot for shot in shots}
+    closer = {(shot.comparison.shot, number) for shot, number, _ in spoilt}
+    for key, whys in reasons.items():
+        frame = read_judged(by_name[key[0]].comparison, key[1], border=judgement.run.border)
+        yield _moment(
+            key[0], frame, "; ".join(whys), rules=judgement.run.rules, spoilt=key in closer
+        )
+
+
+def _whose(shot: JudgedShot, number: int, name: str) -> str:
+    """Say of which method a frame's value is, or that it is a mean and who is worst."""
+    metric = METRICS[name]
+    facts = {method: f.get(str(number), {}) for method, f in shot.frames.items()}
+    known = {method: v for method, f in facts.items() if (v := f.get(name)) is not None}
+    if not known:
+        return ""
+    worst = (max if metric.better is Better.LOWER else min)(known, key=lambda m: known[m])
+    value = f"{known[worst]:.4g} {metric.unit}".rstrip()
+    if len(facts) == 1:
+        return f" of {worst}, {value}"
+    return f", the mean of {len(known)} tests; {worst} has the worst, {value}"
+
+
+def _spoilt(shots: Sequence[JudgedShot]) -> Iterator[tuple[JudgedShot, int, str]]:
+    """(shot, number, why) of the frames with most pixels that are not finite: test, reference."""
+    for key in ("nonfinite", "nonfinite_reference"):
+        counts = [
+            (int(facts.get(key, 0)), shot, number, method)
+            for shot in shots
+            for method, frames in shot.frames.items()
+            for number, facts in frames.items()
+        ]
+        bad = [found for found in counts if found[0]]
+        if bad:
+            most, shot, number, method = max(bad, key=lambda found: found[0])
+            whose = method if key == "nonfinite" else "the reference"
+            yield shot, int(number), f"pixels of {whose} that are not finite: {most}"
 
 
 def _ranking(metrics: Sequence[str]) -> str:
@@ -82,47 +130,49 @@ def _ordinal(place: int) -> str:
     return "worst" if place == 0 else f"{place + 1}. worst"
 
 
-def _moment(shot: JudgedShot, number: int, why: str, judgement: Judgement) -> Moment:
-    run = judgement.run
-    frame = read_judged(shot.comparison, number, border=run.border)
-    reference = Shown(frame.reference, run.rules.protocol)
-    tests = {m: Shown(color, run.rules.protocol) for m, color in frame.tests.items()}
-    errors = {
-        m: ldr_flip(s.structure, reference.structure, run.rules.ppd) for m, s in tests.items()
-    }
-    shown = {m: _marked(s.structure, frame, m) for m, s in tests.items()}
-    box = _worst_box(torch.stack(list(errors.values())).mean(0))
+def _moment(shot: str, frame: JudgedFrame, why: str, *, rules: Rules, spoilt: bool) -> Moment:
+    """Draw a frame; `spoilt`: its cut-out is where most pixels are not finite."""
+    reference = Shown(frame.reference, rules.protocol).structure
+    tests = {m: Shown(color, rules.protocol).structure for m, color in frame.tests.items()}
+    errors = {m: ldr_flip(image, reference, rules.ppd) for m, image in tests.items()}
+    counted = {m: error * frame.valid[m][:, 0] for m, error in errors.items()}
+    bad = {m: ~valid for m, valid in frame.valid.items()}
+    sought = {m: mask[:, 0].float() for m, mask in bad.items()} if spoilt else counted
+    # a pixel of the reference that is not finite is bad in every test
+    box = _worst_box(torch.stack(list(sought.values())).mean(0))
     heat = {m: heat_map(error) for m, error in errors.items()}
     return Moment(
-        shot=shot.comparison.shot,
-        frame=number,
+        shot=shot,
+        frame=frame.number,
         why=why,
-        size=(frame.reference.shape[-1], frame.reference.shape[-2]),
-        reference=_whole(reference.structure),
-        tests={m: _whole(image) for m, image in shown.items()},
-        heat={m: _whole(image) for m, image in heat.items()},
+        size=(reference.shape[-1], reference.shape[-2]),
+        reference=_whole(reference, ~frame.known),
+        tests={m: _whole(image, bad[m]) for m, image in tests.items()},
+        heat={m: _whole(image, bad[m]) for m, image in heat.items()},
         crop=Crop(
             box=box,
-            reference=_part(reference.structure, box),
-            tests={m: _part(image, box) for m, image in shown.items()},
-            heat={m: _part(image, box) for m, image in heat.items()},
+            reference=_part(reference, ~frame.known, box),
+            tests={m: _part(image, bad[m], box) for m, image in tests.items()},
+            heat={m: _part(image, bad[m], box) for m, image in heat.items()},
         ),
     )
 
 
-def _marked(image: Color, frame: JudgedFrame, method: str) -> Color:
+def _marked(image: Color, bad: Mask) -> Color:
     """Show pixels that are not finite in magenta."""
-    magenta = image.new_tensor(MAGENTA).view(1, 3, 1, 1)
-    return torch.where(frame.valid[method], image, magenta)
+    return torch.where(bad, image.new_tensor(MAGENTA).view(1, 3, 1, 1), image)
 
 
 def _worst_box(error: PixelMap) -> tuple[int, int, int, int]:
     """(left, top, width, height) of the square with the largest mean error."""
     height, width = error.shape[-2:]
     rows, columns = min(CROP_PX, height), min(CROP_PX, width)
-    means = F.avg_pool2d(error[:, None], (rows, columns), stride=8)[0, 0]
+    # the last squares reach over the border, so that none of its pixels is missed
+    padded = F.pad(error[:, None], (0, BOX_STEP_PX - 1, 0, BOX_STEP_PX - 1))
+    means = F.avg_pool2d(padded, (rows, columns), stride=BOX_STEP_PX)[0, 0]
     top, left = divmod(int(means.argmax()), means.shape[1])
-    return left * 8, top * 8, columns, rows
+    left, top = min(left * BOX_STEP_PX, width - columns), min(top * BOX_STEP_PX, height - rows)
+    return left, top, columns, rows
 
 
 def _bytes(image: Color) -> NDArray[np.uint8]:
@@ -138,17 +188,22 @@ def _picture(image: Color, kind: str) -> Picture:
     return Picture(data=data, mime=f"image/{kind}", width=width, height=height)
 
 
-def _whole(image: Color) -> Picture:
+def _whole(image: Color, bad: Mask) -> Picture:
+    """A frame, scaled down where it is wide; bad pixels are enlarged so that one alone is seen."""
     height, width = image.shape[-2:]
+    seen = bad.float()
     if width > WIDEST_PX:
         size = (round(height * WIDEST_PX / width), WIDEST_PX)
         image = F.interpolate(image, size, mode="area")
-    return _picture(image, "jpeg")
+        seen = F.adaptive_max_pool2d(seen, size)
+    seen = F.max_pool2d(seen, MARK_PX, stride=1, padding=MARK_PX // 2)
+    return _picture(_marked(image, seen > 0), "jpeg")
 
 
-def _part(image: Color, box: tuple[int, int, int, int]) -> Picture:
+def _part(image: Color, bad: Mask, box: tuple[int, int, int, int]) -> Picture:
     left, top, width, height = box
-    return _picture(image[..., top : top + height, left : left + width], "png")
+    inside = slice(top, top + height), slice(left, left + width)
+    return _picture(_marked(image, bad)[..., *inside], "png")
 
 
 def strips(shots: Sequence[JudgedShot]) -> Iterator[Strip]:

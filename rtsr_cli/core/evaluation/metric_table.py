@@ -18,6 +18,7 @@ from rtsr_cli.core.metrics.fidelity import DECIBELS, masked_mean, squared_error_
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD, hdr_flip, ldr_flip
 from rtsr_cli.core.metrics.ssim import SsimConvention, cut_margin, ms_ssim, ssim_map
 from rtsr_cli.core.metrics.temporal import temporal_change_map, warped_error_map
+from rtsr_cli.core.metrics.vmaf import MODEL_4K, MODEL_HD, ROWS_4K
 from rtsr_cli.core.shapes import Color, Mask, PixelMap
 
 LEAST_PIXELS = 64
@@ -212,7 +213,12 @@ METRICS: dict[str, Metric] = {
         measure=_lpips,
     ),
     "vmaf": Metric(
-        title="VMAF", better=Better.HIGHER, meaning="video quality as viewers rate it, 0 to 100"
+        title="VMAF",
+        better=Better.HIGHER,
+        meaning=f"video quality as viewers rate it, 0 to 100, by model {MODEL_HD} "
+        f"({MODEL_4K} from {ROWS_4K} rows) on 8-bit BT.709 luma of limited range; by {MODEL_HD} "
+        "identical pictures score 97.43 and not 100 where nothing moves, and nothing has moved in "
+        "the first frame",
     ),
     "tpsnr": Metric(
         title="tPSNR",

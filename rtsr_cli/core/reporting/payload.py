@@ -121,11 +121,11 @@ def _crop(results: Results, crop: Crop) -> Any:
 
 
 def _numbers(results: Results, moment: Moment) -> list[Any]:
-    """Of each metric, of each method: the number as it is shown, and whether it is the best."""
+    """Of each metric, of each method: the number as it is shown, and whether it is marked."""
     found = []
     for metric in results.metrics:
         values = results.at_frame(metric, moment.shot, moment.frame)
-        best = metric.best(values)
+        best = metric.marked(values)
         found.append([(metric.text(values.get(m)), m in best) for m in results.methods])
     return found
 

@@ -15,6 +15,12 @@ SIGNIFICANT = 4
 
 MOST_DECIMALS = 8
 
+OF_REFERENCE = "-reference"
+"""Ends the keys of what is measured of the reference alone: no score, so nobody is best in it."""
+
+FRAME = ""
+"""Stands for the whole frame among regions, where values of frames are counted."""
+
 Values = Mapping[str, float | None]
 """Numbers by name; None = not a number."""
 
@@ -53,6 +59,11 @@ class Metric:
         known = [(name, value) for name, value in values.items() if value is not None]
         return sorted(known, key=lambda pair: -self.sign * pair[1]) if self.sign else []
 
+    def marked(self, values: Values) -> frozenset[str]:
+        """Names of the best, nobody where all read alike."""
+        best = self.best(values)
+        return frozenset() if len(best) == len(self.ranked(values)) else best
+
     def best(self, values: Values) -> frozenset[str]:
         """Names of the best, all that read alike; nobody is best alone on the field."""
         ranked = self.ranked(values)
@@ -64,13 +75,31 @@ class Metric:
 
 @dataclass(frozen=True)
 class Entry:
-    """What was measured of one method, on one shot or on all."""
+    """What was measured of one method, on one shot or on all.
+
+    Args:
+        mean: by metric.
+        confidence: the mean's 95 % interval.
+        frames: by number; of all shots together none.
+        regions: means by region.
+        notes: of the evaluation.
+        counted: frames that take part in means.
+        kept: frames whose values a mean holds, and perfect ones, whose infinite values it does
+            not, by region (`FRAME` = everywhere) and metric.
+    """
 
     mean: Values
     confidence: Mapping[str, tuple[float, float]]
     frames: Mapping[int, Values]
     regions: Mapping[str, Values | None]
     notes: tuple[str, ...]
+    counted: frozenset[int]
+    kept: Mapping[tuple[str, str], tuple[int, int]]
+
+    def left_out(self, metric: str, region: str = FRAME) -> str:
+        """Tell how many frames are perfect and so left out of a mean; "" where none is."""
+        kept, perfect = self.kept.get((region, metric), (0, 0))
+        return f"{kept} of {kept + perfect} frames; {perfect} perfect" if kept and perfect else ""
 
 
 @dataclass(frozen=True)
@@ -104,6 +133,12 @@ class Results:
         found = {method: entry.regions.get(region) for method, entry in self._of(shot)}
         return {method: (values or {}).get(metric.key) for method, values in found.items()}
 
+    def left_out(
+        self, metric: Metric, region: str = FRAME, shot: str | None = None
+    ) -> dict[str, str]:
+        """What is to be said of perfect frames beside a metric's values, by method."""
+        return {method: e.left_out(metric.key, region) for method, e in self._of(shot)}
+
     def share(self, region: str, shot: str | None = None) -> float | None:
         """Share of the pixels that lie in a region, 0 to 1; None: it cannot be made."""
         shares = ((entry.regions.get(region) or {}).get("share") for _, entry in self._of(shot))
@@ -116,6 +151,15 @@ class Results:
     def frames(self, shot: str) -> list[int]:
         """Numbers of the frames of a shot."""
         return sorted({number for _, entry in self._of(shot) for number in entry.frames})
+
+    def rounds(self, metric: Metric) -> list[Values]:
+        """A metric's values by method, of every frame of every shot that takes part in means."""
+        return [
+            self.at_frame(metric, shot, frame)
+            for shot in self.shots
+            for frame in self.frames(shot)
+            if all(frame in entry.counted for _, entry in self._of(shot) if frame in entry.frames)
+        ]
 
     def _of(self, shot: str | None) -> list[tuple[str, Entry]]:
         if shot is None:
@@ -171,16 +215,42 @@ def _intervals(found: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
 
 
 def _entry(test: Mapping[str, Any]) -> Entry:
+    frames: Mapping[str, Mapping[str, Any]] = test.get("frames", {})
+    counted = {number: found for number, found in frames.items() if found.get("counted", True)}
     return Entry(
         mean=_values(test["mean"]),
         confidence=_intervals(test.get("confidence", {})),
-        frames={int(frame): _values(found) for frame, found in test.get("frames", {}).items()},
+        frames={int(frame): _values(found) for frame, found in frames.items()},
         regions={
             name: None if found is None else _values(found)
             for name, found in test.get("regions", {}).items()
         },
         notes=tuple(test.get("notes", ())),
+        counted=frozenset(map(int, counted)),
+        kept=_kept(counted.values()),
     )
+
+
+def _kept(frames: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str], tuple[int, int]]:
+    """Count finite and infinite values by region and metric."""
+    found: dict[tuple[str, str], tuple[int, int]] = {}
+    for facts in frames:
+        for region, values in {FRAME: facts, **facts.get("regions", {})}.items():
+            for key, value in _values(values or {}).items():
+                if value is not None:
+                    finite, infinite = found.get((region, key), (0, 0))
+                    over = math.isinf(value)
+                    found[region, key] = (finite + (not over), infinite + over)
+    return found
+
+
+def _kept_of_all(shots: Iterable[Entry]) -> dict[tuple[str, str], tuple[int, int]]:
+    found: dict[tuple[str, str], tuple[int, int]] = {}
+    for entry in shots:
+        for key, (finite, infinite) in entry.kept.items():
+            more = found.get(key, (0, 0))
+            found[key] = (finite + more[0], infinite + more[1])
+    return found
 
 
 def _overall(shots: list[Entry], stated: Mapping[str, Any]) -> Entry:
@@ -200,13 +270,17 @@ def _overall(shots: list[Entry], stated: Mapping[str, Any]) -> Entry:
         frames={},
         regions={**regions, **whole.regions},
         notes=whole.notes,
+        counted=frozenset(),
+        kept=_kept_of_all(shots),
     )
 
 
 def _mean(found: list[Values]) -> dict[str, float | None]:
     keys = dict.fromkeys(key for values in found for key in values)
     known = {key: [v for values in found if (v := values.get(key)) is not None] for key in keys}
-    return {key: sum(v) / len(v) if v else None for key, v in known.items()}
+    # as in the evaluation, infinite values do not count where others are finite
+    taken = {key: [v for v in held if math.isfinite(v)] or held for key, held in known.items()}
+    return {key: sum(v) / len(v) if v else None for key, v in taken.items()}
 
 
 def _metric(key: str, found: Mapping[str, Any], means: Iterable[float | None]) -> Metric:
@@ -214,7 +288,7 @@ def _metric(key: str, found: Mapping[str, Any], means: Iterable[float | None]) -
         key=key,
         title=found.get("title", key),
         unit=found.get("unit", ""),
-        better=found.get("better", ""),
+        better="" if key.endswith(OF_REFERENCE) else found.get("better", ""),
         convention=found.get("convention", ""),
         unavailable=found.get("unavailable") or "",
         decimals=_decimals(means),

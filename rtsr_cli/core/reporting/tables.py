@@ -13,6 +13,9 @@ from rtsr_cli.core.reporting.wording import lead, sentence
 
 NO_REGION = "cannot be made from these buffers"
 
+Row = tuple[list[str], Values | None, Mapping[str, str]]
+"""First cells, values by method (None: a region that cannot be made), what is left out of them."""
+
 ARROWS = {1: "\u2191", -1: "\u2193", 0: ""}
 """Where better lies, after a metric's title."""
 
@@ -46,7 +49,14 @@ def by_shot(results: Results) -> str:
                 results,
                 metric,
                 [element("th", "Shot", scope="col")],
-                [([_row_head(shot)], results.means(metric, shot)) for shot in results.shots],
+                [
+                    (
+                        [_row_head(shot)],
+                        results.means(metric, shot),
+                        results.left_out(metric, shot=shot),
+                    )
+                    for shot in results.shots
+                ],
             ),
             data_metric=metric.key,
         )
@@ -154,10 +164,15 @@ def _summary_cell(results: Results, method: str, metric: Metric) -> str:
     interval = (
         element("small", f"{metric.text(found[0])} {DASH} {metric.text(found[1])}") if found else ""
     )
-    shown = _number(metric, value, best=method in metric.best(means))
+    shown = _number(metric, value, best=method in metric.marked(means))
+    shown += _small(results.left_out(metric)[method])
     return element(
         "td", shown, interval, _whisker(results, metric, method), class_="n", **_exact(value)
     )
+
+
+def _small(remark: str) -> str:
+    return element("small", text(remark)) if remark else ""
 
 
 def _whisker(results: Results, metric: Metric, method: str) -> str:
@@ -188,30 +203,29 @@ def _exact(value: float | None) -> dict[str, object]:
     return {} if value is None else {"title": json.dumps(value)}
 
 
-def _comparison(
-    results: Results, metric: Metric, first: list[str], rows: list[tuple[list[str], Values | None]]
-) -> str:
+def _comparison(results: Results, metric: Metric, first: list[str], rows: Iterable[Row]) -> str:
     """Rows by methods in one metric; the last column tells who leads and by how much."""
     head = "".join(first)
     head += "".join(element("th", text(m), scope="col", class_="n") for m in results.methods)
     head += element("th", "Lead", scope="col")
-    return _table(head, [_comparison_row(results, metric, *row) for row in rows])
+    return _table(head, [_comparison_row(results, metric, row) for row in rows])
 
 
-def _comparison_row(
-    results: Results, metric: Metric, cells: list[str], values: Values | None
-) -> str:
+def _comparison_row(results: Results, metric: Metric, row: Row) -> str:
+    cells, values, left_out = row
     if values is None:
         blank = element("td", DASH, class_="n dim", title=NO_REGION)
         return element("tr", *cells, blank * len(results.methods), element("td"))
-    numbers = [_value_cell(metric, values, method) for method in results.methods]
+    numbers = [
+        _value_cell(metric, values, method, left_out.get(method, "")) for method in results.methods
+    ]
     return element("tr", *cells, *numbers, element("td", _lead(metric, values), class_="lead"))
 
 
-def _value_cell(metric: Metric, values: Values, method: str) -> str:
+def _value_cell(metric: Metric, values: Values, method: str, left_out: str) -> str:
     value = values.get(method)
-    shown = _number(metric, value, best=method in metric.best(values))
-    return element("td", shown, class_="n", **_exact(value))
+    shown = _number(metric, value, best=method in metric.marked(values))
+    return element("td", shown, _small(left_out), class_="n", **_exact(value))
 
 
 def _lead(metric: Metric, values: Values) -> str:
@@ -222,16 +236,17 @@ def _lead(metric: Metric, values: Values) -> str:
 
 
 def _region_table(results: Results, metric: Metric, shot: str | None) -> str:
-    rows: list[tuple[list[str], Values | None]] = []
+    rows: list[Row] = []
     for region, (title, description) in results.regions.items():
         share = results.share(region, shot)
         there = share is not None or _measured(results, metric, region, shot)
         part = element("td", DASH if share is None else f"{100 * share:.2f} %", class_="n")
         lost = element("td", DASH, class_="n dim", title=NO_REGION)
         values = results.in_region(metric, region, shot) if there else None
-        rows.append(([_row_head(title, description), part if there else lost], values))
-    first = [element("th", "Region", scope="col"), element("th", "Pixels", scope="col", class_="n")]
-    return _comparison(results, metric, first, rows)
+        cells = [_row_head(title, description), part if there else lost]
+        rows.append((cells, values, results.left_out(metric, region, shot)))
+    share_head = element("th", "Share of pixels", scope="col", class_="n")
+    return _comparison(results, metric, [element("th", "Region", scope="col"), share_head], rows)
 
 
 def _measured(results: Results, metric: Metric, region: str, shot: str | None = None) -> bool:

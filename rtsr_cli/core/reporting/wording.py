@@ -49,30 +49,20 @@ def _without_a_best(metric: Metric, values: Values) -> str:
 
 
 def _certainty(results: Results, metric: Metric, first: str, second: str) -> str:
-    """Whether the lead, frame by frame, stands out of its own scatter."""
-    rounds = [
-        (values.get(first), values.get(second))
-        for shot in results.shots
-        for frame in results.frames(shot)
-        for values in [results.at_frame(metric, shot, frame)]
-    ]
-    leads = [a - b for a, b in rounds if a is not None and b is not None]
+    """The interval of the lead, frame by frame: the two tests' own scatter does not matter."""
+    rounds = [(values.get(first), values.get(second)) for values in results.rounds(metric)]
+    leads = [metric.sign * (a - b) for a, b in rounds if a is not None and b is not None]
     found = interval([lead for lead in leads if math.isfinite(lead)])
     if found is None:
         return ""
-    if found[0] > 0.0 or found[1] < 0.0:
-        return " (more than frames scatter)"
-    return " (no more than frames scatter)"
+    low, high = metric.text(found[0]), metric.measure(found[1])
+    doubt = "" if found[0] > 0.0 else ", which holds 0"
+    return f" (95 % interval {low} to {high}{doubt})"
 
 
 def _frames(results: Results, metric: Metric, best: str) -> str:
     """In how many frames it alone is best, and in how many among the best."""
-    rounds = [
-        metric.best(results.at_frame(metric, shot, frame))
-        for shot in results.shots
-        for frame in results.frames(shot)
-    ]
-    decided = [names for names in rounds if names]
+    decided = [names for values in results.rounds(metric) if (names := metric.best(values))]
     if not decided:
         return ""
     alone = sum(list(names) == [best] for names in decided)

@@ -110,7 +110,8 @@ def test_predicted_frames_are_found_by_their_stamp(tmp_path: Path) -> None:
     write(tmp_path / "test", [2, 4], predicted=1)
     ref = write(tmp_path / "ref", range(1, 5))
     found = open_comparisons({"test": tmp_path / "test"}, ref, CompareOptions(predicted_only=True))
-    assert found[0].numbers == (2, 4)
+    assert found[0].numbers == found[0].available == (2, 4)
+    assert found[0].previous(2) == 1, "history is what was there, stamped or not"
     write(tmp_path / "plain", range(1, 5))
     with pytest.raises(FrameFolderError, match=r"no frame stamped rtsr:predicted to judge"):
         open_comparisons({"p": tmp_path / "plain"}, ref, CompareOptions(predicted_only=True))

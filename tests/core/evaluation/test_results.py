@@ -56,11 +56,11 @@ def test_an_interval_holds_the_mean_and_narrows_with_more_frames() -> None:
 
 def test_intervals_of_independent_frames_hold_the_truth_as_often_as_they_say() -> None:
     rng = np.random.default_rng(5)
-    for count in (3, 5, 8, 16, 60):
+    for count in (3, 4, 5, 6, 8, 12, 16, 24, 32, 60):
         found = [interval(list(rng.normal(size=count))) or [1.0, 1.0] for _ in range(2000)]
         share = sum(low <= 0.0 <= high for low, high in found) / len(found)
         # a correlation that chance shows widens them a little, so that they hold it more often
-        assert 0.94 <= share <= 0.99, (count, share)
+        assert 0.93 <= share <= 0.97, (count, share)
 
 
 def test_the_interval_of_correlated_frames_is_wider_than_of_shuffled_ones() -> None:

@@ -36,14 +36,18 @@ def reference(number: int) -> Image:
     return texture()[:, start : start + WIDTH]
 
 
-def write(folder: Path, images: dict[int, Image], *, buffers: bool = False) -> Path:
+def write(
+    folder: Path, images: dict[int, Image], *, buffers: bool = False, predicted: int = 0
+) -> Path:
+    """Every `predicted`-th frame is stamped so."""
     for number, image in images.items():
         planes = {c: image[..., i] for i, c in enumerate("RGB")}
         if buffers:
             planes["motion.X"] = np.full((HEIGHT, WIDTH), PAN_PX, np.float32)
             planes["motion.Y"] = np.zeros((HEIGHT, WIDTH), np.float32)
             planes["depth.Z"] = np.full((HEIGHT, WIDTH), 5.0, np.float32)
-        write_exr(folder / f"frame.{number:04d}.exr", planes)
+        stamped = {"rtsr:predicted": 1} if predicted and number % predicted == 0 else {}
+        write_exr(folder / f"frame.{number:04d}.exr", planes, attributes=stamped)
     return folder
 
 
@@ -96,6 +100,17 @@ def test_an_error_that_sticks_to_its_surface_does_not_flicker(truth: Path, tmp_p
     assert scores["stick"].scores["temporal"] == pytest.approx(0.0, abs=1e-6)
     assert float(scores["fixed"].scores["temporal"] or 0.0) > 1e-3
     assert scores["stick"].scores["psnr"] == pytest.approx(scores["fixed"].scores["psnr"], abs=1.0)
+
+
+def test_predicted_frames_alone_are_judged_but_their_neighbours_are_their_history(
+    truth: Path, tmp_path: Path
+) -> None:
+    images = {n: reference(n) for n in range(1, 6)}
+    test = write(tmp_path / "test", images, predicted=2)
+    only = open_comparisons({"test": test}, truth, CompareOptions(predicted_only=True))[0]
+    frames = scored(only)
+    assert [f.number for f in frames] == [2, 4]
+    assert [f.scores["test"].scores["temporal"] for f in frames] == [0.0, 0.0]
 
 
 def test_any_number_of_threads_gives_the_same(truth: Path, tmp_path: Path) -> None:

@@ -214,7 +214,7 @@ def test_what_is_no_number_is_a_dash_and_does_not_stop_the_report(evaluation: Ev
     assert any("7 pixels that are not finite, in 1 frames" in item for item in page.all("li"))
 
 
-def scored(values: list[float], **more: object) -> dict[str, object]:
+def scored(values: list[float], **more: object) -> dict[str, Any]:
     frames = {str(i + 1): {"psnr": value} for i, value in enumerate(values)}
     return {"mean": {"psnr": sum(values) / len(values)}, "frames": frames, **more}
 
@@ -225,7 +225,7 @@ def test_a_sentence_tells_the_lead_the_certainty_and_the_loss() -> None:
         [31.0, 27.9, 30.4, 31.3], regions={"all": {"psnr": 30.0}, "sky": {"psnr": 25.0}}
     )
     assert said(first, second) == (
-        "a is best: 31.20 dB, 1.05 dB over b (more than frames scatter), "
+        "a is best: 31.20 dB, 1.05 dB over b (95 % interval 0.96 to 1.14 dB), "
         "ahead in 4 of 4 frames; it loses in sky (to b)."
     )
 
@@ -233,6 +233,83 @@ def test_a_sentence_tells_the_lead_the_certainty_and_the_loss() -> None:
 def test_a_frame_that_reads_alike_is_no_lead() -> None:
     text = said(scored([32.0, 30.0, 31.0]), scored([31.0, 30.001, 30.5]))
     assert "ahead in 2 of 3 frames, level in 1" in text
+
+
+def test_frames_that_take_no_part_in_means_take_none_in_sentences() -> None:
+    first, second = scored([10.0, 30.0, 31.0, 32.0]), scored([40.0, 29.0, 30.5, 31.0])
+    for test in (first, second):
+        test["frames"]["1"]["counted"] = False
+    first["mean"], second["mean"] = {"psnr": 31.0}, {"psnr": 30.2}
+    assert "ahead in 3 of 3 frames" in said(first, second)
+    assert "which holds 0" not in said(first, second)
+
+
+def test_perfect_frames_that_a_mean_leaves_out_are_told_beside_it() -> None:
+    def frame(psnr: float, sky: float) -> dict[str, Any]:
+        return {"psnr": psnr, "regions": {"all": {"psnr": psnr}, "sky": {"psnr": sky}}}
+
+    values = [(30.0, math.inf), (math.inf, math.inf), (31.0, 50.0), (math.inf, math.inf)]
+    some = {
+        "mean": {"psnr": 30.5},
+        "frames": {str(i): frame(*both) for i, both in enumerate(values)},
+        "regions": {"all": {"psnr": 30.5}, "sky": {"psnr": 50.0}},
+    }
+    none = {"mean": {"psnr": 29.0}, "regions": {"all": {"psnr": 29.0}, "sky": {"psnr": 40.0}}}
+    page = Page(html_report(two(some, none)))
+    beside = [text for text in page.all("small") if "perfect" in text]
+    # in the summary, and in the regions' table
+    assert beside == ["2 of 4 frames; 2 perfect"] * 2 + ["1 of 4 frames; 3 perfect"]
+
+
+def test_perfect_frames_of_several_shots_are_added_up(evaluation: Evaluation) -> None:
+    result = evaluation(methods=("a",), frames=4)
+    for test in result["tests"].values():
+        test["frames"]["2"]["psnr"] = math.inf
+    results = read_results(result)
+    psnr = results.metrics[0]
+    assert results.left_out(psnr) == {"a": "6 of 8 frames; 2 perfect"}
+    assert results.left_out(psnr, shot="hall/turn") == {"a": "3 of 4 frames; 1 perfect"}
+    result["tests"]["a/hall/turn"]["regions"]["sky"]["psnr"] = math.inf
+    whole = read_results(result).in_region(psnr, "sky")["a"]
+    assert whole == result["tests"]["a/yard/stroll"]["regions"]["sky"]["psnr"]
+
+
+def test_what_is_no_score_or_the_same_for_all_is_not_marked() -> None:
+    result = two({"mean": {"psnr": 30.0}}, {"mean": {"psnr": 30.001}})
+    assert "<b>30.00</b>" not in html_report(result)
+    result["tests"]["b"]["mean"]["psnr"] = 29.0
+    assert "<b>30.00</b>" in html_report(result)
+    result["metrics"] = {"psnr-reference": result["metrics"]["psnr"]}
+    for test, value in zip(result["tests"].values(), (0.25, 0.5), strict=True):
+        test["mean"] = {"psnr-reference": value}
+    source = html_report(result)
+    assert "<b>0.2500</b>" not in source
+    assert ">0.2500<" in source
+    assert "\u2191" not in source.partition("</thead>")[0], "no arrow either"
+
+
+def test_a_report_without_pictures_says_so_and_one_with_them_does_not(
+    evaluation: Evaluation, moments: list[Moment]
+) -> None:
+    def said_of_pictures(source: str) -> dict[str, bool]:
+        return {
+            text: "hidden" not in about
+            for (tag, about), text in zip(Page(source).found, Page(source).texts, strict=True)
+            if tag == "span" and "pictures" in text
+        }
+
+    without, with_them = (said_of_pictures(html_report(evaluation(), m)) for m in ([], moments))
+    none = "There are no pictures: parts of runs that are merged hold none."
+    opens = next(text for text in without if text != none)
+    assert opens.startswith("A click")
+    assert (without[none], without[opens]) == (True, False)
+    assert (with_them[none], with_them[opens]) == (False, True)
+
+
+def test_regions_are_defined_where_they_are_listed(evaluation: Evaluation) -> None:
+    page = Page(html_report(evaluation()))
+    assert "seen for the first time in this frame" in page.all("dd")
+    assert "Share of pixels" in page.all("th")
 
 
 def test_a_sentence_tells_a_tie_and_a_method_alone() -> None:
@@ -245,9 +322,9 @@ def test_a_sentence_tells_a_tie_and_a_method_alone() -> None:
 def test_a_lead_that_turns_from_frame_to_frame_is_no_lead() -> None:
     """Each method's own scatter does not matter, that of their difference does."""
     turning = said(scored([31.0, 30.0, 33.0]), scored([30.0, 31.5, 30.5]))
-    assert "(no more than frames scatter)" in turning
+    assert "(95 % interval \u22124.35 to 5.69 dB, which holds 0)" in turning
     steady = said(scored([31.0, 20.0, 40.0]), scored([30.5, 19.4, 39.5]))
-    assert "(more than frames scatter)" in steady
+    assert "(95 % interval 0.39 to 0.68 dB)" in steady  # 0.5333 -+ 4.303 * 0.0577 / sqrt(3)
 
 
 def test_regions_of_several_shots_are_means_and_what_cannot_be_made_says_so(
