@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +35,26 @@ JSON_FIELDS: Mapping[str, type] = {
 """What a result always holds."""
 
 
-def number(value: float | None) -> str:
-    """Write a score: four decimals below 10, two above, `-` for none."""
+OF_REFERENCE = "-reference"
+"""Ends the names of what is measured of the reference alone: nobody is best in it."""
+
+SMALL, FEW, MANY = 10.0, 2, 4
+"""Scores below the first have so many decimals more than others."""
+
+
+def decimals(values: Iterable[float | None]) -> int:
+    """Decimals of scores that stand together: four where all lie below 10, else two."""
+    sizes = [abs(v) for v in values if v is not None and math.isfinite(v)]
+    return FEW if any(size >= SMALL for size in sizes) else MANY
+
+
+def number(value: float | None, places: int | None = None) -> str:
+    """Write a score with so many decimals, by its own size if nothing is said; `-` for none."""
     if value is None or math.isnan(value):
         return NOTHING
     if math.isinf(value):
         return "inf"
-    return f"{value:.4f}" if abs(value) < 10.0 else f"{value:.2f}"
+    return f"{value:.{decimals([value]) if places is None else places}f}"
 
 
 def _best(values: Sequence[float | None], better: str) -> float | None:
@@ -61,7 +74,10 @@ def table(result: Result) -> Iterator[str]:
     names = [n for n in metrics if any(n in mean for group in groups for mean in group.values())]
     units = [f" {metrics[n]['unit']}" if metrics[n]["unit"] else "" for n in names]
     head = ["test", *(metrics[n]["title"] + unit for n, unit in zip(names, units, strict=True))]
-    rows = [row for group in groups for row in _rows(group, metrics, names)]
+    places = {
+        n: decimals(mean.get(n) for group in groups for mean in group.values()) for n in names
+    }
+    rows = [row for group in groups for row in _rows(group, metrics, places)]
     widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
     for row in (head, *rows):
         cells = [c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)]
@@ -69,15 +85,33 @@ def table(result: Result) -> Iterator[str]:
 
 
 def _rows(
-    group: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Any], names: Sequence[str]
+    group: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Any], places: Mapping[str, int]
 ) -> Iterator[list[str]]:
-    """Cells of the tests of one shot."""
-    best = {n: _best([mean.get(n) for mean in group.values()], metrics[n]["better"]) for n in names}
-    for key, mean in group.items():
-        marks = [
-            "*" if len(group) > 1 and mean.get(n) == best[n] is not None else " " for n in names
-        ]
-        yield [key, *(number(mean.get(n)) + mark for n, mark in zip(names, marks, strict=True))]
+    """Cells of the tests of one shot; what reads like the best is marked, unless all does."""
+    written = {n: [number(mean.get(n), places[n]) for mean in group.values()] for n in places}
+    marked: dict[str, str] = {}
+    for name, cells in written.items():
+        best = _best([mean.get(name) for mean in group.values()], metrics[name]["better"])
+        told = {cell for cell in cells if cell != NOTHING}
+        if best is not None and len(told) > 1 and not name.endswith(OF_REFERENCE):
+            marked[name] = number(best, places[name])
+    for row, key in enumerate(group):
+        own = {name: values[row] for name, values in written.items()}
+        yield [key, *(c + ("*" if c == marked.get(name) else " ") for name, c in own.items())]
+
+
+def perfect_frames(result: Result) -> Iterator[str]:
+    """Lines that tell which means leave out perfect frames, whose values are infinite."""
+    for key, test in result["tests"].items():
+        counted = [facts for facts in test["frames"].values() if facts["counted"]]
+        for name, metric in result["metrics"].items():
+            values = [v for facts in counted if (v := facts.get(name)) is not None]
+            perfect = sum(map(math.isinf, values))
+            if 0 < perfect < len(values):
+                yield (
+                    f"{key}: the mean of {metric['title']} is of {len(values) - perfect} of "
+                    f"{len(values)} frames; {perfect} are perfect, their infinite values left out"
+                )
 
 
 def region_table(result: Result) -> Iterator[str]:

@@ -269,7 +269,7 @@ def _equipped(rules: Rules, chosen: Mapping[str, Any], device: str) -> tuple[Rul
     if "lpips" in rules.metrics:
         try:
             network = Lpips.load(chosen["lpips_weights"], device)
-            rules = replace(rules, lpips=network.map)
+            rules = replace(rules, lpips=network.map, lpips_source=network.weights.source)
         except MetricUnavailableError as error:
             unavailable["lpips"] = str(error)
     if "vmaf" in rules.metrics:
@@ -325,7 +325,7 @@ def _tell(chosen: Mapping[str, Any], result: Mapping[str, Any]) -> None:
     if chosen["as_json"]:
         emit({"event": "done", **text.strict(result)})
         return
-    for line in text.table(result):
+    for line in (*text.table(result), *text.perfect_frames(result)):
         LOG.info("%s", line)
     if any(any(r for r in test["regions"].values()) for test in result["tests"].values()):
         for line in text.region_table(result):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from importlib import metadata
 from itertools import compress
 from typing import Any
 
@@ -97,12 +98,14 @@ class JudgedShot:
         frames: method -> frame number -> `FrameScores.facts`.
         slice: rows for the EPI picture.
         failed: why frames could not be judged.
+        vmaf: model and build that judged the shot, "" where VMAF is not asked for.
     """
 
     comparison: Comparison
     frames: Mapping[str, Mapping[str, Any]]
     slice: Slice
     failed: tuple[str, ...] = ()
+    vmaf: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +134,7 @@ class _Videos:
 
     def __init__(self, scorers: Mapping[str, Vmaf]) -> None:
         """Start with no frame."""
+        self.made_by = ""
         self._scorers = scorers
         self._judged: list[bool] = []
 
@@ -142,10 +146,9 @@ class _Videos:
 
     def finish(self) -> dict[str, tuple[float, ...]]:
         """Scores of the judged frames, by method."""
-        return {
-            method: tuple(compress(scorer.finish().frames, self._judged))
-            for method, scorer in self._scorers.items()
-        }
+        found = {method: scorer.finish() for method, scorer in self._scorers.items()}
+        self.made_by = next((f"{s.model}, {s.build}" for s in found.values()), "")
+        return {m: tuple(compress(scores.frames, self._judged)) for m, scores in found.items()}
 
 
 def neighbours(comparison: Comparison, selection: Selection) -> tuple[int | None, int | None]:
@@ -203,6 +206,7 @@ def judged_shot(
         frames=frames,
         slice=sliced,
         failed=tuple(failed),
+        vmaf=video.made_by,
     )
 
 
@@ -249,7 +253,7 @@ def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, An
         "metrics": _metrics(judgement),
         "regions": {region.value: {"description": REGION_MEANINGS[region]} for region in Region},
         "inputs": dict(judgement.inputs),
-        "versions": {"rtsr": __version__, "torch": torch.__version__},
+        "versions": _versions(shots, rules),
         "rules": f"{results.INFINITE_RULE}; {INTERVAL_RULE}",
         "tests": tests,
     }
@@ -257,6 +261,15 @@ def result_of(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[str, An
     if shard is not None:
         result["shard"] = shard
     return result if single else {**result, "methods": results.grouped(tests)}
+
+
+def _versions(shots: Sequence[JudgedShot], rules: Rules) -> dict[str, str]:
+    """Everything that figures depend on beside this program."""
+    found = {"rtsr": __version__, "torch": torch.__version__, "numpy": np.__version__}
+    models = dict.fromkeys(shot.vmaf for shot in shots if shot.vmaf)
+    if models:
+        found |= {"imageio-ffmpeg": metadata.version("imageio-ffmpeg"), VMAF: "; ".join(models)}
+    return found | ({"lpips weights": rules.lpips_source} if rules.lpips_source else {})
 
 
 def _metrics(judgement: Judgement) -> dict[str, Any]:
@@ -302,4 +315,9 @@ def _notes(shot: JudgedShot, method: str) -> list[str]:
         notes.append(f"{count} pixels of the reference are NaN or Inf in frames {frames}; left out")
     if shot.comparison.gbuffer is None:
         notes.append("no buffers of this size: regions and temporal metrics cannot be made")
+    elif all(shot.comparison.previous(number) is None for number in shot.comparison.numbers):
+        notes.append(
+            "no judged frame has history (the frame before it in all folders, no cut between): "
+            "temporal metrics and the disoccluded region cannot be made"
+        )
     return notes

@@ -42,6 +42,7 @@ class Rules:
         ssim: SSIM's convention.
         ppd: pixels per degree, for FLIP.
         lpips: map of a test and a reference, None where LPIPS is not asked for.
+        lpips_source: where its weights come from.
     """
 
     protocol: Protocol
@@ -49,6 +50,7 @@ class Rules:
     ssim: SsimConvention
     ppd: float = DEFAULT_PPD
     lpips: Callable[[Color, Color], PixelMap] | None = None
+    lpips_source: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

