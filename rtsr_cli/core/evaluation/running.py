@@ -16,6 +16,7 @@ from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.results import FrameScores
 from rtsr_cli.core.evaluation.scoring import score_frame
+from rtsr_cli.core.memory import release_freed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +98,10 @@ class _Frames:
         return ScoredFrame(number=number, scores=scores, kept=keep(current) if keep else None)
 
 
+RELEASE_EVERY = 8
+"""Frames after which freed memory is given back."""
+
+
 def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFrame]:
     """Score every frame of a shot, in order; a few frames are in memory at a time.
 
@@ -114,6 +119,8 @@ def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFr
                 pending.append(frames.submit(number, ahead))
                 if len(pending) > options.jobs:
                     yield pending.popleft().result()
+                if place % RELEASE_EVERY == 0:
+                    release_freed()
             while pending:
                 yield pending.popleft().result()
         finally:
