@@ -189,6 +189,7 @@ def _clips(chosen: Mapping[str, Any], task: Task, data: DataConfig) -> list[Clip
     judged = total_frames(c for c in clips if c.facts.validation)
     if not judged:
         clips += _judged_as_trained(clips)
+        judged = total_frames(c for c in clips if c.facts.validation)
     learnt = total_frames(c for c in clips if not c.facts.validation)
     names = {c.facts.name for c in clips if not c.facts.validation}
     LOG.info("%d frames of %d shots to train on, %d to validate", learnt, len(names), judged)

@@ -49,7 +49,7 @@ from rtsr_cli.models import trainable_names
 @opt.capture
 @opt.on_missing
 @opt.on_nonfinite
-@opt.dry_run
+@click.option("--dry-run", is_flag=True, help="Print every setting, read no frame, write nothing.")
 @opt.as_json
 @opt.verbose
 @opt.quiet

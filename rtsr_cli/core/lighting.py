@@ -2,8 +2,8 @@
 
 Preset `rtsr`: networks work on e = log(1 + lighting / k), k of the whole frame, their output is
 multiplied by the HR material, emission is added, and the sky is enlarged on its own. Preset `paper`
-[FuseSR, code]: lighting is min(radiance, 10) / softplus(F) as it is, and everything is multiplied
-back.
+[FuseSR, code]: lighting is radiance / softplus(F) as it is, and everything is multiplied back;
+its reference, not its input, is bounded at 10.
 
 Conventions: HR tensors among inputs, outputs and goal lie on the grid that `alignment` moves, so
 that the LR sample is pixel (S//2, S//2) of its block.
@@ -30,7 +30,7 @@ MAX_LIGHTING = 64.0
 """Bound of lighting in a network's input: quotients over dark materials have none."""
 
 MAX_PAPER_RADIANCE = 10.0
-"""Bound of radiance, input and reference [FuseSR, code]."""
+"""Bound of the reference's radiance [FuseSR, code]; the code bounds its input, too."""
 
 LR_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
 HR_BUFFERS = (Buffer.MATERIAL, Buffer.SKY)

@@ -158,7 +158,8 @@ def record(
     if missing:
         raise FrameFolderError(
             f"{root}: cannot be trained on, missing: {', '.join(missing)}. Training needs the "
-            "system's inputs, and radiance at the target size"
+            f"system's inputs, and radiance at the target size. Found: {_held(shot)}; channels of "
+            "other names are declared under [buffers] in capture.toml ('rtsr inspect' lists them)"
         )
     key = _key(shot, wanted, policy)
     paths = []
@@ -170,6 +171,10 @@ def record(
             write_clips(path, [clip], {"frames": ranges(numbers)})
         paths.append(path)
     return paths
+
+
+def _held(shot: Captured) -> str:
+    return ", ".join(sorted({b.value for reader in shot.readers for b in reader.stored}))
 
 
 def _key(shot: Captured, wanted: Wanted, policy: NonfinitePolicy) -> str:
