@@ -51,9 +51,6 @@ CONFIG_FILE = "config.toml"
 BASELINE = "demod-bicubic"
 """What pictures and validation show beside the network."""
 
-COLUMNS = ("loss", "log", "tonemapped", "radiance", *NAMES, "learning_rate", "steps_per_s")
-"""Of log.csv, after the step."""
-
 MAX_NAMED = 40
 """Shots that weights name; more are counted."""
 
@@ -268,7 +265,7 @@ def _follow(chosen: Mapping[str, Any], run: Run, network: nn.Module) -> int:
     start = saved_step(run.folder / STATE_FOLDER)
     if start:
         LOG.info("going on after step %d", start)
-    journal = Journal(run.folder, COLUMNS, resume_step=start or None)
+    journal = Journal(run.folder, resume_step=start or None)
     with tqdm(total=config.steps, initial=start, unit="step", disable=None) as bar:
         for progress in train(run, network):
             bar.update(progress.step - bar.n)
@@ -298,14 +295,17 @@ def _baseline(task: Task, frames: Sequence[tuple[Clip, int]]) -> list[Judged]:
     return list(judged(system, network, task, frames))
 
 
-def _row(progress: Progress) -> dict[str, float]:
+def _row(progress: Progress) -> dict[str, float | None]:
+    """What log.csv says of a step; scores are None where nothing was judged."""
+    scores = {name: progress.scores.get(name) for name in NAMES}
     rates = {"learning_rate": progress.learning_rate, "steps_per_s": progress.steps_per_second}
-    return {**progress.losses, **progress.scores, **rates}
+    return {"loss": progress.losses["loss"], **progress.losses, **scores, **rates}
 
 
 def _tell(chosen: Mapping[str, Any], progress: Progress, steps: int) -> None:
     if chosen["as_json"]:
-        emit({"event": "step", "step": progress.step, **_row(progress), "best": progress.best})
+        known = {name: value for name, value in _row(progress).items() if value is not None}
+        emit({"event": "step", "step": progress.step, **known, "best": progress.best})
         return
     if progress.scores:
         best = ", best so far" if progress.best else ""

@@ -48,16 +48,19 @@ class Preset(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """Weights of the loss' terms, all mean absolute differences.
+    """Weights of the loss' terms: mean absolute differences, or squared where named so.
 
     Attributes:
         log: of log lighting, over divided pixels.
         tonemapped: of the remodulated image after c / (1 + c), sky left out.
+        tonemapped_squared: the same squared, which is what PSNR measures; noise in captures moves
+            the absolute difference's optimum to the median, this one's to the mean.
         radiance: of the remodulated linear image, bounded as the paper's [FuseSR, code].
     """
 
     log: float = 0.1
     tonemapped: float = 1.0
+    tonemapped_squared: float = 0.0
     radiance: float = 0.0
 
 
@@ -215,9 +218,13 @@ def lighting_loss(
         difference = (predicted - goal["encoded"]).abs()
         terms["log"] = weights.log * masked_mean(difference, goal["divided_mask"])
     image = recomposed(predicted, inputs, preset)
-    if weights.tonemapped:
+    if weights.tonemapped or weights.tonemapped_squared:
         difference = (encode_reinhard(image) - encode_reinhard(goal["color"])).abs()
-        terms["tonemapped"] = weights.tonemapped * masked_mean(difference, goal["surface_mask"])
+        if weights.tonemapped:
+            terms["tonemapped"] = weights.tonemapped * masked_mean(difference, goal["surface_mask"])
+        if weights.tonemapped_squared:
+            squared = masked_mean(difference.square(), goal["surface_mask"])
+            terms["tonemapped_squared"] = weights.tonemapped_squared * squared
     if weights.radiance:
         bounded = goal["color"].clamp(max=MAX_PAPER_RADIANCE)
         terms["radiance"] = weights.radiance * (image - bounded).abs().mean()

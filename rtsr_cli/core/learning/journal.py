@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -35,31 +35,30 @@ GAP_PX = 4
 class Journal:
     """Keeps the files of a run up to date."""
 
-    def __init__(self, folder: Path, columns: Sequence[str], *, resume_step: int | None) -> None:
+    def __init__(self, folder: Path, *, resume_step: int | None) -> None:
         """Start anew, or keep the rows up to a step and go on after them.
 
         Args:
             folder: RUN.
-            columns: of the table, after `step`.
             resume_step: last step whose row is kept; None starts anew.
         """
-        self._folder, self._columns = folder, tuple(columns)
+        self._folder = folder
         kept = 0 if resume_step is None else resume_step
         self._rows = [row for row in _read(folder / LOG_FILE) if int(row["step"]) <= kept]
         self._board = _board(folder)
         self._write()
 
-    def log(self, step: int, values: Mapping[str, float]) -> None:
-        """Add a row and draw the curves again; values without a column are left out."""
-        row = {"step": str(step)}
-        row |= {name: f"{values[name]:.6g}" for name in self._columns if name in values}
-        self._rows.append(row)
+    def log(self, step: int, values: Mapping[str, float | None]) -> None:
+        """Add a row and draw the curves again; None has a column, but no value yet."""
+        known = {name: value for name, value in values.items() if value is not None}
+        row = {name: f"{known[name]:.6g}" if name in known else "" for name in values}
+        self._rows.append({"step": str(step), **row})
         self._write()
         curves = [c for c in (self._curve("loss"), self._curve("psnr")) if len(c.points)]
         if curves:
             write_png(self._folder / CURVES_FILE, plotted(curves))
         if self._board is not None:
-            for name, value in values.items():
+            for name, value in known.items():
                 self._board.add_scalar(name, value, step)
 
     def picture(self, step: int, name: str, panels: Mapping[str, Color]) -> None:
@@ -87,7 +86,8 @@ class Journal:
     def _write(self) -> None:
         """The table is small: written whole, it is never half there."""
         text = io.StringIO(newline="")
-        table = csv.DictWriter(text, ("step", *self._columns), restval="")
+        columns = dict.fromkeys(name for row in self._rows for name in row)
+        table = csv.DictWriter(text, tuple(columns) or ("step",), restval="")
         table.writeheader()
         table.writerows(self._rows)
         content = text.getvalue().encode()
