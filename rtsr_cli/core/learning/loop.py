@@ -253,6 +253,9 @@ class Trainer:
 def train(run: Run, network: nn.Module) -> Iterator[Progress]:
     """Train, from the state in RUN if there is one; yields reports, the last one at the end.
 
+    What a report tells is written before the state is: a run that is killed between the two makes
+    the same steps and the same report again, and loses none.
+
     Raises:
         TrainingError: a loss is not finite.
         RtsrError: something cannot be read or written.
@@ -277,12 +280,12 @@ def train(run: Run, network: nn.Module) -> Iterator[Progress]:
             if best or not found:
                 run.keep("best.safetensors", trainer.kept, step, found)
             run.keep("last.safetensors", trainer.kept, step, found)
-            trainer.save()
             yield replace(told.report(trainer), scores=found, best=best, frames=frames)
-        elif step % config.save_every == 0:
             trainer.save()
+        elif step % config.save_every == 0:
             run.keep("last.safetensors", trainer.kept, step, {})
             yield told.report(trainer)
+            trainer.save()
         elif step % config.log_every == 0:
             yield told.report(trainer)
 
