@@ -174,6 +174,22 @@ def test_features_kept_from_past_frames_change_no_bit(
         assert torch.equal(kept, encoded)
 
 
+@pytest.mark.parametrize("rows", [5, 16])
+def test_a_large_frame_in_strips_is_the_whole(
+    make_windows: MakeWindows, monkeypatch: pytest.MonkeyPatch, rows: int
+) -> None:
+    network = scrambled(FULL, HEAD, 4)
+    window = make_windows(FULL, 4)[-1]
+    inputs = prepare(HEAD, window)
+    whole, _ = run(network, inputs)
+    width = window.current.size[1]
+    monkeypatch.setattr("rtsr_cli.models.fusesr.network.WHOLE_PIXELS", rows * width)
+    strips, _ = run(network, inputs)
+    assert torch.allclose(strips, whole, rtol=1e-4, atol=1e-4)
+    monkeypatch.setattr("rtsr_cli.models.fusesr.network.STRIP_HALO", 4)
+    assert not torch.allclose(run(network, inputs)[0], whole, rtol=1e-4, atol=1e-4)
+
+
 def test_features_are_kept_after_a_start_in_the_middle(make_windows: MakeWindows) -> None:
     network = scrambled(FULL, HEAD, 4)
     state = None

@@ -22,6 +22,7 @@ from rtsr_cli.core.lighting import (
     Preset,
 )
 from rtsr_cli.core.shapes import Color, Image, Plane
+from rtsr_cli.core.strips import in_strips
 from rtsr_cli.core.system import (
     State,
     Tensors,
@@ -35,6 +36,12 @@ FAST_WIDTHS = (32, 16, 12, 12, 16)
 """The same of the fast network."""
 
 BACKBONE_BLOCKS = 6
+
+WHOLE_PIXELS = 2**18
+"""LR pixels up to which the full network's backbone sees a frame whole: 128 MiB a feature map."""
+
+STRIP_HALO = 17
+"""LR rows that fusion, 13 layers of backbone, upsampling and refinement reach to, and one."""
 
 
 class Encoder(nn.Module):
@@ -116,13 +123,13 @@ class Decoder(nn.Module):
             for layer in (self.upsample, self.refine):
                 nn.init.zeros_(cast(Tensor, layer.bias))
 
-    def forward(self, features: Image, inputs: Tensors) -> Tensors:
+    def forward(self, features: Image, inputs: Tensors) -> Color:
         """Shuffle to HR, add `base` if there is one, refine."""
         image = F.pixel_shuffle(self.upsample(features), self.fusion.scale)
         if "base" in inputs:
             image = image + inputs["base"]
-        refined = self.refine(self.fusion.at_hr(image, inputs["hr"]))
-        return {"predicted": refined.relu_()}
+        refined: Color = self.refine(self.fusion.at_hr(image, inputs["hr"]))
+        return refined.relu_()
 
 
 class FuseSRNetwork(nn.Module):
@@ -162,13 +169,23 @@ class FuseSRNetwork(nn.Module):
         if self.attention is not None:
             past = [self._past(age, inputs, state) for age in (1, 2)]
             parts += [self._fetched(age, past[age - 1], inputs) for age in (1, 2)]
-        if self.fusion.lr_channels:
-            parts.append(self.compact(self.fusion.at_lr(inputs["hr"], like=main)))
-        features = self.backbone(torch.cat(parts, dim=1))
-        outputs = self.decoder(torch.cat([features, shallow], dim=1), inputs)
+        images = {"seen": torch.cat(parts, dim=1), "shallow": shallow}
+        images |= {name: inputs[name] for name in ("hr", "base") if name in inputs}
+        height, width = main.shape[-2:]
+        rows = height if height * width <= WHOLE_PIXELS else max(1, WHOLE_PIXELS // width)
+        predicted = in_strips(self._fused, images, rows=rows, halo=STRIP_HALO)
         # after a reset the current frame may have stood in for the past: it is none of the next's
         known = past[:1] if state is not None else []
-        return outputs, (main, *known) if past else None
+        return {"predicted": predicted}, (main, *known) if past else None
+
+    def _fused(self, images: Tensors) -> Color:
+        """Current and past features, HR buffers -> HR prediction."""
+        parts = [images["seen"]]
+        if self.fusion.lr_channels:
+            parts.append(self.compact(self.fusion.at_lr(images["hr"], like=parts[0])))
+        features = self.backbone(torch.cat(parts, dim=1))
+        predicted: Color = self.decoder(torch.cat([features, images["shallow"]], dim=1), images)
+        return predicted
 
     def _past(self, age: int, inputs: Tensors, state: State) -> Image:
         """Main features of a past frame, or of what stands in: as computed then, or anew."""
@@ -217,4 +234,4 @@ class FuseSRFastNetwork(nn.Module):
         if self.fusion.lr_channels:
             parts.append(self.fusion.at_lr(inputs["hr"], like=shallow))
         features = self.backbone(torch.cat(parts, dim=1))
-        return self.decoder(torch.cat([features, shallow], dim=1), inputs), state
+        return {"predicted": self.decoder(torch.cat([features, shallow], dim=1), inputs)}, state
