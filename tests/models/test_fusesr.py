@@ -174,7 +174,7 @@ def test_features_kept_from_past_frames_change_no_bit(
         assert torch.equal(kept, encoded)
 
 
-@pytest.mark.parametrize("rows", [5, 16])
+@pytest.mark.parametrize("rows", [3, 8])
 def test_a_large_frame_in_strips_is_the_whole(
     make_windows: MakeWindows, monkeypatch: pytest.MonkeyPatch, rows: int
 ) -> None:
@@ -186,7 +186,7 @@ def test_a_large_frame_in_strips_is_the_whole(
     monkeypatch.setattr("rtsr_cli.models.fusesr.network.WHOLE_PIXELS", rows * width)
     strips, _ = run(network, inputs)
     assert torch.allclose(strips, whole, rtol=1e-4, atol=1e-4)
-    monkeypatch.setattr("rtsr_cli.models.fusesr.network.STRIP_HALO", 4)
+    monkeypatch.setattr("rtsr_cli.models.fusesr.network.STRIP_HALO", 1)
     assert not torch.allclose(run(network, inputs)[0], whole, rtol=1e-4, atol=1e-4)
 
 
