@@ -21,6 +21,7 @@ from typing import Any
 
 import click
 from click.testing import CliRunner
+from sections import replace_section
 
 from rtsr_cli.cli import group
 from rtsr_cli.core.networks import has_weights
@@ -178,7 +179,7 @@ def main(data: Path, output: Path, keep: Path | None) -> None:
             result = judged(tree, work, scale, jitter, lr_filter)
             text += gains(result, sequences, head)
             text += lines(result, sequences, head)
-    output.write_text("\n".join(text) + "\n", encoding="utf-8")
+    replace_section(output, "results", "\n".join(text))
     click.echo(f"{output}: written")
 
 
