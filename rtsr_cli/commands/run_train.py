@@ -34,6 +34,7 @@ from rtsr_cli.core.learning.validating import (
     panels,
     validation_frames,
 )
+from rtsr_cli.core.memory import keep_freed
 from rtsr_cli.core.settings import (
     Source,
     parse_assignments,
@@ -105,6 +106,7 @@ def run_train(chosen: Mapping[str, Any]) -> int:
         workers=data.workers or max(1, min(8, os.cpu_count() or 1)),
         keep=_Keeper(chosen["out_folder"], system, plain, clips).keep,
     )
+    keep_freed()
     with unwinding():
         return _follow(chosen, run, network)
 

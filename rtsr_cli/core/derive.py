@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import torch
 
@@ -117,10 +118,20 @@ def needs(
         has_camera: whether every frame has camera matrices.
         config: what divides radiance.
     """
+    return _needs(tuple(wanted), frozenset(stored), has_camera, config)
+
+
+@lru_cache(maxsize=1024)
+def _needs(
+    wanted: tuple[Buffer, ...],
+    stored: frozenset[Buffer],
+    has_camera: bool,
+    config: DerivationConfig,
+) -> Needs:
     read: set[Buffer] = set()
     missing: list[str] = []
     for buffer in wanted:
-        result = _resolve(buffer, frozenset(stored), has_camera, config)
+        result = _resolve(buffer, stored, has_camera, config)
         read |= result.read
         missing += [m for m in result.missing if m not in missing]
     return Needs(frozenset(read), tuple(missing))

@@ -1,4 +1,4 @@
-"""Giving freed memory back to the system."""
+"""What glibc does with freed memory: give it back, or keep it for the next array."""
 
 from __future__ import annotations
 
@@ -18,6 +18,29 @@ def _trim() -> Callable[[int], int] | None:
     except (OSError, AttributeError):
         return None
     return trim
+
+
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
+"""Parameters of glibc's `mallopt`."""
+
+KEPT_BYTES = 2**30
+
+
+def keep_freed() -> None:
+    """Keep freed memory for the rest of the process, in one pool for all threads.
+
+    For long work that makes the same arrays again and again in several threads: pages that go back
+    to the system after every array come back as page faults, which stall the other threads, too.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):
+        return
+    mallopt(M_ARENA_MAX, 1)
+    mallopt(M_MMAP_THRESHOLD, KEPT_BYTES)
+    mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 
 def release_freed() -> None:

@@ -7,8 +7,9 @@ every enlargement here takes that offset and returns an image without one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 import torch.nn.functional as F
@@ -69,7 +70,8 @@ KEYS = Kernel(weight=cubic_kernel, support_px=2.0)
 BILINEAR = Kernel(weight=lambda distance: 1.0 - distance.abs(), support_px=1.0)
 
 
-def _phase_taps(scale: int, jitter: float, kernel: Kernel) -> list[dict[int, float]]:
+@lru_cache(maxsize=256)
+def _phase_taps(scale: int, jitter: float, kernel: Kernel) -> tuple[Mapping[int, float], ...]:
     """For each of the `scale` output phases, source offset -> weight (zeros left out).
 
     Output pixel X = S i + p has its centre at source coordinate i + (p + 0.5) / S - 0.5 - jitter.
@@ -83,10 +85,10 @@ def _phase_taps(scale: int, jitter: float, kernel: Kernel) -> list[dict[int, flo
         if kernel.normalised:
             weights = weights / weights.sum()
         phases.append({o: w for o, w in zip(offsets, weights.tolist(), strict=True) if w})
-    return phases
+    return tuple(phases)
 
 
-def _enlarge(image: Image, phases: list[dict[int, float]], dim: int) -> Image:
+def _enlarge(image: Image, phases: Sequence[Mapping[int, float]], dim: int) -> Image:
     """Enlarge along one axis: each output phase is a weighted sum of shifted sources."""
     reach = max(abs(offset) for taps in phases for offset in taps)
     length = image.shape[dim]
@@ -158,6 +160,8 @@ def upsample_masked_bicubic(
     Returns the enlarged image and a mask, 1 where the filtered mask is at least
     `MIN_FILTERED_MASK`; elsewhere the image is 0.
     """
+    if bool((mask > 0).all()):
+        return upsample_bicubic(image, scale, jitter_px), upsample_nearest(mask, scale)
     values = torch.where(mask > 0, image * mask, torch.zeros_like(image))
     filtered = upsample_bicubic(torch.cat([values, mask], dim=1), scale, jitter_px)
     numerator, weight = filtered[:, :-1], filtered[:, -1:]
@@ -243,17 +247,30 @@ PIXEL_FILTERS = {"box": _box_taps, "blackman-harris": _blackman_harris_taps}
 """Filters of the LR radiance by name; each gives the taps for a block size."""
 
 
-def filter_pixels(radiance: Image, name: str, block: int) -> Image:
-    """Filter linear radiance at full resolution with a pixel filter sized in blocks.
+def decimate_filtered(radiance: Image, name: str, block: int, offset: tuple[int, int]) -> Image:
+    """`decimate` linear radiance after a pixel filter sized in blocks, at the kept samples only.
 
     The filter is centred on the sample that decimation keeps, so that radiance and G-buffer of
     the small frame share one offset; borders are replicated.
     """
     taps = PIXEL_FILTERS[name](block)
-    taps = (taps / taps.sum()).to(radiance)
-    reach = len(taps) // 2
-    channels = radiance.shape[1]
+    weights = (taps / taps.sum()).tolist()
+    reach = len(weights) // 2
+    height, width = radiance.shape[-2:]
     padded = F.pad(radiance, (reach, reach, reach, reach), mode="replicate")
-    kernel = taps.expand(channels, 1, 1, -1)
-    rows = F.conv2d(padded, kernel, groups=channels)
-    return F.conv2d(rows, kernel.transpose(2, 3), groups=channels)
+    # shifted strided sums: depthwise convolutions of three channels are many times slower
+    rows = _weighted_sum(padded, weights, ROWS, range(offset[1], height, block))
+    return _weighted_sum(rows, weights, COLUMNS, range(offset[0], width, block))
+
+
+def _weighted_sum(image: Image, weights: Sequence[float], dim: int, kept: range) -> Image:
+    """out(i) = sum_k w_k image(kept_i + k) along one axis."""
+    last = (len(kept) - 1) * kept.step
+    total: Image | None = None
+    for k, weight in enumerate(weights):
+        first = kept.start + k
+        cut = slice(first, first + last + 1, kept.step)
+        taken = image[..., cut, :] if dim == ROWS else image[..., cut]
+        total = taken * weight if total is None else total.add_(taken, alpha=weight)
+    assert total is not None
+    return total

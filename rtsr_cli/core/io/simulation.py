@@ -25,7 +25,7 @@ from rtsr_cli.core.frames.vectors import normalized
 from rtsr_cli.core.imaging.resampling import (
     box_mean,
     decimate,
-    filter_pixels,
+    decimate_filtered,
     halton_offset,
     sample_jitter,
 )
@@ -73,7 +73,7 @@ def decimated(full: Frame, buffers: Collection[Buffer], simulation: Simulation) 
 
     def shrink(buffer: Buffer, tensor: Tensor) -> Tensor:
         if buffer is Buffer.COLOR and simulation.lr_filter != "none":
-            tensor = filter_pixels(tensor, simulation.lr_filter, block)
+            return decimate_filtered(tensor, simulation.lr_filter, block, offset)
         small = decimate(tensor, block, offset).contiguous()
         return small / block if buffer in VECTOR_BUFFERS else small
 

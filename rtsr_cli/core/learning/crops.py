@@ -20,7 +20,7 @@ from rtsr_cli.core.frames.buffers import VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.resampling import decimate, filter_pixels, sample_jitter
+from rtsr_cli.core.imaging.resampling import decimate_filtered, sample_jitter
 from rtsr_cli.core.learning.augmentation import (
     SWAP_PLANES,
     AugmentationConfig,
@@ -237,7 +237,7 @@ class _Maker:
         columns = slice(self._region.left, self._region.left + width)
         return self._changed(
             {
-                name: plane[position, None, :, rows, columns].float()
+                name: plane[position, None, :, rows, columns]
                 for name, plane in self._clip.hr.items()
                 if name in self._read_hr
             }
@@ -250,7 +250,7 @@ class _Maker:
             rows, columns = slice(top, top + height), slice(left, left + width)
             return self._changed(
                 {
-                    name: plane[position, None, :, rows, columns].float()
+                    name: plane[position, None, :, rows, columns]
                     for name, plane in self._clip.lr.items()
                     if name in self._read_lr
                 }
@@ -264,7 +264,7 @@ class _Maker:
         rows = slice(region.top + y, region.top + region.size[0] * scale, scale)
         columns = slice(region.left + x, region.left + region.size[1] * scale, scale)
         planes = {
-            name: plane[position, None, :, rows, columns].float()
+            name: plane[position, None, :, rows, columns]
             for name, plane in self._clip.hr.items()
             if name in self._read_lr
         }
@@ -272,7 +272,7 @@ class _Maker:
         if self._choices.lr_filter != "none" and color in planes:
             planes[color] = self._filtered(self._clip.hr[color][position, None], (x, y))
         for name in VECTOR_NAMES & planes.keys():
-            planes[name] = planes[name] / scale
+            planes[name] = planes[name].float() / scale
         return self._changed(planes)
 
     def _filtered(self, color: Image, phase: tuple[int, int]) -> Image:
@@ -282,15 +282,17 @@ class _Maker:
         bottom = region.top + region.size[0] * scale + reach
         right = region.left + region.size[1] * scale + reach
         around = color[..., top:bottom, left:right].float()
-        filtered = filter_pixels(around, self._choices.lr_filter, scale)
-        inner = filtered[..., region.top - top :, region.left - left :]
+        x, y = phase[0] + region.left - left, phase[1] + region.top - top
+        # the margin is whole blocks wide, and less at a border of the clip
+        skipped = (x // scale, y // scale)
+        filtered = decimate_filtered(around, self._choices.lr_filter, scale, (x % scale, y % scale))
         height, width = region.size
-        return decimate(inner[..., : height * scale, : width * scale], scale, phase)
+        return filtered[..., skipped[1] : skipped[1] + height, skipped[0] : skipped[0] + width]
 
     def _changed(self, planes: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Turn, relight and swap materials."""
+        """Turn, relight and swap materials; pixels move as halves, and change as floats."""
         choices = self._choices
-        changed = {name: choices.turn.plane(name, plane) for name, plane in planes.items()}
+        changed = {name: choices.turn.plane(name, plane).float() for name, plane in planes.items()}
         changed = relit(changed, choices.gain)
         return changed if choices.swap is None else swapped(changed, choices.swap)
 
