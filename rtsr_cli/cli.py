@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import signal
@@ -29,6 +30,9 @@ COMMANDS = {
 
 EXIT_REFUSED = 3
 """Exit code of an input that is refused; usage errors are click's 2, failed frames 1."""
+
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
+"""What a redirected output fails with."""
 
 
 class LazyGroup(click.Group):
@@ -77,8 +81,20 @@ class LazyGroup(click.Group):
             ctx.exit(SIGNALLED + number)
         except BrokenPipeError:
             # the reader of a pipe went away; nothing is left to tell it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _close_output()
             ctx.exit(1)
+        except OSError as error:
+            # files name themselves; a stream that a shell opened does not
+            if error.filename is not None or error.errno not in FULL:
+                raise
+            _close_output()
+            click.echo(f"Error: standard output: cannot be written ({error.strerror})", err=True)
+            ctx.exit(EXIT_REFUSED)
+
+
+def _close_output() -> None:
+    """Let what is still buffered go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _emit_error(ctx: click.Context, error: RtsrError) -> None:

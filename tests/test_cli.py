@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -41,3 +42,14 @@ def test_a_signal_outside_of_a_command_is_one_line_too(
     assert done.stderr.startswith("Interrupted: ")
     assert done.stderr.count("\n") == 1
     assert ("bicubic" in done.stdout) == (moment is AFTER)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_a_full_disk_behind_standard_output_is_one_line(options: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "rtsr_cli", "systems", *options]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 3
+    assert done.stderr.startswith("Error: standard output: cannot be written")
+    assert len(done.stderr.splitlines()) == 1

@@ -12,12 +12,14 @@ import torch
 from torch import Tensor, nn
 
 from rtsr_cli.core.complexity import count_macs, count_parameters
+from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
 from rtsr_cli.core.lighting import Preset
+from rtsr_cli.core.settings import Source, resolve
 from rtsr_cli.core.system import System, Window
 from rtsr_cli.models import load_system
 from rtsr_cli.models.fusesr import compose, derivation, history_inputs, prepare
@@ -342,3 +344,11 @@ def test_missing_history_is_the_current_frame_at_rest(
     for age in range(1, known + 1):
         assert not torch.equal(inputs[f"frame_{age}"], inputs["frame_0"])
         assert inputs[f"motion_{age}"].any()
+
+
+@pytest.mark.parametrize(
+    ("system", "variant"), [(FULL, "fast"), (FULL, "direct"), (FAST, "head"), (DIRECT, "fast")]
+)
+def test_the_network_of_another_system_is_refused(system: System, variant: str) -> None:
+    with pytest.raises(ConfigError, match=f"'{variant}' is another system's"):
+        resolve(system.config, Source("a file", {"variant": variant}))

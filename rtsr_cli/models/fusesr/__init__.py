@@ -87,7 +87,6 @@ from rtsr_cli.models.fusesr.config import (
     FuseSRConfig,
     FuseSRDirectConfig,
     FuseSRFastConfig,
-    Variant,
 )
 from rtsr_cli.models.fusesr.config import (
     HR_CHANNELS as HR_CHANNELS,
@@ -199,7 +198,7 @@ FUSESR = System(
     halo_px=None,
     derivation=derivation,
     config=FuseSRConfig,
-    variants={v.value: FuseSRConfig(variant=v) for v in (Variant.HEAD, Variant.FIRST_RELEASE)},
+    variants={v.value: FuseSRConfig(variant=v) for v in FuseSRConfig.variants},
     build=FuseSRNetwork,
     predict=neural_predict(prepare, compose),
     learning=LEARNING,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import ClassVar
 
+from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
@@ -63,6 +65,8 @@ class FuseSRConfig:
         loss: weights of its terms; `paper` has its own.
     """
 
+    variants: ClassVar[tuple[Variant, ...]] = (Variant.HEAD, Variant.FIRST_RELEASE)
+
     variant: Variant = Variant.HEAD
     preset: Preset = Preset.RTSR
     demodulation: DemodulationMode = DemodulationMode.BRDF
@@ -70,6 +74,18 @@ class FuseSRConfig:
     fusion: Fusion = Fusion.UNSHUFFLE
     history: bool = True
     loss: LossWeights = field(default_factory=LossWeights)
+
+    def __post_init__(self) -> None:
+        """Refuse the network of another system.
+
+        Raises:
+            ConfigError: it is named.
+        """
+        if self.variant not in self.variants:
+            there = ", ".join(self.variants)
+            raise ConfigError(
+                f"network.variant = '{self.variant}' is another system's; this one has: {there}"
+            )
 
     @property
     def hr_parts(self) -> tuple[Buffer, ...]:
@@ -91,6 +107,8 @@ class FuseSRConfig:
 class FuseSRFastConfig(FuseSRConfig):
     """Settings of the fast network, which sees no history."""
 
+    variants: ClassVar[tuple[Variant, ...]] = (Variant.FAST,)
+
     variant: Variant = Variant.FAST
     history: bool = False
 
@@ -98,6 +116,8 @@ class FuseSRFastConfig(FuseSRConfig):
 @dataclass(frozen=True, kw_only=True)
 class FuseSRDirectConfig(FuseSRConfig):
     """Settings of the network that predicts radiance itself."""
+
+    variants: ClassVar[tuple[Variant, ...]] = (Variant.DIRECT,)
 
     variant: Variant = Variant.DIRECT
     demodulation: DemodulationMode = DemodulationMode.NONE
