@@ -14,31 +14,39 @@ from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.config import DataConfig
 from rtsr_cli.core.learning.crops import Task
-from rtsr_cli.core.learning.gathering import Gathering, gather
+from rtsr_cli.core.learning.gathering import Gathering, chosen_shots, gather, recorded_clips
+from rtsr_cli.core.learning.ranks import Ranks
 from rtsr_cli.core.learning.recording import wanted_by
 
 CACHE_FOLDER = "cache"
 
 
 def recorded(
-    folders: Sequence[Path], chosen: Mapping[str, Any], task: Task, data: DataConfig
+    folders: Sequence[Path],
+    chosen: Mapping[str, Any],
+    task: Task,
+    data: DataConfig,
+    ranks: Ranks,
 ) -> list[Clip]:
-    """Record what was not recorded before, and open it all."""
+    """Record what was not recorded before, each process its share of shots, and open it all."""
     beside = chosen["out_folder"] or chosen["pack_file"].parent
     cache = chosen["cache_folder"] or beside / CACHE_FOLDER
     check_writable(cache)
-    return gather(
-        folders,
-        Gathering(
-            wanted=wanted_by(task.system, task.config, task.scale),
-            cache=cache,
-            options=ReadOptions(
-                layout=chosen["layout"],
-                capture=chosen["capture_file"],
-                on_missing=MissingPolicy(chosen["on_missing"]),
-            ),
-            policy=NonfinitePolicy(chosen["on_nonfinite"]),
-            data=data,
-            said=LOG.info,
+    how = Gathering(
+        wanted=wanted_by(task.system, task.config, task.scale),
+        cache=cache,
+        options=ReadOptions(
+            layout=chosen["layout"],
+            capture=chosen["capture_file"],
+            on_missing=MissingPolicy(chosen["on_missing"]),
         ),
+        policy=NonfinitePolicy(chosen["on_nonfinite"]),
+        data=data,
+        said=LOG.info,
     )
+    if ranks.count > 1:
+        for number, shot in enumerate(chosen_shots(folders, how)):
+            if ranks.share(number):
+                recorded_clips(shot, how)
+        ranks.wait()
+    return gather(folders, how)

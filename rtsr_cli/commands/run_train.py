@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,6 +25,7 @@ from rtsr_cli.core.learning.crops import Task
 from rtsr_cli.core.learning.journal import Journal
 from rtsr_cli.core.learning.loop import STATE_FOLDER, Progress, Run, train
 from rtsr_cli.core.learning.packing import pack
+from rtsr_cli.core.learning.ranks import Ranks, joined, local_device
 from rtsr_cli.core.learning.sampling import check_sizes
 from rtsr_cli.core.learning.state import saved_step
 from rtsr_cli.core.learning.validating import (
@@ -70,45 +72,67 @@ MAY_CHANGE = frozenset(
 def run_train(chosen: Mapping[str, Any]) -> int:
     """Train or pack; return the exit code."""
     system = load_system(chosen["system"])
-    tables = _tables(chosen)
-    network_config = resolve(system.config, *_parts(tables, "network"))
-    training = resolve(TrainingConfig, *_parts(tables, "training"))
-    data = resolve(DataConfig, *_parts(tables, "data"))
+    settings = _resolved(system, _tables(chosen))
+    network_config, training, data = settings
     if system.scales and training.scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)
         raise ConfigError(f"system '{system.name}' is made for {made_for}, not {training.scale}x")
     task = Task(system=system, config=network_config, scale=training.scale)
-    plain = {
-        "system": system.name,
-        "network": to_plain(network_config),
-        "training": to_plain(training),
-        "data": to_plain(data),
-    }
+    plain = _plain(system, settings)
     if chosen["out_folder"] is not None:
-        _refuse_other_settings(chosen["out_folder"] / CONFIG_FILE, plain)
+        _refuse_other_settings(system, chosen["out_folder"] / CONFIG_FILE, plain)
     if chosen["dry_run"]:
         LOG.info("%s", to_toml(plain))
         return 0
-    clips = _clips(chosen, task, data)
-    if chosen["pack_file"] is not None:
-        count = pack(chosen["pack_file"], clips, task, training, crops=chosen["pack_crops"])
-        LOG.info("%s: %d clips packed", chosen["pack_file"], count)
-        return 0
-    check_writable(chosen["out_folder"])
-    write_atomically(chosen["out_folder"] / CONFIG_FILE, lambda p: _write(p, to_toml(plain)))
-    network = _first_network(chosen, task, training)
-    run = Run(
-        folder=chosen["out_folder"],
-        task=task,
-        config=training,
-        clips=clips,
-        device=torch.device(device_named(chosen["device"])),
-        workers=data.workers or max(1, min(8, os.cpu_count() or 1)),
-        keep=_Keeper(chosen["out_folder"], system, plain, clips).keep,
+    device = torch.device(local_device(device_named(chosen["device"])))
+    with joined(device) as ranks:
+        if not ranks.first:
+            LOG.setLevel(logging.ERROR)
+        clips = _clips(chosen, task, data, ranks)
+        if chosen["pack_file"] is not None:
+            count = pack(chosen["pack_file"], clips, task, training, crops=chosen["pack_crops"])
+            LOG.info("%s: %d clips packed", chosen["pack_file"], count)
+            return 0
+        folder = chosen["out_folder"]
+        if ranks.first:
+            check_writable(folder)
+            write_atomically(folder / CONFIG_FILE, lambda p: _write(p, to_toml(plain)))
+        run = Run(
+            folder=folder,
+            task=task,
+            config=training,
+            clips=clips,
+            device=device,
+            workers=data.workers or max(1, min(8, os.cpu_count() or 1)),
+            keep=_Keeper(folder, system, plain, clips).keep,
+            ranks=ranks,
+        )
+        network = _first_network(chosen, task, training)
+        keep_freed()
+        with unwinding():
+            return _follow(chosen, run, network) if ranks.first else _accompany(run, network)
+
+
+def _accompany(run: Run, network: nn.Module) -> int:
+    """Do the work of a process that is not the first, silently."""
+    for _ in train(run, network):
+        pass
+    return 0
+
+
+def _resolved(system: System, tables: Sequence[Source]) -> tuple[Any, TrainingConfig, DataConfig]:
+    """Settings of the network, the training and the data, defaults filled in."""
+    return (
+        resolve(system.config, *_parts(tables, "network")),
+        resolve(TrainingConfig, *_parts(tables, "training")),
+        resolve(DataConfig, *_parts(tables, "data")),
     )
-    keep_freed()
-    with unwinding():
-        return _follow(chosen, run, network)
+
+
+def _plain(system: System, settings: tuple[Any, TrainingConfig, DataConfig]) -> dict[str, Any]:
+    """What config.toml holds."""
+    tables = zip(("network", "training", "data"), map(to_plain, settings), strict=True)
+    return {"system": system.name, **dict(tables)}
 
 
 def _tables(chosen: Mapping[str, Any]) -> list[Source]:
@@ -137,17 +161,19 @@ def _parts(sources: Sequence[Source], table: str) -> list[Source]:
     return found
 
 
-def _refuse_other_settings(path: Path, plain: Mapping[str, Any]) -> None:
-    """Hold a run that is gone on with to its settings.
+def _refuse_other_settings(system: System, path: Path, plain: Mapping[str, Any]) -> None:
+    """Hold a run that is gone on with to its settings; what it does not name is the default.
 
     Raises:
         ConfigError: they are others; names them.
     """
     if not path.is_file():
         return
-    before, now = _flat(read_toml(path).values), _flat(plain)
-    names = sorted(k for k in before.keys() | now.keys() if before.get(k) != now.get(k))
-    changed = [k for k in names if k not in MAY_CHANGE]
+    stored = read_toml(path)
+    if stored.values.get("system", system.name) != system.name:
+        raise ConfigError(f"{path}: the run there is of another system; choose another --out")
+    before, now = _flat(_plain(system, _resolved(system, [stored]))), _flat(plain)
+    changed = sorted(k for k in now if before[k] != now[k] and k not in MAY_CHANGE)
     if changed:
         listed = ", ".join(f"{k} is {before.get(k)!r}, not {now.get(k)!r}" for k in changed)
         raise ConfigError(
@@ -170,7 +196,7 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _clips(chosen: Mapping[str, Any], task: Task, data: DataConfig) -> list[Clip]:
+def _clips(chosen: Mapping[str, Any], task: Task, data: DataConfig, ranks: Ranks) -> list[Clip]:
     """Clips of every DATA: packs as they are, folders recorded."""
     clips: list[Clip] = []
     folders = []
@@ -184,7 +210,7 @@ def _clips(chosen: Mapping[str, Any], task: Task, data: DataConfig) -> list[Clip
     if folders:
         from rtsr_cli.commands.recording import recorded
 
-        clips += recorded(folders, chosen, task, data)
+        clips += recorded(folders, chosen, task, data, ranks)
     judged = total_frames(c for c in clips if c.facts.validation)
     if not judged:
         clips += _judged_as_trained(clips)

@@ -31,7 +31,7 @@ class TrainingConfig:
     Attributes:
         scale: S.
         steps: optimiser steps of the whole run.
-        batch: samples a forward pass.
+        batch: samples a forward pass, of each process.
         accumulate: passes a step.
         crop: side of a sample, LR pixels.
         optimiser: update rule.
@@ -42,6 +42,8 @@ class TrainingConfig:
         final_rate: learning rate at the end of `cosine`, as a share.
         ema: decay of the moving average that is validated and kept; 0 = none.
         clip_norm: largest gradient norm; 0 = no bound.
+        freeze_statistics: share of the steps after which batch norms keep their statistics, as
+            small batches make them jump; 1 = never.
         precision: of the convolutions.
         channels_last: memory layout.
         compile: torch.compile the network.
@@ -64,6 +66,7 @@ class TrainingConfig:
     final_rate: float = 0.01
     ema: float = 0.999
     clip_norm: float = 1.0
+    freeze_statistics: float = 1.0
     precision: Precision = Precision.AUTO
     channels_last: bool = True
     compile: bool = False

@@ -64,38 +64,71 @@ def gather(folders: Sequence[Path], how: Gathering) -> list[Clip]:
     Raises:
         RtsrError: a folder, file or declaration is wrong, or patterns match nothing.
     """
-    clips: list[Clip] = []
+    return [
+        replace(
+            clip,
+            facts=replace(clip.facts, name=shot.name, group=shot.group, validation=shot.validation),
+        )
+        for shot in chosen_shots(folders, how)
+        for path in recorded_clips(shot, how)
+        for clip in read_clips(path)[0]
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChosenShot:
+    """A shot that a run uses.
+
+    Attributes:
+        name: shown to users, and matched by patterns.
+        shot: its files.
+        folder: of DATA.
+        group: number of the folder.
+        validation: True if it is judged on.
+    """
+
+    name: str
+    shot: Shot
+    folder: Path
+    group: int
+    validation: bool
+
+
+def chosen_shots(folders: Sequence[Path], how: Gathering) -> list[ChosenShot]:
+    """Say which shots are trained and judged on, in the order of the folders.
+
+    Raises:
+        RtsrError: a folder or declaration is wrong, or patterns match nothing.
+    """
+    chosen: list[ChosenShot] = []
     patterns = set(how.data.validation) | set(how.data.exclude)
-    chosen = bool(how.data.validation) or any(manifest_split(folder) for folder in folders)
+    told = bool(how.data.validation) or any(manifest_split(folder) for folder in folders)
     for group, folder in enumerate(folders):
-        shots = shots_of(folder, how.options)
-        names = {shot.name: shown_name(folder, shot) for shot in shots}
-        split = split_of(folder, list(names.values()), how.data, hold_out=not chosen)
-        patterns -= {p for p in patterns if any(fnmatchcase(n, p) for n in names.values())}
-        for shot in shots:
-            role = split.get(names[shot.name], "")
-            if role not in (TRAIN, VALIDATION):
-                continue
-            for path in _recorded(shot, folder, how):
-                clips += [
-                    _named(clip, names[shot.name], group, validation=role == VALIDATION)
-                    for clip in read_clips(path)[0]
-                ]
+        shots = {shown_name(folder, shot): shot for shot in shots_of(folder, how.options)}
+        split = split_of(folder, list(shots), how.data, hold_out=not told)
+        patterns -= {p for p in patterns if any(fnmatchcase(n, p) for n in shots)}
+        chosen += [
+            ChosenShot(
+                name=name,
+                shot=shot,
+                folder=folder,
+                group=group,
+                validation=split[name] == VALIDATION,
+            )
+            for name, shot in shots.items()
+            if split.get(name) in (TRAIN, VALIDATION)
+        ]
     if patterns:
         raise FrameFolderError(
             f"[data] {', '.join(sorted(patterns))} matches no shot of "
             f"{', '.join(map(str, folders))}"
         )
-    return clips
+    return chosen
 
 
 def shown_name(folder: Path, shot: Shot) -> str:
     """Name of a shot; of a folder that is one shot, the folder's."""
     return folder.resolve().name if shot.name == "." else shot.name
-
-
-def _named(clip: Clip, name: str, group: int, *, validation: bool) -> Clip:
-    return replace(clip, facts=replace(clip.facts, name=name, group=group, validation=validation))
 
 
 TRAIN, VALIDATION = "train", "val"
@@ -146,8 +179,13 @@ def manifest_split(folder: Path) -> dict[str, str]:
         ) from error
 
 
-def _recorded(shot: Shot, folder: Path, how: Gathering) -> list[Path]:
-    """Files of clips of a shot; one that was recorded before is not even surveyed again."""
+def recorded_clips(chosen: ChosenShot, how: Gathering) -> list[Path]:
+    """Files of clips of a shot; one that was recorded before is not even surveyed again.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
+    shot, folder = chosen.shot, chosen.folder
     index = how.cache / f"{_signature(shot, folder, how)}.json"
     if index.is_file():
         paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]

@@ -17,6 +17,7 @@ from rtsr_cli.core.errors import CheckpointError, TrainingError
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.config import Optimiser, Schedule, TrainingConfig
 from rtsr_cli.core.learning.crops import Task, moved, stacked
+from rtsr_cli.core.learning.ranks import ALONE, Ranks
 from rtsr_cli.core.learning.sampling import Sample, Sampler
 from rtsr_cli.core.learning.state import (
     average_in,
@@ -70,6 +71,7 @@ class Run:
         device: torch device.
         workers: threads that make samples.
         keep: writes weights: (file name, tensors, step, scores).
+        ranks: the processes that train together; the first alone writes and validates.
     """
 
     folder: Path
@@ -79,6 +81,7 @@ class Run:
     device: torch.device
     workers: int
     keep: Callable[[str, Mapping[str, Tensor], int, Mapping[str, float]], None]
+    ranks: Ranks = ALONE
 
 
 def learning_rate(config: TrainingConfig, step: int) -> float:
@@ -104,6 +107,13 @@ def make_optimiser(config: TrainingConfig, network: nn.Module) -> torch.optim.Op
             network.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
     return torch.optim.Adam(network.parameters(), config.learning_rate)
+
+
+def freeze_statistics(network: nn.Module) -> None:
+    """Let batch norms use their running statistics, and keep them; their weights still learn."""
+    for module in network.modules():
+        if isinstance(module, nn.modules.batchnorm._BatchNorm):
+            module.eval()
 
 
 class Trainer:
@@ -193,8 +203,10 @@ class Trainer:
         Raises:
             TrainingError: a loss is not finite; names the samples, the state is saved.
         """
-        config = self.run.config
+        run, config = self.run, self.run.config
         self.network.train()
+        if self.step >= config.freeze_statistics * config.steps:
+            freeze_statistics(self.network)
         for group in self.optimiser.param_groups:
             group["lr"] = learning_rate(config, self.step)
         self.optimiser.zero_grad(set_to_none=True)
@@ -202,12 +214,14 @@ class Trainer:
         for batch in batches:
             terms = self.losses_of(batch)
             total = torch.stack(list(terms.values())).sum()
-            if not bool(torch.isfinite(total)):
-                raise self._not_finite(batch)
+            lost = not bool(torch.isfinite(total))
+            if run.ranks.any(lost, run.device):
+                raise self._not_finite(batch if lost else [])
             scaled = self.scaler.scale(total / len(batches))
             torch.autograd.backward(scaled)
             for name, value in (*terms.items(), ("loss", total)):
                 sums[name] = sums.get(name, 0.0) + float(value.detach()) / len(batches)
+        run.ranks.average_gradients(self.network)
         if config.clip_norm:
             self.scaler.unscale_(self.optimiser)
             nn.utils.clip_grad_norm_(self.network.parameters(), config.clip_norm)
@@ -217,12 +231,15 @@ class Trainer:
         if self.average:
             ramp = (1.0 + self.step) / (EMA_RAMP + self.step)
             average_in(self.average, self.network, min(config.ema, ramp))
-        return sums
+        return dict(zip(sums, run.ranks.mean(sums.values(), run.device), strict=True))
 
     def _not_finite(self, batch: Sequence[Sample]) -> TrainingError:
         """Save what there is, and find out which samples are to blame."""
-        self.save()
+        if self.run.ranks.first:
+            self.save()
         guilty = [s.where for s in batch if not self._finite(s)] or [s.where for s in batch]
+        if not guilty:
+            return TrainingError(f"step {self.step + 1}: the loss of another process is not finite")
         return TrainingError(
             f"step {self.step + 1}: the loss is not finite. {'; '.join(guilty)}. The state before "
             "this step is saved: render the frame again or exclude its shot, or lower "
@@ -263,7 +280,7 @@ def train(run: Run, network: nn.Module) -> Iterator[Progress]:
     trainer = Trainer(run, network)
     trainer.resume()
     config = run.config
-    sampler = Sampler(run.clips, run.task, config)
+    sampler = Sampler(run.clips, run.task, config, run.ranks)
     told = _Told(trainer.step)
     passes: list[list[Sample]] = []
     for batch in sampler.batches(trainer.step, run.workers, overlap=run.device.type != "cpu"):
@@ -272,6 +289,8 @@ def train(run: Run, network: nn.Module) -> Iterator[Progress]:
             continue
         told.add(trainer.advance(passes))
         passes = []
+        if not run.ranks.first:
+            continue
         step, last = trainer.step, trainer.step == config.steps
         if last or step % config.validate_every == 0:
             frames, found = trainer.validate()

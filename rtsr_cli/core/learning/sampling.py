@@ -23,6 +23,7 @@ from rtsr_cli.core.learning.crops import (
     random_region,
     sample_steps,
 )
+from rtsr_cli.core.learning.ranks import ALONE, Ranks
 
 AHEAD_BATCHES = 2
 """Batches of samples that are made ahead."""
@@ -53,13 +54,19 @@ class Sample:
 class Sampler:
     """Draws samples: every group alike, within a group every frame alike."""
 
-    def __init__(self, clips: Sequence[Clip], task: Task, config: TrainingConfig) -> None:
+    def __init__(
+        self,
+        clips: Sequence[Clip],
+        task: Task,
+        config: TrainingConfig,
+        ranks: Ranks = ALONE,
+    ) -> None:
         """Sort clips into groups.
 
         Raises:
             FrameFolderError: there is nothing to train on.
         """
-        self._task, self._config = task, config
+        self._task, self._config, self._ranks = task, config, ranks
         groups: dict[int, list[Clip]] = {}
         for clip in clips:
             if not clip.facts.validation and len(clip.target_positions):
@@ -116,8 +123,9 @@ class Sampler:
                 yield list(pool.map(self.make, self._indices(number)))
 
     def _indices(self, number: int) -> range:
-        """Samples of a forward pass."""
-        return range(number * self._config.batch, (number + 1) * self._config.batch)
+        """Samples of this process in a forward pass; those of all processes are successive."""
+        first = (number * self._ranks.count + self._ranks.rank) * self._config.batch
+        return range(first, first + self._config.batch)
 
 
 def check_sizes(clips: Sequence[Clip], config: TrainingConfig) -> str:
