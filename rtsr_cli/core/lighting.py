@@ -152,37 +152,53 @@ def lighting_inputs(window: Window, preset: Preset) -> dict[str, Tensor]:
     return inputs
 
 
-def recomposed(predicted: Color, inputs: Tensors, preset: Preset) -> Color:
-    """Radiance of predicted lighting, sky not treated."""
+def predicted_lighting(predicted: Color, inputs: Tensors, preset: Preset) -> Color:
+    """Lighting that a network's output stands for."""
     if preset is Preset.PAPER:
-        return predicted * inputs["material"]
-    lighting = decode_lighting(predicted, inputs["lighting_scale"])
-    return remodulate(lighting, inputs["material"], inputs["emission"])
+        return predicted
+    return decode_lighting(predicted, inputs["lighting_scale"])
+
+
+def relit_material(lighting: Color, inputs: Tensors) -> Color:
+    """Radiance = lighting * HR material + emission, sky not treated; `paper` has no emission."""
+    return remodulate(lighting, inputs["material"], inputs.get("emission"))
+
+
+def recomposed(predicted: Color, inputs: Tensors, preset: Preset) -> Color:
+    """Radiance of a network's output, sky not treated."""
+    return relit_material(predicted_lighting(predicted, inputs, preset), inputs)
 
 
 def compose_lighting(
     preset: Preset, window: Window, inputs: Tensors, predicted: Color
 ) -> Prediction:
     """Multiply by HR material, add emission, put in the sky."""
-    predicted = predicted.float()
-    image = unaligned(window, recomposed(predicted, inputs, preset)).clamp(min=0.0)
+    lighting = predicted_lighting(predicted.float(), inputs, preset)
+    image = unaligned(window, relit_material(lighting, inputs)).clamp(min=0.0)
     if preset is Preset.RTSR:
         image = with_sky(window, image)
-    lighting = predicted
-    if preset is Preset.RTSR:
-        lighting = decode_lighting(predicted, inputs["lighting_scale"])
     return Prediction(image=image, debug={"lighting": unaligned(window, lighting)})
 
 
+SKY_MARGIN_PX = 6
+"""LR rows around the sky that its enlargement sees: cubic 2 and jitter 1, highlights 2, and one."""
+
+
 def with_sky(window: Window, image: Color) -> Color:
-    """Put the enlarged LR sky where the HR depth says sky."""
-    frame = window.current
+    """Put the enlarged LR sky where the HR depth says sky; only rows that hold any are touched."""
+    frame, scale = window.current, window.scale
     hr_sky = hr_frame(window).gbuffer[Buffer.SKY] > 0.5
-    if not bool(hr_sky.any()):
+    rows = hr_sky.flatten(0, 1).any(0).any(1).nonzero()
+    if not len(rows):
         return image
-    color, sky = frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY]
-    enlarged = enlarge_where(color, sky, window.scale, frame.camera.jitter_px)
-    return torch.where(hr_sky, enlarged, image)
+    first, last = int(rows[0]) // scale, int(rows[-1]) // scale + 1
+    top, bottom = max(0, first - SKY_MARGIN_PX), min(frame.size[0], last + SKY_MARGIN_PX)
+    color, sky = (frame.gbuffer[b][:, :, top:bottom] for b in (Buffer.COLOR, Buffer.SKY))
+    enlarged = enlarge_where(color, sky, scale, frame.camera.jitter_px)
+    seen = slice((first - top) * scale, (last - top) * scale)
+    changed = slice(first * scale, last * scale)
+    band = torch.where(hr_sky[:, :, changed], enlarged[:, :, seen], image[:, :, changed])
+    return torch.cat([image[:, :, : changed.start], band, image[:, :, changed.stop :]], dim=2)
 
 
 def lighting_goal(preset: Preset, window: Window, reference: Frame) -> dict[str, Tensor]:

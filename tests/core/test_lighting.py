@@ -11,6 +11,7 @@ from torch import Tensor
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.enlarging import enlarge_where
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
 from rtsr_cli.core.lighting import (
     MAX_LIGHTING,
@@ -29,6 +30,7 @@ from rtsr_cli.core.lighting import (
     network_lighting,
     recomposed,
     unaligned,
+    with_sky,
 )
 from rtsr_cli.core.system import Window
 
@@ -194,3 +196,22 @@ def test_the_sky_is_never_the_networks() -> None:
     assert bright is not None
     assert torch.equal(dark[sky], bright[sky])
     assert (dark < bright)[~sky].all()
+
+
+@pytest.mark.parametrize("rows", [(0, 3), (21, 26), (77, 80), (0, 80), (40, 40)])
+def test_sky_is_the_same_as_if_the_whole_frame_were_enlarged(rows: tuple[int, int]) -> None:
+    torch.manual_seed(5)
+    size, jitter_px = (80, 48), (0.375, -0.125)
+    sky = torch.zeros(1, 1, *size)
+    sky[..., rows[0] : rows[1], 5:40] = 1.0
+    color = 3.0 * torch.rand(1, 3, size[0] // SCALE, size[1] // SCALE)
+    lr_sky = decimate(sky, SCALE, (2, 2))
+    seen = Window(
+        lr=(frame({Buffer.COLOR: color, Buffer.SKY: lr_sky}, jitter_px),),
+        hr=frame({Buffer.SKY: sky}),
+        scale=SCALE,
+    )
+    image = torch.rand(1, 3, *size)
+    whole = enlarge_where(color, lr_sky, SCALE, jitter_px)
+    expected = torch.where(sky > 0.5, whole, image)
+    assert torch.allclose(with_sky(seen, image), expected, atol=1e-6)
