@@ -3,7 +3,7 @@
 Preset `rtsr`: networks work on e = log(1 + lighting / k), k of the whole frame, their output is
 multiplied by the HR material, emission is added, and the sky is enlarged on its own. Preset `paper`
 [FuseSR, code]: lighting is radiance / softplus(F) as it is, and everything is multiplied back;
-its reference, not its input, is bounded at 10.
+radiance is bounded at 10, of the input and of the reference.
 
 Conventions: HR tensors among inputs, outputs and goal lie on the grid that `alignment` moves, so
 that the LR sample is pixel (S//2, S//2) of its block.
@@ -30,7 +30,7 @@ MAX_LIGHTING = 64.0
 """Bound of lighting in a network's input: quotients over dark materials have none."""
 
 MAX_PAPER_RADIANCE = 10.0
-"""Bound of the reference's radiance [FuseSR, code]; the code bounds its input, too."""
+"""Bound of the radiance in the preset `paper` [FuseSR, code]."""
 
 LR_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
 HR_BUFFERS = (Buffer.MATERIAL, Buffer.SKY)
@@ -85,10 +85,14 @@ def network_depth(depth_m: Plane, preset: Preset) -> Plane:
 
 
 def network_lighting(frame: Frame, preset: Preset) -> Color:
-    """LR lighting of a frame with its own k; 0 where nothing was divided."""
+    """LR lighting of a frame with its own k; 0 where nothing was divided.
+
+    In `paper` that of radiance bounded at 10: min(c, 10) / F = L min(1, 10 / c).
+    """
     lighting = frame.gbuffer[Buffer.LIGHTING]
     if preset is Preset.PAPER:
-        return lighting
+        color = frame.gbuffer[Buffer.COLOR]
+        return lighting * (MAX_PAPER_RADIANCE / color).nan_to_num().clamp(0.0, 1.0)
     bounded = lighting.clamp(max=MAX_LIGHTING)
     return encode_lighting(bounded, scale_of(frame)) * frame.gbuffer[Buffer.LIGHTING_MASK]
 

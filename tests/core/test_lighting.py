@@ -112,6 +112,15 @@ def test_what_is_not_divided_is_black_for_a_network_and_the_rest_is_bounded() ->
     assert torch.allclose(seen[0, :, 0], torch.tensor([bound, 0.0]))
 
 
+def test_paper_bounds_the_radiance_that_is_divided() -> None:
+    color = torch.tensor([0.0, 4.0, 10.0, 50.0]).view(1, 1, 1, 4).expand(1, 3, 1, 4)
+    divisor = torch.tensor([0.1, 0.5, 0.25, 2.0])
+    seen = network_lighting(
+        frame({Buffer.COLOR: color, Buffer.LIGHTING: color / divisor}), Preset.PAPER
+    )
+    assert torch.allclose(seen, color.clamp(max=10.0) / divisor)
+
+
 @pytest.mark.parametrize("offset", [(0, 0), (2, 2), (3, 1)])
 def test_alignment_is_undone_inside(offset: tuple[int, int]) -> None:
     seen, image = window(offset), torch.rand(1, 3, *SIZE)
