@@ -1,8 +1,8 @@
-"""What each part of FuseSR's network is worth: small trainings that differ in one setting.
+"""What each part of a network is worth: small trainings that differ in one setting.
 
-    python benchmarks/ablations.py DATA [MORE ...] [--steps 500] [--work FOLDER]
+    python benchmarks/ablations.py DATA [MORE ...] [--system fusesr] [--steps 500] [--work FOLDER]
 
-Trains `fusesr` on the `train` sequences of DATA (and on MORE) from the same seed with the same
+Trains a system on the `train` sequences of DATA (and on MORE) from the same seed with the same
 samples, once a row, and judges every `val` and `test` sequence as `benchmarks/results.py` does.
 Writes a section of docs/results.md. `--work` keeps runs and goes on with those that are there.
 """
@@ -20,23 +20,32 @@ import click
 from results import BORDER, SKIP_FIRST, STRAIGHT, gain, rtsr
 from sections import replace_section
 
-SYSTEM, SCALE = "fusesr", 4
+SCALE = 4
 METRICS = ("psnr", "flip", "lpips", "temporal")
 
-ROWS: dict[str, tuple[str, ...]] = {
-    "as shipped": (),
-    "no demodulation": ("network.demodulation=none",),
-    "demodulation by albedo": ("network.demodulation=albedo",),
-    "no history": ("network.history=false",),
-    "HR buffers pooled to LR": ("network.fusion=pool",),
-    "HR buffers at the last layer": ("network.fusion=upsample",),
-    "no HR buffers in the network": ("network.fusion=none",),
-    "HR material alone (first release)": ("network.variant=first-release",),
+ROWS: dict[str, dict[str, tuple[str, ...]]] = {
+    "fusesr": {
+        "as shipped": (),
+        "no demodulation": ("network.demodulation=none",),
+        "demodulation by albedo": ("network.demodulation=albedo",),
+        "no history": ("network.history=false",),
+        "HR buffers pooled to LR": ("network.fusion=pool",),
+        "HR buffers at the last layer": ("network.fusion=upsample",),
+        "no HR buffers in the network": ("network.fusion=none",),
+        "HR material alone (first release)": ("network.variant=first-release",),
+    },
+    "nsrd": {
+        "as shipped": (),
+        "no demodulation": ("network.demodulation=none",),
+        "no dual vectors (plain mask)": ("network.dual_vectors=false",),
+        "no feedback": ("network.feedback=false",),
+        "no LSTM": ("network.lstm=false",),
+        "LSTM's state not moved (as published)": ("network.warp_state=false",),
+    },
 }
-"""Row -> settings that differ from the default: BRDF demodulation, history, unshuffled HR buffers
-(material, depth, normal, albedo)."""
+"""System -> row -> settings that differ from the default."""
 
-HEAD = """## Ablations
+HEAD = """## Ablations of {system}
 
 `{system}` {scale}x after {steps} steps of {batch} crops of {crop} x {crop} LR pixels, one setting
 changed a row, the same seed and samples in each. Short trainings: rows compare with each other, not
@@ -47,10 +56,13 @@ with the shipped weights. Means over the `val` and `test` sequences of the gain 
 | --- | ---: | ---: | ---: | ---: | ---: |"""
 
 
-def trained(data: Sequence[Path], out: Path, common: Sequence[str], own: Sequence[str]) -> Path:
+def trained(
+    system: str, data: Sequence[Path], out: Path, cache: Path, settings: Sequence[str]
+) -> Path:
     """Train, unless the run is there; return the weights."""
-    settings = [part for setting in (*common, *own) for part in ("--set", setting)]
-    rtsr("train", SYSTEM, *data, "--out", out, "--scale", SCALE, *settings, "-q")
+    given = [part for setting in settings for part in ("--set", setting)]
+    where = ("--out", out, "--cache", cache)
+    rtsr("train", system, *data, *where, "--scale", SCALE, *given, "-q")
     return out / "last.safetensors"
 
 
@@ -81,19 +93,23 @@ def line(title: str, tests: dict[str, Any], folder: str, shots: Sequence[str]) -
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.argument("more", nargs=-1, type=click.Path(path_type=Path, exists=True))
+@click.option("--system", default="fusesr", show_default=True, type=click.Choice(tuple(ROWS)))
 @click.option("--steps", default=500, show_default=True)
 @click.option("--batch", default=4, show_default=True)
 @click.option("--crop", default=48, show_default=True)
 @click.option("--work", type=click.Path(path_type=Path), help="Keep runs and frames here.")
+@click.option("--cache", type=click.Path(path_type=Path), help="Keep decoded frames here.")
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/results.md"))
 def main(
     *,
     data: Path,
     more: tuple[Path, ...],
+    system: str,
     steps: int,
     batch: int,
     crop: int,
     work: Path | None,
+    cache: Path | None,
     output: Path,
 ) -> None:
     """Write the section."""
@@ -110,10 +126,12 @@ def main(
         outputs = [folder / "frames" / baseline for baseline in STRAIGHT]
         for output_folder in outputs:
             rtsr("upscale", tree, output_folder, "--system", output_folder.name, *made)
-        for number, (title, own) in enumerate(ROWS.items()):
-            weights = trained((data, *more), folder / "runs" / str(number), common, own)
+        for number, (title, own) in enumerate(ROWS[system].items()):
+            run = folder / "runs" / str(number)
+            kept = cache or folder / "cache"
+            weights = trained(system, (data, *more), run, kept, (*common, *own))
             outputs.append(folder / "frames" / f"row-{number}")
-            rtsr("upscale", tree, outputs[-1], "--weights", weights, "--system", SYSTEM, *made)
+            rtsr("upscale", tree, outputs[-1], "--weights", weights, "--system", system, *made)
             click.echo(f"{title}: trained")
         report = folder / "report.json"
         rtsr(
@@ -122,15 +140,15 @@ def main(
         )  # fmt: skip
         tests = json.loads(report.read_text(encoding="utf-8"))["tests"]
     head = HEAD.format(
-        system=SYSTEM,
+        system=system,
         scale=SCALE,
         steps=steps,
         batch=batch,
         crop=crop,
         baselines=" and ".join(f"`{b}`" for b in STRAIGHT),
     )
-    rows = [line(title, tests, f"row-{i}", shots) for i, title in enumerate(ROWS)]
-    replace_section(output, "ablations", "\n".join([head, *rows]))
+    rows = [line(title, tests, f"row-{i}", shots) for i, title in enumerate(ROWS[system])]
+    replace_section(output, f"ablations-{system}", "\n".join([head, *rows]))
     click.echo("\n".join([head, *rows]))
 
 
