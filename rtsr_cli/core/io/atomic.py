@@ -55,6 +55,8 @@ def _host() -> str:
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Call `write(temporary path)`, then rename; on failure leave nothing and keep what was there.
 
+    The file gets the permissions of any new file, also from writers that would keep it private.
+
     Raises:
         OutputBlockedError: the disk is full, or the folder takes no files; names the target.
         OutputError: this file cannot be written; names it.
@@ -62,7 +64,11 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     part = temporary_path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        part.touch()
+        mode = part.stat().st_mode
         write(part)
+        if part.stat().st_mode != mode:
+            part.chmod(mode)
         part.replace(path)
     except (OSError, RuntimeError, ValueError, TypeError) as error:
         raise _refusal(path, error) from error

@@ -84,3 +84,16 @@ def test_a_thread_that_is_interrupted_leaves_no_part(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         atomic.write_atomically(tmp_path / "a", write)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_private_writer_leaves_a_file_with_ordinary_permissions(tmp_path: Path) -> None:
+    def write(part: Path) -> None:
+        part.unlink()
+        os.close(os.open(part, os.O_CREAT | os.O_WRONLY, 0o600))
+
+    before = os.umask(0o027)
+    try:
+        atomic.write_atomically(tmp_path / "weights.safetensors", write)
+    finally:
+        os.umask(before)
+    assert (tmp_path / "weights.safetensors").stat().st_mode & 0o777 == 0o640
