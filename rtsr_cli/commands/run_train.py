@@ -17,7 +17,7 @@ from rtsr_cli import __version__
 from rtsr_cli.commands.basics import LOG, device_named
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.stopping import unwinding
-from rtsr_cli.core.errors import ConfigError, FrameFolderError
+from rtsr_cli.core.errors import CheckpointError, ConfigError, FrameFolderError
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.learning.clips import SUFFIX, Clip, read_clips, total_frames
 from rtsr_cli.core.learning.config import DataConfig, TrainingConfig
@@ -84,6 +84,8 @@ def run_train(chosen: Mapping[str, Any]) -> int:
     if chosen["dry_run"]:
         LOG.info("%s", to_toml(plain))
         return 0
+    # before frames are decoded: weights that do not fit are told at once
+    network = _first_network(chosen, task, training)
     device = torch.device(local_device(device_named(chosen["device"])))
     with joined(device) as ranks:
         if not ranks.first:
@@ -107,7 +109,6 @@ def run_train(chosen: Mapping[str, Any]) -> int:
             keep=_Keeper(folder, system, plain, clips).keep,
             ranks=ranks,
         )
-        network = _first_network(chosen, task, training)
         keep_freed()
         with unwinding():
             return _follow(chosen, run, network) if ranks.first else _accompany(run, network)
@@ -230,11 +231,21 @@ def _judged_as_trained(clips: Sequence[Clip]) -> list[Clip]:
 
 
 def _first_network(chosen: Mapping[str, Any], task: Task, training: TrainingConfig) -> nn.Module:
-    """Fresh weights by the seed, or those of --init."""
+    """Fresh weights by the seed, or those of --init.
+
+    Raises:
+        CheckpointError: they cannot be read, are another system's, or do not fit.
+    """
     torch.manual_seed(training.seed)
     network = task.system.build(task.config, task.scale)
     if chosen["init_file"] is not None:
-        load_into(network, read_weights(chosen["init_file"]))
+        weights = read_weights(chosen["init_file"])
+        if weights.system != task.system.name:
+            raise CheckpointError(
+                f"{weights.path}: weights of '{weights.system}', not of '{task.system.name}'; give "
+                "others as --init"
+            )
+        load_into(network, weights)
     return network
 
 

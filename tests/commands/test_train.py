@@ -10,12 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import torch
 from click.testing import Result
 from safetensors.torch import load_file
 from torch import Tensor
 
 from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
-from rtsr_cli.core.weights import read_weights
+from rtsr_cli.core.weights import SHIPPED, read_weights
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -89,6 +90,33 @@ def test_trained_weights_upscale(rtsr: Run, captures: Path, cache: Path, tmp_pat
         "upscale", captures / "one", tmp_path / "out", "--simulate-lr", "4", "--weights", weights
     )
     assert "0 written, 2 kept" in again.output
+
+
+def test_a_run_starts_from_weights_that_are_there(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    first, still = tmp_path / "first", tmp_path / "still"
+    assert train(rtsr, captures, cache, first, *settings()).exit_code == 0
+    begun = str(first / "last.safetensors")
+    slow = settings(training__learning_rate=1e-12)
+    assert train(rtsr, captures, cache, still, *slow, "--init", begun).exit_code == 0
+    before, after = (read_weights(run / "last.safetensors").tensors for run in (first, still))
+    for name in (n for n in before if n.endswith("weight")):
+        assert torch.allclose(before[name].float(), after[name].float(), atol=1e-6), name
+
+
+@pytest.mark.parametrize("wrong", ["another system's", "no weights"])
+def test_weights_to_start_from_are_checked_before_frames_are_read(
+    rtsr: Run, captures: Path, tmp_path: Path, wrong: str
+) -> None:
+    file = captures / "v" / "nothing"
+    if wrong == "another system's":
+        file = SHIPPED / "fusesr-4x.safetensors"
+    result = train(rtsr, captures, tmp_path / "cache", tmp_path / "run", "--init", str(file))
+    assert result.exit_code == 3
+    assert str(file) in result.output
+    assert not (tmp_path / "cache").exists()
+    assert not (tmp_path / "run").exists()
 
 
 def test_lr_frames_beside_hr_frames_and_their_radiance_train(

@@ -162,9 +162,11 @@ def test_a_changed_input_makes_its_output_stale(
 ) -> None:
     shot, out = tmp_path / "shot", tmp_path / "out"
     shutil.copytree(small_shot, shot)
-    rtsr("upscale", shot, out)
+    # without history, so that one frame alone is stale
+    alone = ("upscale", shot, out, "--system", "fusesr-fast")
+    rtsr(*alone)
     shutil.copy(shot / "lr" / "frame.0001.exr", shot / "lr" / "frame.0002.exr")
-    refused = rtsr("upscale", shot, out)
+    refused = rtsr(*alone)
     assert refused.exit_code == 3
     assert "frame.0002.exr: rtsr upscale did not write this" in refused.output
 
