@@ -20,10 +20,11 @@ SYSTEM_MODULES = {
     "fusesr": "fusesr",
     "fusesr-fast": "fusesr",
     "fusesr-direct": "fusesr",
+    "nsrd": "nsrd",
 }
 """System name -> module of this package; the order is that of listings."""
 
-TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct")
+TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct", "nsrd")
 """Systems with a network; a test holds them to their declarations."""
 
 PREFERENCE = ("fusesr", "fusesr-fast", "demod-bicubic", "bicubic")

@@ -17,7 +17,7 @@ from rtsr_cli.core.metrics.fidelity import psnr
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.ssim import ssim
 from rtsr_cli.core.shapes import Color, Image
-from rtsr_cli.core.system import System, Window
+from rtsr_cli.core.system import State, System, Window
 
 BORDER_PX = 16
 """Border that is not judged."""
@@ -71,17 +71,23 @@ def inner(image: Image) -> Image:
 def judged(
     system: System, network: nn.Module, task: Task, frames: Sequence[tuple[Clip, int]]
 ) -> Iterator[Judged]:
-    """Predict frames and score them; a recurrent system replays from its clip's start."""
+    """Predict frames and score them; a recurrent system replays from its clip's start, once."""
     device = next(iter(network.parameters()), torch.empty(0)).device
+    last: tuple[Clip, int] | None = None
+    state: State = None
     for clip, position in frames:
         first = 0 if system.recurrent else position
-        state = None
+        if system.recurrent and last is not None and last[0] is clip and last[1] < position:
+            first = last[1] + 1
+        else:
+            state = None
         with torch.inference_mode():
             for p in range(first, position + 1):
                 window, reference = whole_window(clip, p, task, "none")
                 window = _moved(window, device)
                 prediction = system.predict(network, window, state)
                 state = prediction.state
+        last = clip, position
         if prediction.image is None:
             continue
         image = prediction.image.float().cpu()
