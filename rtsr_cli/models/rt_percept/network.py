@@ -11,7 +11,7 @@ from rtsr_cli.core.shapes import Image, TileMap
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.core.vrs.tiles import padded
 from rtsr_cli.models.rt_percept.config import WIDTH, RtPerceptConfig
-from rtsr_cli.models.rt_percept.inputs import CHANNELS
+from rtsr_cli.models.rt_percept.inputs import SETS
 
 LAYERS = 5
 
@@ -54,7 +54,7 @@ class RtPerceptNetwork(nn.Module):
         super().__init__()
         del scale
         self.config = config
-        widths = (CHANNELS[config.inputs], *(WIDTH,) * (LAYERS - 1), len(config.rates))
+        widths = (SETS[config.inputs][0], *(WIDTH,) * (LAYERS - 1), len(config.rates))
         self.layers = nn.Sequential(
             *(
                 ErrorLayer(a, b, groups=groups, pool=pool)
