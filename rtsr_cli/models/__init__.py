@@ -21,10 +21,11 @@ SYSTEM_MODULES = {
     "fusesr-fast": "fusesr",
     "fusesr-direct": "fusesr",
     "nsrd": "nsrd",
+    "rt-percept": "rt_percept",
 }
 """System name -> module of this package; the order is that of listings."""
 
-TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct", "nsrd")
+TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct", "nsrd", "rt-percept")
 """Systems with a network; a test holds them to their declarations."""
 
 PREFERENCE = ("fusesr", "fusesr-fast", "demod-bicubic", "bicubic")

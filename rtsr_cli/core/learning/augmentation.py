@@ -2,9 +2,9 @@
 
 Geometry: an image is transposed and mirrored; motion and jitter go along, and the world turns with
 it. Any rotation of the world leaves a frame what it is, and a mirrored picture is that of a world
-mirrored in any plane; so normals (those in the camera's space excepted) take a signed permutation of the axes whose determinant is that of
-the image's change. Light: radiance takes a gain a channel. Material: albedo takes a permutation and
-a gain, F follows, lighting stays.
+mirrored in any plane; so normals take a signed permutation of the axes whose determinant is that of
+the image's change; those in the camera's space turn with the picture. Light: radiance takes a gain
+a channel. Material: albedo takes a permutation and a gain, F follows, lighting stays.
 """
 
 from __future__ import annotations

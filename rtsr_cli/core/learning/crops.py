@@ -269,7 +269,7 @@ class _Maker:
             if name in self._read_lr
         }
         color = Buffer.COLOR.value
-        if self._choices.lr_filter != "none" and color in planes:
+        if self._choices.lr_filter != "none" and color in planes and scale > 1:
             planes[color] = self._filtered(self._clip.hr[color][position, None], (x, y))
         for name in VECTOR_NAMES & planes.keys():
             planes[name] = planes[name].float() / scale

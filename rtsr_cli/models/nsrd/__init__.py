@@ -126,6 +126,7 @@ NSRD = System(
         goal=goal,
         loss=loss,
         unroll=UNROLLED_FRAMES,
+        defaults={"batch": 4, "freeze_statistics": 0.8},
     ),
     weights="nsrd-{scale}x.safetensors",
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from rtsr_cli.core.shapes import Image, TileMap
 from rtsr_cli.core.system import State, Tensors
@@ -47,7 +47,9 @@ class ErrorLayer(nn.Module):
 
 
 class RtPerceptNetwork(nn.Module):
-    """Buffers -> transformed error of each predicted rate, one value a tile."""
+    """Buffers -> transformed error of each predicted rate, one value a tile; and mu."""
+
+    mean: Tensor
 
     def __init__(self, config: RtPerceptConfig, scale: int) -> None:
         """Build for a config; `scale` is 1, for nothing is enlarged."""
@@ -55,6 +57,8 @@ class RtPerceptNetwork(nn.Module):
         del scale
         self.config = config
         widths = (SETS[config.inputs][0], *(WIDTH,) * (LAYERS - 1), len(config.rates))
+        # mu: a statistic like a batch norm's, no parameter
+        self.register_buffer("mean", torch.full((1, 1, 1, 1), config.mean))
         self.layers = nn.Sequential(
             *(
                 ErrorLayer(a, b, groups=groups, pool=pool)
@@ -71,4 +75,4 @@ class RtPerceptNetwork(nn.Module):
         """Pad to whole tiles, predict."""
         seen = padded(inputs["seen"], self.config.error.tile)
         predicted: TileMap = torch.sigmoid(self.layers(seen))
-        return {"predicted": predicted}, state
+        return {"predicted": predicted, "mean": self.mean}, state
