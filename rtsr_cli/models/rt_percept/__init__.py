@@ -171,7 +171,7 @@ RT_PERCEPT = System(
         defaults={"scale": 1, "crop": 288, "optimiser": "rmsprop", "schedule": "exponential"},
         judge=Judge(names=("r2", "mae", "under"), scores=scores, panels=panels),
     ),
-    weights="rt-percept-{metric}.safetensors",
+    weights="rt-percept-jnflip-16.safetensors",
 )
 
 SYSTEMS = (RT_PERCEPT,)
