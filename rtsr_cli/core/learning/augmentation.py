@@ -108,7 +108,7 @@ class Turn:
 
     def _view_normal(self, normal: Image) -> Image:
         """x right, y up: transposing the picture exchanges x and -y."""
-        x, y, z = normal.split(1, dim=1)
+        x, y, z = (normal[:, i : i + 1] for i in range(3))
         if self.transposed:
             x, y = -y, -x
         return torch.cat([-x if self.mirror_x else x, -y if self.mirror_y else y, z], dim=1)
