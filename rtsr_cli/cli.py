@@ -22,6 +22,7 @@ COMMANDS = {
     "demodulate": "Divide radiance into lighting and material, or multiply back.",
     "train": "Train a system's network on captures, or go on with a run.",
     "upscale": "Reconstruct high-resolution frames from low-resolution ones.",
+    "predict-vrs": "Predict the error of each shading rate, tile by tile, and choose rates.",
     "evaluate": "Judge result folders against a reference: metrics, regions, a report.",
     "synth": "Render random analytic scenes with exact buffers.",
     "systems": "List the systems, their inputs, scales and weights.",

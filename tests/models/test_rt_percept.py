@@ -18,10 +18,11 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
 from rtsr_cli.core.vrs.rates import Rate
+from rtsr_cli.core.vrs.reprojection import displayed, reprojected
 from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept import determination, goal, loss
 from rtsr_cli.models.rt_percept.config import Groups, Inputs, RtPerceptConfig, Transform
-from rtsr_cli.models.rt_percept.inputs import displayed, prepare, reprojected
+from rtsr_cli.models.rt_percept.inputs import prepare
 from rtsr_cli.models.rt_percept.network import pool_sizes
 from rtsr_cli.models.rt_percept.transforms import restored, transformed
 

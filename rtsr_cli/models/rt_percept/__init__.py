@@ -33,9 +33,10 @@ from rtsr_cli.core.system import (
 )
 from rtsr_cli.core.vrs.coarse import coarse_shading
 from rtsr_cli.core.vrs.errors import tile_errors
+from rtsr_cli.core.vrs.reprojection import displayed
 from rtsr_cli.core.vrs.tiles import tile_mean
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
-from rtsr_cli.models.rt_percept.inputs import BUFFERS, OPTIONAL, displayed, prepare
+from rtsr_cli.models.rt_percept.inputs import BUFFERS, OPTIONAL, prepare
 from rtsr_cli.models.rt_percept.network import RtPerceptNetwork
 from rtsr_cli.models.rt_percept.transforms import restored, transformed
 
@@ -93,10 +94,10 @@ def loss(config: RtPerceptConfig, inputs: Tensors, outputs: Tensors, target: Ten
 def compose(
     config: RtPerceptConfig, window: Window, inputs: Tensors, outputs: Tensors
 ) -> Prediction:
-    """Errors of the predicted rates, without a margin."""
+    """Errors of the predicted rates, the margin of the config added before T^-1."""
     del window
     values = outputs["predicted"].float()
-    tiles = restored(values, outputs["mean"], config)
+    tiles = restored(values + config.margin, outputs["mean"], config)
     mean = outputs["mean"].expand_as(values[:, :1])
     debug = {"transformed": values, "mean": mean, "seen": inputs["mask"]}
     return Prediction(tiles=tiles, debug=debug)

@@ -55,6 +55,7 @@ class RtPerceptConfig:
         groups: of the convolutions.
         transform: of errors to what is predicted.
         mean: mu, the mean error of the training set; 0 = a running mean of what was seen.
+        margin: added to predictions before they are transformed back.
         unseen_weight: of tiles that the frame before does not show, in the loss.
         keep_edges: reduced rates keep pixels of other objects than the sample's.
         error: what is predicted.
@@ -65,6 +66,7 @@ class RtPerceptConfig:
     groups: Groups = Groups.CODE
     transform: Transform = Transform.CLAMPED
     mean: float = 0.0
+    margin: float = 0.0
     unseen_weight: float = 1.0
     keep_edges: bool = False
     error: ErrorConfig = field(default_factory=ErrorConfig)

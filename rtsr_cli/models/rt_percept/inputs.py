@@ -13,12 +13,9 @@ import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.history import sample_motion
-from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
-from rtsr_cli.core.imaging.disocclusion import SurfaceBuffers, disocclusion_mask
-from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.shapes import Color, Image, Mask
 from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.vrs.reprojection import displayed, reprojected
 from rtsr_cli.models.rt_percept.config import Inputs, RtPerceptConfig
 
 DIELECTRIC_F0 = 0.04
@@ -31,36 +28,6 @@ OPTIONAL = (Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV, Buffer.EMISSION, Buff
 
 Channels = Callable[[Frame, Color, Mask], Image]
 """(frame, reprojected picture, mask of what was seen) -> channels."""
-
-
-def displayed(color: Color) -> Color:
-    """What a monitor shows of radiance, 0..1."""
-    return encode_srgb(encode_reinhard(color))
-
-
-def reprojected(window: Window) -> tuple[Color, Mask]:
-    """The frame before where each pixel was, and 1 where it shows the same surface.
-
-    0 where it does not: outside of it, by depth, normals and, where there are any, object ids.
-    """
-    now = window.current
-    if len(window.lr) == 1:
-        nothing = torch.zeros_like(now.gbuffer[Buffer.NORMAL])
-        return nothing, nothing[:, :1]
-    before = window.lr[1]
-    motion = sample_motion(now, before)
-    picture, _ = backward_warp(displayed(before.gbuffer[Buffer.COLOR]), motion)
-    seen = 1.0 - disocclusion_mask(motion, current=_surfaces(now), previous=_surfaces(before))
-    return picture * seen, seen
-
-
-def _surfaces(frame: Frame) -> SurfaceBuffers:
-    gbuffer = frame.gbuffer
-    return SurfaceBuffers(
-        depth_m=gbuffer[Buffer.DEPTH],
-        normal=gbuffer[Buffer.NORMAL],
-        object_id=gbuffer.buffers.get(Buffer.OBJECT_ID),
-    )
 
 
 def _view_normal(frame: Frame) -> Image:
