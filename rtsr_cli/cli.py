@@ -20,6 +20,7 @@ COMMANDS = {
     "inspect": "Say what a folder of frames holds, and find out how its motion is stored.",
     "precompute-lut": "Write the split-sum BRDF table (A and B over NoV and roughness).",
     "demodulate": "Divide radiance into lighting and material, or multiply back.",
+    "label": "Make training labels of rendered frames.",
     "train": "Train a system's network on captures, or go on with a run.",
     "upscale": "Reconstruct high-resolution frames from low-resolution ones.",
     "predict-vrs": "Predict the error of each shading rate, tile by tile, and choose rates.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,8 @@ from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
-from rtsr_cli.core.io.opening import check_shot, open_pair, shots_of
-from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.io.opening import open_single
+from rtsr_cli.core.io.pairs import Inputs
 from rtsr_cli.core.networks import Loaded, load_network
 from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
 from rtsr_cli.core.shading_rates import Writer, figures_of, summary
@@ -81,7 +81,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
             options=run,
             config=[asdict(options), asdict(loaded.config), loaded.digest, chosen["overlays"]],
         )
-        for name, source in _sources(chosen)
+        for name, source in open_single(chosen["in_folder"], read_options(chosen))
     ]
     check_frames(chosen, [plan.source.reader for plan in plans])
     for plan in plans:
@@ -98,14 +98,6 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
         code = follow(chosen, events, sum(len(plan.pending) for plan in plans))
     _summarise(chosen, plans, options)
     return code
-
-
-def _sources(chosen: Mapping[str, Any]) -> Iterator[tuple[str, PairSource]]:
-    """Every shot's frames by themselves; what is beside them at another size is not read."""
-    options = read_options(chosen)
-    for shot in shots_of(chosen["in_folder"], options):
-        check_shot(shot, chosen["in_folder"], options)
-        yield shot.name, open_pair(shot, chosen["in_folder"], options, hr=None, scale=1)
 
 
 def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:

@@ -56,7 +56,7 @@ class Rate(Enum):
         return 1.0 / (self.across * self.down)
 
 
-REDUCED = tuple(rate for rate in Rate if rate is not Rate.FULL)
+REDUCED: tuple[Rate, ...] = tuple(rate for rate in Rate if rate is not Rate.FULL)
 """Every rate that saves anything."""
 
 CHEAPEST_FIRST = (
