@@ -109,6 +109,7 @@ class Learning:
             their sum is minimised.
         unroll: successive frames of a training sample, state carried from one to the next.
         judge: of whole frames; None judges a picture by PSNR, SSIM and FLIP.
+        keep_goals: keep the goals of samples that come again unchanged: small, and slow to make.
         defaults: settings of the training that differ from `TrainingConfig`'s.
     """
 
@@ -118,6 +119,7 @@ class Learning:
     loss: Callable[[Any, Tensors, Tensors, Tensors], Tensors]
     unroll: int = 1
     judge: Judge | None = None
+    keep_goals: bool = False
     defaults: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -19,7 +19,9 @@ from torch import Tensor
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import decode_reinhard, decode_srgb
+from rtsr_cli.core.learning.augmentation import NO_AUGMENTATION
 from rtsr_cli.core.metrics.heat import heat_map
+from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.shapes import Color, TileMap
 from rtsr_cli.core.system import (
     Judge,
@@ -169,7 +171,14 @@ RT_PERCEPT = System(
         reference=(Buffer.COLOR,),
         goal=goal,
         loss=loss,
-        defaults={"scale": 1, "crop": 288, "optimiser": "rmsprop", "schedule": "exponential"},
+        keep_goals=True,
+        defaults={
+            "scale": 1,
+            "crop": 4096,
+            "optimiser": "rmsprop",
+            "schedule": "exponential",
+            "augmentation": to_plain(NO_AUGMENTATION),
+        },
         judge=Judge(names=("r2", "mae", "under"), scores=scores, panels=panels),
     ),
     weights="rt-percept-jnflip-16.safetensors",
