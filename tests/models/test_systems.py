@@ -12,7 +12,7 @@ import torch
 from rtsr_cli.core.errors import ConfigError, MissingBufferError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.system import Prediction, System, Task, Window
-from rtsr_cli.models import PREFERENCE, SYSTEM_MODULES, load_system, system_names
+from rtsr_cli.models import PREFERENCE, SYSTEM_MODULES, load_system, system_names, upscaler_names
 
 NAMES = [n for n in system_names() if find_spec(f"rtsr_cli.models.{SYSTEM_MODULES[n]}")]
 
@@ -54,6 +54,10 @@ def test_a_declaration_is_complete(system: System) -> None:
     assert is_dataclass(system.config)
     assert system.config.__dataclass_params__.frozen  # type: ignore[attr-defined]
     assert system.config() == system.config()
+
+
+def test_upscalers_are_those_whose_task_it_is(system: System) -> None:
+    assert (system.name in upscaler_names()) == (system.task is Task.UPSCALE)
 
 
 def test_no_system_asks_for_radiance_at_the_target_size(system: System) -> None:
