@@ -8,6 +8,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from rtsr_cli.commands.basics import LOG, device_named
 from rtsr_cli.commands.following import follow
 from rtsr_cli.commands.running import (
@@ -30,10 +32,11 @@ from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
 from rtsr_cli.core.shading_rates import Writer, figures_of, summary
 from rtsr_cli.core.system import NoNetwork, Prediction, System
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
-from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
+from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, amplitude
 from rtsr_cli.core.vrs.estimating import Estimator, VrsOptions
 from rtsr_cli.core.weights import SHIPPED, read_weights
 from rtsr_cli.models import load_system
+from rtsr_cli.models.rt_percept.transforms import restored
 
 COMMAND = "predict-vrs"
 SYSTEM = "rt-percept"
@@ -62,6 +65,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
         analytic=AdaptiveConfig(tile=error.tile),
         compare=not chosen["no_compare"],
     )
+    _check_threshold(options, loaded)
     run = UpscaleOptions(
         device=device,
         jobs=chosen["jobs"],
@@ -125,6 +129,24 @@ def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
     config = replace(loaded.config, margin=margin)
     loaded.network.config = config
     return system, replace(loaded, config=config)
+
+
+def _check_threshold(options: VrsOptions, loaded: Loaded) -> None:
+    """Refuse a threshold that no prediction can reach: every tile would get the cheapest rate.
+
+    Raises:
+        ConfigError: says what the weights can tell.
+    """
+    if options.estimator is Estimator.ANALYTIC:
+        return
+    worst = restored(torch.ones(1, 1, 1, 1), loaded.network.mean.cpu(), loaded.config)
+    metric = options.error.metric
+    reach, asked = amplitude(worst, metric), amplitude(torch.tensor(options.threshold), metric)
+    if float(asked) >= float(reach):
+        raise ConfigError(
+            f"--threshold {options.threshold:g}: these weights tell errors up to "
+            f"{float(worst):.3g} ({metric}) apart; choose one below"
+        )
 
 
 def _shipped(chosen: Mapping[str, Any]) -> Path:

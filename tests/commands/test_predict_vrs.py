@@ -200,6 +200,15 @@ def test_values_out_of_range_are_usage_errors(
     assert result.exit_code == 2
 
 
+def test_a_threshold_that_no_prediction_reaches_is_refused(
+    rtsr: Run, small_capture: Path, tmp_path: Path, weights: Path
+) -> None:
+    common = ("predict-vrs", small_capture, tmp_path / "out", "--weights", weights)
+    result = rtsr(*common, "--threshold", "1")
+    assert result.exit_code == 3
+    assert "errors up to 1 (jnflip)" in result.output
+
+
 def test_missing_normals_are_one_message(
     rtsr: Run, small_capture: Path, tmp_path: Path, changed: Callable[..., Path]
 ) -> None:
