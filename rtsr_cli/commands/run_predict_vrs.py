@@ -139,7 +139,8 @@ def _check_threshold(options: VrsOptions, loaded: Loaded) -> None:
     """
     if options.estimator is Estimator.ANALYTIC:
         return
-    worst = restored(torch.ones(1, 1, 1, 1), loaded.network.mean.cpu(), loaded.config)
+    mean = loaded.network.get_buffer("mean").cpu()
+    worst = restored(torch.ones(1, 1, 1, 1), mean, loaded.config)
     metric = options.error.metric
     reach, asked = amplitude(worst, metric), amplitude(torch.tensor(options.threshold), metric)
     if float(asked) >= float(reach):
