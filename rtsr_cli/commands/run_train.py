@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,8 @@ from rtsr_cli.core.learning.ranks import Ranks, joined, local_device
 from rtsr_cli.core.learning.sampling import check_sizes
 from rtsr_cli.core.learning.state import saved_step
 from rtsr_cli.core.learning.validating import (
-    NAMES,
     Judged,
+    judge_of,
     judged,
     mean_scores,
     panels,
@@ -125,9 +126,15 @@ def _resolved(system: System, tables: Sequence[Source]) -> tuple[Any, TrainingCo
     """Settings of the network, the training and the data, defaults filled in."""
     return (
         resolve(system.config, *_parts(tables, "network")),
-        resolve(TrainingConfig, *_parts(tables, "training")),
+        resolve(TrainingConfig, _own_defaults(system), *_parts(tables, "training")),
         resolve(DataConfig, *_parts(tables, "data")),
     )
+
+
+def _own_defaults(system: System) -> Source:
+    """Settings of the training that a system has others of."""
+    values = {} if system.learning is None else system.learning.defaults
+    return Source(f"defaults of {system.name}", values)
 
 
 def _plain(system: System, settings: tuple[Any, TrainingConfig, DataConfig]) -> dict[str, Any]:
@@ -304,19 +311,20 @@ def _follow(chosen: Mapping[str, Any], run: Run, network: nn.Module) -> int:
     start = saved_step(run.folder / STATE_FOLDER)
     if start:
         LOG.info("going on after step %d", start)
-    journal = Journal(run.folder, resume_step=start or None)
+    names = judge_of(task).names
+    journal = Journal(run.folder, resume_step=start or None, score=names[0])
     with tqdm(total=config.steps, initial=start, unit="step", disable=None) as bar:
         for progress in train(run, network):
             bar.update(progress.step - bar.n)
             bar.set_postfix(loss=f"{progress.losses['loss']:.4f}")
-            journal.log(progress.step, _row(progress))
-            _tell(chosen, progress, config.steps)
-            for judged, other in zip(progress.frames, enlarged, strict=False):
+            journal.log(progress.step, _row(progress, names))
+            _tell(chosen, progress, config.steps, names)
+            for judged, other in zip_longest(progress.frames, enlarged[: len(progress.frames)]):
                 name = f"{judged.clip.facts.name}-{judged.clip.facts.numbers[judged.position]}"
                 journal.picture(
                     progress.step,
                     name.replace("/", "-"),
-                    panels(judged, other.image, config.picture_side),
+                    panels(judged, other, config.picture_side),
                 )
     journal.close()
     LOG.info("%s: %d steps done", run.folder, config.steps)
@@ -334,16 +342,16 @@ def _baseline(task: Task, frames: Sequence[tuple[Clip, int]]) -> list[Judged]:
     return list(judged(system, network, task, frames))
 
 
-def _row(progress: Progress) -> dict[str, float | None]:
+def _row(progress: Progress, names: Sequence[str]) -> dict[str, float | None]:
     """What log.csv says of a step; scores are None where nothing was judged."""
-    scores = {name: progress.scores.get(name) for name in NAMES}
+    scores = {name: progress.scores.get(name) for name in names}
     rates = {"learning_rate": progress.learning_rate, "steps_per_s": progress.steps_per_second}
     return {"loss": progress.losses["loss"], **progress.losses, **scores, **rates}
 
 
-def _tell(chosen: Mapping[str, Any], progress: Progress, steps: int) -> None:
+def _tell(chosen: Mapping[str, Any], progress: Progress, steps: int, names: Sequence[str]) -> None:
     if chosen["as_json"]:
-        known = {name: value for name, value in _row(progress).items() if value is not None}
+        known = {name: value for name, value in _row(progress, names).items() if value is not None}
         emit({"event": "step", "step": progress.step, **known, "best": progress.best})
         return
     if progress.scores:

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
 import torch
-from tqdm import tqdm
 
-from rtsr_cli.commands.basics import LOG, device_named
-from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.basics import device_named
+from rtsr_cli.commands.following import follow
 from rtsr_cli.commands.running import (
-    FAILED,
     announce,
     check_frames,
-    log_repairs,
     plan_facts,
     read_options,
     selection,
-    stopped,
     until_stopped,
 )
 from rtsr_cli.commands.stopping import unwinding
@@ -35,7 +30,6 @@ from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
 from rtsr_cli.core.precision import Precision, settled
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import System
-from rtsr_cli.core.upscaling import FrameEvent, Status
 from rtsr_cli.core.weights import read_weights
 from rtsr_cli.models import PREFERENCE, load_system
 
@@ -78,7 +72,7 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
         check_writable(plan.folder)
     events = until_stopped(upscaling.run_shot(*job, options) for job in jobs)
     with unwinding():
-        return _finish(chosen, events, sum(len(p.pending) for p, _ in jobs))
+        return follow(chosen, events, sum(len(p.pending) for p, _ in jobs))
 
 
 def _pairs(chosen: Mapping[str, Any]) -> Iterator[tuple[str, PairSource]]:
@@ -156,35 +150,3 @@ def _announce(chosen: Mapping[str, Any], plan: ShotPlan, options: UpscaleOptions
         f"system {plan.system.name}{default}"
     )
     announce(chosen, facts, source.readers, plan.selected, what)
-
-
-def _finish(chosen: Mapping[str, Any], events: Iterable[FrameEvent], pending: int) -> int:
-    """Show progress, print the summary, return the exit code."""
-    counts = dict.fromkeys(Status, 0)
-    repaired: dict[str, int] = {}
-    blocked = ""
-    started = time.perf_counter()
-    with tqdm(total=pending, unit="frame", disable=None) as bar:
-        for event in events:
-            counts[event.status] += 1
-            blocked = event.message if event.stops else ""
-            if event.nonfinite:
-                repaired[event.path.name] = event.nonfinite
-            if event.status is not Status.KEPT:
-                bar.update()
-            if chosen["as_json"]:
-                emit({"event": "frame", **asdict(event)})
-            elif event.status is Status.FAILED and not event.stops:
-                LOG.error("Failed: %s", event.message)
-    seconds = time.perf_counter() - started
-    totals = {status.value: count for status, count in counts.items()}
-    if chosen["as_json"]:
-        found = {"nonfinite": sum(repaired.values()), "stopped": bool(blocked)}
-        emit({"event": "done", "seconds": round(seconds, 3), **totals, **found})
-    else:
-        listed = ", ".join(f"{count} {status}" for status, count in totals.items())
-        LOG.info("%s: %s, %.1f s", chosen["out_folder"], listed, seconds)
-        log_repairs(repaired)
-    if blocked:
-        raise stopped(blocked, counts[Status.WRITTEN], pending)
-    return FAILED if counts[Status.FAILED] else 0

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.models import system_names
+from rtsr_cli.models import upscaler_names
 
 
 @click.command("upscale")
@@ -15,7 +15,7 @@ from rtsr_cli.models import system_names
 @opt.output_folder
 @click.option(
     "--system",
-    type=opt.Named("system", system_names()),
+    type=opt.Named("system", upscaler_names()),
     help="Default: the best that the inputs allow.",
 )
 @click.option(

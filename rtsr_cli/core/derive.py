@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import torch
 
+from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer, sky_mask
 from rtsr_cli.core.frames.camera import (
     CameraMetadata,
@@ -22,7 +23,7 @@ from rtsr_cli.core.frames.camera import (
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.brdf_lut import LutConvention, lut_for
-from rtsr_cli.core.shapes import Color, Mask, Plane
+from rtsr_cli.core.shapes import Color, Mask, Plane, Vector3
 
 STRIP_PIXELS = 1 << 16
 """Pixels that are derived at a time: a colour of 768 KiB, so that what it is made of stays near."""
@@ -87,6 +88,7 @@ def alternatives(buffer: Buffer, config: DerivationConfig) -> Alternatives:
             (Buffer.NORMAL, CAMERA),
             (Buffer.NORMAL, Buffer.POSITION, Buffer.DEPTH),
         ),
+        Buffer.VIEW_NORMAL: ((Buffer.VIEW_NORMAL,), (Buffer.NORMAL, CAMERA)),
         Buffer.SKY: ((),),
         Buffer.MATERIAL: _MATERIAL_PARTS[config.mode],
         Buffer.LIGHTING: _LIGHTING_PARTS[config.mode is dm.DemodulationMode.NONE :],
@@ -202,6 +204,23 @@ def derive_nov(frame: Frame) -> Plane:
     return view_cosine(normal, camera.to(normal).view(1, 3, 1, 1) - position)
 
 
+def derive_view_normal(frame: Frame) -> Vector3:
+    """Normals in the space of the camera; sky stays 0.
+
+    n_view = n_world . R,   R the rotation of `worldToCamera` without its scale, row vectors
+    """
+    if Buffer.VIEW_NORMAL in frame.gbuffer:
+        return frame.gbuffer[Buffer.VIEW_NORMAL]
+    normal, matrix = frame.gbuffer[Buffer.NORMAL], frame.camera.world_to_camera
+    if matrix is None:
+        raise MissingBufferError(
+            f"{frame.gbuffer.where}: normals cannot be brought to camera space without the "
+            "camera's matrices; write worldToCamera and worldToNDC into the headers or a side-car"
+        )
+    rotation = matrix[:3, :3] / matrix[:3, :3].norm(dim=0, keepdim=True)
+    return torch.einsum("nihw,ij->njhw", normal, rotation.to(normal))
+
+
 def derive_material(frame: Frame, config: DerivationConfig) -> Color:
     """Return the divisor of a mode; NaN buffers give NaN material, which is never divided by.
 
@@ -304,6 +323,8 @@ def derive(
         added[Buffer.SKY] = derive_sky(frame.gbuffer)
     if Buffer.NOV in wanted:
         added[Buffer.NOV] = derive_nov(frame)
+    if Buffer.VIEW_NORMAL in wanted:
+        added[Buffer.VIEW_NORMAL] = derive_view_normal(frame)
     if Buffer.LIGHTING in wanted or Buffer.LIGHTING_MASK in wanted:
         parts = derive_lighting(frame, config)
         added[Buffer.LIGHTING], added[Buffer.LIGHTING_MASK] = parts.lighting, parts.mask

@@ -34,8 +34,6 @@ from rtsr_cli.core.precision import Precision
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import System
 
-COMMAND = "upscale"
-
 UNREADABLE = "unreadable"
 """Stands in the stamps for the content of a file that could not be read."""
 
@@ -53,6 +51,7 @@ class UpscaleOptions:
         previews: PNG beside each EXR.
         debug: EXR of what the system saw and decided.
         selection: which frames are written.
+        command: that runs.
     """
 
     device: str = "cpu"
@@ -63,6 +62,7 @@ class UpscaleOptions:
     previews: bool = False
     debug: bool = False
     selection: Selection = field(default_factory=Selection)
+    command: str = "upscale"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +232,7 @@ def plan_shot(
     if not options.overwrite:
         refuse_foreign(
             [plan.path(n) for n, state in states.items() if state is OutputState.FOREIGN],
-            f"rtsr {COMMAND}",
+            f"rtsr {options.command}",
         )
     pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
     plan = replace(plan, pending=pending, order=_order(plan, pending))

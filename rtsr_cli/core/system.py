@@ -82,6 +82,21 @@ Compose = Callable[[Any, Window, Tensors, Tensors], Prediction]
 
 
 @dataclass(frozen=True, kw_only=True)
+class Judge:
+    """How validation judges a frame.
+
+    Attributes:
+        names: of the scores; weights are kept by the first, of which more is better.
+        scores: (config, window, prediction, reference frame) -> each of them.
+        panels: (the same) -> pictures to look at, linear radiance.
+    """
+
+    names: tuple[str, ...]
+    scores: Callable[[Any, Window, Prediction, Frame], Mapping[str, float]]
+    panels: Callable[[Any, Window, Prediction, Frame], Mapping[str, Color]]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Learning:
     """How a system is trained.
 
@@ -93,6 +108,9 @@ class Learning:
         loss: (config, inputs, outputs, goal) -> its terms, weighted, each averaged over a batch;
             their sum is minimised.
         unroll: successive frames of a training sample, state carried from one to the next.
+        judge: of whole frames; None judges a picture by PSNR, SSIM and FLIP.
+        keep_goals: keep the goals of samples that come again unchanged: small, and slow to make.
+        defaults: settings of the training that differ from `TrainingConfig`'s.
     """
 
     prepare: Prepare
@@ -100,6 +118,9 @@ class Learning:
     goal: Callable[[Any, Window, Frame], Tensors]
     loss: Callable[[Any, Tensors, Tensors, Tensors], Tensors]
     unroll: int = 1
+    judge: Judge | None = None
+    keep_goals: bool = False
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
 def neural_predict(prepare: Prepare, compose: Compose) -> Predict:

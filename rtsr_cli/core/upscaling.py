@@ -28,7 +28,7 @@ from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import color_tag, provenance
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
-from rtsr_cli.core.planning import COMMAND, ShotPlan, Stamps, UpscaleOptions
+from rtsr_cli.core.planning import ShotPlan, Stamps, UpscaleOptions
 from rtsr_cli.core.precision import DTYPES
 from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import Prediction, State, System, Window
@@ -79,8 +79,43 @@ class _Written:
 Predictor = Callable[[Window, State], Prediction]
 
 
-def run_shot(plan: ShotPlan, network: nn.Module, options: UpscaleOptions) -> Iterator[FrameEvent]:
+@dataclass(frozen=True, kw_only=True)
+class Made:
+    """A predicted frame, and what is known of it when its files are made.
+
+    Attributes:
+        plan: of its shot.
+        options: of the run.
+        pair: what was read.
+        window: what the system saw.
+        prediction: what it made of it.
+        stamp: of the output.
+        passed: channels that are handed through.
+    """
+
+    plan: ShotPlan
+    options: UpscaleOptions
+    pair: FramePair
+    window: Window
+    prediction: Prediction
+    stamp: str
+    passed: Mapping[str, Plane]
+
+
+Make = Callable[[Made], Callable[[], None]]
+"""Turns a predicted frame into the call that writes its files.
+
+Raises:
+    RtsrError: it cannot; the frame fails alone.
+"""
+
+
+def run_shot(
+    plan: ShotPlan, network: nn.Module, options: UpscaleOptions, make: Make | None = None
+) -> Iterator[FrameEvent]:
     """Compute and write what is pending; yield an event for every selected frame.
+
+    `make` says what is written of a prediction: a picture where there is none.
 
     A frame whose pixels turn out to be bad, or whose input is not what it was, fails alone:
     history restarts after it. A disk that is full ends the run with the event that `stops`.
@@ -92,7 +127,7 @@ def run_shot(plan: ShotPlan, network: nn.Module, options: UpscaleOptions) -> Ite
         return
     remove_leftovers(plan.folder)
     with BackgroundWriter[_Written](options.jobs) as writer:
-        for event in _stream(plan, network, options, writer):
+        for event in _stream(plan, network, options, writer, make or picture):
             yield event
             if event.stops:
                 return
@@ -103,6 +138,7 @@ def _stream(
     network: nn.Module,
     options: UpscaleOptions,
     writer: BackgroundWriter[_Written],
+    make: Make,
 ) -> Iterator[FrameEvent]:
     """Predict the frames in order and queue the pending ones for writing."""
     stamps = Stamps(plan)
@@ -119,7 +155,16 @@ def _stream(
             pair, passed = future.result()
             prediction = history.advance(pair, predict)
             if number in plan.pending:
-                frame = _output(plan, pair, prediction, stamps.of(number))
+                made = Made(
+                    plan=plan,
+                    options=options,
+                    pair=pair,
+                    window=history.window(pair),
+                    prediction=prediction,
+                    stamp=stamps.of(number),
+                    passed=passed,
+                )
+                write = make(made)
         except RtsrError as error:
             history.reset()
             if isinstance(error, InputChangedError):
@@ -127,10 +172,8 @@ def _stream(
             yield replace(_event(plan, number, Status.FAILED), message=str(error))
             continue
         if number in plan.pending:
-            debug = _debug(pair, prediction) if options.debug else None
-            frame = replace(frame, passed=passed, previews=options.previews, debug=debug)
             seconds = time.perf_counter() - started
-            writer.submit(_Written(number, seconds, pair.fixed), frame.write)
+            writer.submit(_Written(number, seconds, pair.fixed), write)
         yield from _written(plan, writer, wait=False)
     yield from _written(plan, writer, wait=True)
 
@@ -172,14 +215,17 @@ class History:
         self._state = None
         self._previous = None
 
+    def window(self, pair: FramePair) -> Window:
+        """Return the newest frame with what goes before it."""
+        return Window(lr=tuple(self._past), hr=pair.hr, scale=self._scale)
+
     def advance(self, pair: FramePair, predict: Predictor) -> Prediction:
         """Predict the next frame from what is remembered, and remember it."""
         number = pair.lr.number
         if not self._sequence.follows(number, self._previous):
             self.reset()
         self._past.appendleft(pair.lr)
-        window = Window(lr=tuple(self._past), hr=pair.hr, scale=self._scale)
-        prediction = predict(window, self._state)
+        prediction = predict(self.window(pair), self._state)
         self._state = prediction.state
         self._previous = number
         return prediction
@@ -204,7 +250,9 @@ def _predictor(system: System, network: nn.Module, options: UpscaleOptions) -> P
     return predict
 
 
-def _output(plan: ShotPlan, pair: FramePair, prediction: Prediction, stamp: str) -> OutputFrame:
+def picture(made: Made) -> Callable[[], None]:
+    """Write the predicted radiance."""
+    plan, pair, prediction = made.plan, made.pair, made.prediction
     number, scale = pair.lr.number, plan.source.scale
     source = plan.source.reader.path(number)
     if prediction.image is None:
@@ -213,24 +261,28 @@ def _output(plan: ShotPlan, pair: FramePair, prediction: Prediction, stamp: str)
     if alpha is not None:
         alpha = upsample_bicubic(alpha, scale, pair.lr.camera.jitter_px).clamp(0.0, 1.0)
     known = provenance(
-        command=COMMAND,
+        command=made.options.command,
         config_hash=plan.config_hash,
         source=source,
-        stamp=stamp,
+        stamp=made.stamp,
         extra={
             "rtsr:system": plan.system.name,
             "rtsr:nonfinite": pair.fixed,
             **color_tag(plan.source.reader.conventions),
         },
     )
-    return OutputFrame(
+    frame = OutputFrame(
         path=plan.path(number),
         color=prediction.image,
         alpha=alpha,
         attributes={**read_header(source).attributes, **known},
         windows=plan.source.output_window,
         colorspace=plan.source.reader.conventions.colorspace,
+        passed=made.passed,
+        previews=made.options.previews,
+        debug=_debug(pair, prediction) if made.options.debug else None,
     )
+    return frame.write
 
 
 def _debug(pair: FramePair, prediction: Prediction) -> Mapping[str, Image]:

@@ -20,11 +20,16 @@ SYSTEM_MODULES = {
     "fusesr": "fusesr",
     "fusesr-fast": "fusesr",
     "fusesr-direct": "fusesr",
+    "nsrd": "nsrd",
+    "rt-percept": "rt_percept",
 }
 """System name -> module of this package; the order is that of listings."""
 
-TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct")
+TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct", "nsrd", "rt-percept")
 """Systems with a network; a test holds them to their declarations."""
+
+OTHER_TASKS = ("rt-percept",)
+"""Systems that do not upscale; a test holds them to their declarations."""
 
 PREFERENCE = ("fusesr", "fusesr-fast", "demod-bicubic", "bicubic")
 """What `upscale` uses by default: the first of these that inputs, scale and weights allow."""
@@ -33,6 +38,11 @@ PREFERENCE = ("fusesr", "fusesr-fast", "demod-bicubic", "bicubic")
 def system_names() -> tuple[str, ...]:
     """Every system's name, without importing one."""
     return tuple(SYSTEM_MODULES)
+
+
+def upscaler_names() -> tuple[str, ...]:
+    """Names of the systems that `upscale` takes, without importing one."""
+    return tuple(name for name in SYSTEM_MODULES if name not in OTHER_TASKS)
 
 
 def trainable_names() -> tuple[str, ...]:

@@ -59,6 +59,8 @@ def stored_frame(number: int, height: int, width: int, jitter_px: tuple[float, f
         Buffer.OBJECT_ID: ((x / 6).to(torch.int32) + 1)[None, None] * ~sky,
         Buffer.POSITION: torch.stack([x, y, 3.0 + waves[0, 1]])[None],
         Buffer.NOV: plane,
+        Buffer.VIEW_NORMAL: F.normalize(waves + torch.tensor([0.0, 0.0, 3.0]).view(1, 3, 1, 1))
+        * surface,
         Buffer.REACTIVE: (waves[:, :1] > 0.8).float(),
     }
     gbuffer = GBuffer(buffers, f"synthetic, frame {number}")

@@ -12,7 +12,7 @@ import torch
 from rtsr_cli.core.errors import ConfigError, MissingBufferError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.system import Prediction, System, Task, Window
-from rtsr_cli.models import PREFERENCE, SYSTEM_MODULES, load_system, system_names
+from rtsr_cli.models import PREFERENCE, SYSTEM_MODULES, load_system, system_names, upscaler_names
 
 NAMES = [n for n in system_names() if find_spec(f"rtsr_cli.models.{SYSTEM_MODULES[n]}")]
 
@@ -54,6 +54,10 @@ def test_a_declaration_is_complete(system: System) -> None:
     assert is_dataclass(system.config)
     assert system.config.__dataclass_params__.frozen  # type: ignore[attr-defined]
     assert system.config() == system.config()
+
+
+def test_upscalers_are_those_whose_task_it_is(system: System) -> None:
+    assert (system.name in upscaler_names()) == (system.task is Task.UPSCALE)
 
 
 def test_no_system_asks_for_radiance_at_the_target_size(system: System) -> None:
@@ -115,7 +119,8 @@ def test_only_a_system_with_history_carries_a_state(
 ) -> None:
     scale = first_scale(system)
     states = [prediction.state for prediction in run(system, make_windows(system, scale))]
-    assert all((state is not None) == system.carries_history for state in states)
+    assert system.carries_history or all(state is None for state in states)
+    assert not system.recurrent or all(state is not None for state in states)
 
 
 def test_the_state_of_a_system_that_is_not_recurrent_changes_nothing(
@@ -125,11 +130,10 @@ def test_the_state_of_a_system_that_is_not_recurrent_changes_nothing(
     if system.recurrent:
         pytest.skip("its state is part of its input")
     windows = make_windows(system, first_scale(system))
-    carried = run(system, windows)[-1].image
-    alone = run(system, windows[-1:])[-1].image
-    assert carried is not None
-    assert alone is not None
-    assert torch.equal(carried, alone)
+    carried, alone = (run(system, part)[-1] for part in (windows, windows[-1:]))
+    for one, other in ((carried.image, alone.image), (carried.tiles, alone.tiles)):
+        assert (one is None) == (other is None)
+        assert one is None or torch.equal(one, other)
 
 
 def test_a_flat_grey_frame_stays_flat_through_bicubic(make_windows: MakeWindows) -> None:

@@ -38,6 +38,7 @@ class Buffer(StrEnum):
     OBJECT_ID = "object_id"
     POSITION = "position"
     NOV = "nov"
+    VIEW_NORMAL = "view_normal"
     ALPHA = "alpha"
     REACTIVE = "reactive"
 
@@ -103,6 +104,9 @@ BUFFER_SPECS: Mapping[Buffer, BufferSpec] = MappingProxyType(
             channels=3, unit="world space, m", resampling=Resampling.SAMPLE, components="XYZ"
         ),
         Buffer.NOV: BufferSpec(channels=1, unit="cosine of view and normal, 0..1"),
+        Buffer.VIEW_NORMAL: BufferSpec(
+            channels=3, unit="camera space, x right, y up, z towards it", components="XYZ"
+        ),
         Buffer.ALPHA: BufferSpec(channels=1, unit="coverage, 0..1", radiance=True),
         Buffer.REACTIVE: BufferSpec(channels=1, unit="0..1, 1 = history is not to be trusted"),
     }

@@ -111,7 +111,7 @@ def forward_splat(
     for (column, column_covered), (row, row_covered) in product(columns, rows):
         lands = column_covered & row_covered & usable
         index = torch.where(lands, torch.add(column, row, alpha=w), h * w)
-        target.scatter_reduce_(1, index.view(n, -1), keys, "amin")
+        target.scatter_reduce_(1, index.reshape(n, -1), keys, "amin")
     winner = target[:, : h * w]
     hit = winner != _NO_SOURCE
     source = torch.where(hit, winner & _INDEX_MASK, 0).unsqueeze(1)

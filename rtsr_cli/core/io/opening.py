@@ -265,6 +265,16 @@ def open_pairs(
         )
 
 
+def open_single(folder: Path, options: ReadOptions) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot's frames by themselves; what is beside them at another size is not read.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong.
+    """
+    for shot in shots_of(folder, options):
+        yield shot.name, open_pair(shot, folder, options, hr=None, scale=1)
+
+
 def open_pair(
     shot: Shot,
     folder: Path,

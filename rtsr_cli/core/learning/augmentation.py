@@ -3,8 +3,8 @@
 Geometry: an image is transposed and mirrored; motion and jitter go along, and the world turns with
 it. Any rotation of the world leaves a frame what it is, and a mirrored picture is that of a world
 mirrored in any plane; so normals take a signed permutation of the axes whose determinant is that of
-the image's change. Light: radiance takes a gain a channel. Material: albedo takes a permutation and
-a gain, F follows, lighting stays.
+the image's change; those in the camera's space turn with the picture. Light: radiance takes a gain
+a channel. Material: albedo takes a permutation and a gain, F follows, lighting stays.
 """
 
 from __future__ import annotations
@@ -100,9 +100,18 @@ class Turn:
             signs = turned.new_tensor([-1.0 if m else 1.0 for m in (self.mirror_x, self.mirror_y)])
             turned = turned.flip(1) if self.transposed else turned
             return turned * signs.view(1, 2, 1, 1)
+        if name == Buffer.VIEW_NORMAL.value:
+            return self._view_normal(turned)
         if name in NORMALS:
             return turned[:, list(self.axes)] * turned.new_tensor(self.signs).view(1, 3, 1, 1)
         return turned
+
+    def _view_normal(self, normal: Image) -> Image:
+        """x right, y up: transposing the picture exchanges x and -y."""
+        x, y, z = (normal[:, i : i + 1] for i in range(3))
+        if self.transposed:
+            x, y = -y, -x
+        return torch.cat([-x if self.mirror_x else x, -y if self.mirror_y else y, z], dim=1)
 
     def jitter(self, jitter_px: Jitter) -> Jitter:
         """Turn an offset."""

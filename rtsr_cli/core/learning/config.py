@@ -14,6 +14,7 @@ class Optimiser(StrEnum):
 
     ADAM = "adam"
     ADAMW = "adamw"
+    RMSPROP = "rmsprop"
 
 
 class Schedule(StrEnum):
@@ -22,6 +23,7 @@ class Schedule(StrEnum):
     COSINE = "cosine"
     CONSTANT = "constant"
     HALVE = "halve"
+    EXPONENTIAL = "exponential"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +38,9 @@ class TrainingConfig:
         crop: side of a sample, LR pixels.
         optimiser: update rule.
         learning_rate: after the warm-up.
-        weight_decay: of AdamW.
-        schedule: `halve` halves at half of the steps.
+        weight_decay: of AdamW; of RMSprop the gradient of an L2 penalty.
+        schedule: `halve` halves at half of the steps, `exponential` loses a share each step.
+        decay: that share.
         warmup: steps of linear growth.
         final_rate: learning rate at the end of `cosine`, as a share.
         ema: decay of the moving average that is validated and kept; 0 = none.
@@ -62,6 +65,7 @@ class TrainingConfig:
     learning_rate: float = 5e-4
     weight_decay: float = 0.0
     schedule: Schedule = Schedule.COSINE
+    decay: float = 1e-4
     warmup: int = 200
     final_rate: float = 0.01
     ema: float = 0.999

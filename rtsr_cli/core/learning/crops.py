@@ -132,11 +132,23 @@ def random_choices(config: AugmentationConfig, rng: np.random.Generator) -> Choi
     return Choices(turn=turn, gain=gain, swap=swap, lr_filter=lr_filter)
 
 
-def sample_steps(clip: Clip, region: Region, choices: Choices, task: Task) -> list[Step]:
-    """Make the steps of a sample: `unroll` successive targets, each with its history."""
+def sample_steps(
+    clip: Clip,
+    region: Region,
+    choices: Choices,
+    task: Task,
+    goals: Sequence[Tensors] | None = None,
+) -> list[Step]:
+    """Make the steps of a sample: `unroll` successive targets, each with its history.
+
+    `goals` are those of the same sample, if it was made before.
+    """
     maker = _Maker(clip, region, choices, task)
     last = min(region.position + task.learning.unroll, len(clip.facts.numbers))
-    return [maker.step(position) for position in range(region.position, last)]
+    positions = range(region.position, last)
+    if goals is None:
+        return [maker.step(position) for position in positions]
+    return [Step(maker.inputs(p), goal) for p, goal in zip(positions, goals, strict=True)]
 
 
 def whole_window(clip: Clip, position: int, task: Task, lr_filter: str) -> tuple[Window, Frame]:
@@ -175,6 +187,10 @@ class _Maker:
         window = self.window(position)
         goal = learning.goal(config, window, self.reference(position))
         return Step(learning.prepare(config, window), goal)
+
+    def inputs(self, position: int) -> Tensors:
+        """Inputs alone: what a goal costs may be known already."""
+        return self._task.learning.prepare(self._task.config, self.window(position))
 
     def window(self, position: int) -> Window:
         oldest = max(0, position - self._task.system.history_frames)
@@ -269,7 +285,7 @@ class _Maker:
             if name in self._read_lr
         }
         color = Buffer.COLOR.value
-        if self._choices.lr_filter != "none" and color in planes:
+        if self._choices.lr_filter != "none" and color in planes and scale > 1:
             planes[color] = self._filtered(self._clip.hr[color][position, None], (x, y))
         for name in VECTOR_NAMES & planes.keys():
             planes[name] = planes[name].float() / scale

@@ -35,14 +35,15 @@ GAP_PX = 4
 class Journal:
     """Keeps the files of a run up to date."""
 
-    def __init__(self, folder: Path, *, resume_step: int | None) -> None:
+    def __init__(self, folder: Path, *, resume_step: int | None, score: str = "psnr") -> None:
         """Start anew, or keep the rows up to a step and go on after them.
 
         Args:
             folder: RUN.
             resume_step: last step whose row is kept; None starts anew.
+            score: column that is drawn beside the loss.
         """
-        self._folder = folder
+        self._folder, self._score = folder, score
         kept = 0 if resume_step is None else resume_step
         self._rows = [row for row in _read(folder / LOG_FILE) if int(row["step"]) <= kept]
         self._board = _board(folder)
@@ -54,7 +55,7 @@ class Journal:
         row = {name: f"{known[name]:.6g}" if name in known else "" for name in values}
         self._rows.append({"step": str(step), **row})
         self._write()
-        curves = [c for c in (self._curve("loss"), self._curve("psnr")) if len(c.points)]
+        curves = [c for c in (self._curve("loss"), self._curve(self._score)) if len(c.points)]
         if curves:
             write_png(self._folder / CURVES_FILE, plotted(curves))
         if self._board is not None:

@@ -27,7 +27,13 @@ from rtsr_cli.core.learning.state import (
     restore_optimiser,
     save_state,
 )
-from rtsr_cli.core.learning.validating import Judged, judged, mean_scores, validation_frames
+from rtsr_cli.core.learning.validating import (
+    Judged,
+    judge_of,
+    judged,
+    mean_scores,
+    validation_frames,
+)
 from rtsr_cli.core.precision import DTYPES, settled
 
 STATE_FOLDER = "state"
@@ -88,6 +94,7 @@ def learning_rate(config: TrainingConfig, step: int) -> float:
     """Rate of a step: a linear warm-up, then the schedule.
 
     cosine: r (f + (1 - f) (1 + cos(pi t)) / 2),   t = share of the steps after the warm-up
+    exponential: r (1 - d)^n,   n = steps after the warm-up
     """
     if step < config.warmup:
         return config.learning_rate * (step + 1) / config.warmup
@@ -95,15 +102,21 @@ def learning_rate(config: TrainingConfig, step: int) -> float:
     if config.schedule is Schedule.COSINE:
         wave = 0.5 * (1.0 + math.cos(math.pi * min(1.0, share)))
         return config.learning_rate * (config.final_rate + (1.0 - config.final_rate) * wave)
+    if config.schedule is Schedule.EXPONENTIAL:
+        return config.learning_rate * (1.0 - config.decay) ** (step - config.warmup)
     if config.schedule is Schedule.HALVE and step >= config.steps // 2:
         return config.learning_rate / 2.0
     return config.learning_rate
 
 
 def make_optimiser(config: TrainingConfig, network: nn.Module) -> torch.optim.Optimizer:
-    """Adam or AdamW with torch's defaults."""
+    """Adam, AdamW or RMSprop with torch's defaults."""
     if config.optimiser is Optimiser.ADAMW:
         return torch.optim.AdamW(
+            network.parameters(), config.learning_rate, weight_decay=config.weight_decay
+        )
+    if config.optimiser is Optimiser.RMSPROP:
+        return torch.optim.RMSprop(
             network.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
     return torch.optim.Adam(network.parameters(), config.learning_rate)
@@ -294,8 +307,9 @@ def train(run: Run, network: nn.Module) -> Iterator[Progress]:
         step, last = trainer.step, trainer.step == config.steps
         if last or step % config.validate_every == 0:
             frames, found = trainer.validate()
-            best = bool(found) and found["psnr"] > trainer.best
-            trainer.best = max(trainer.best, found.get("psnr", -math.inf))
+            score = found.get(judge_of(run.task).names[0], -math.inf)
+            best = score > trainer.best
+            trainer.best = max(trainer.best, score)
             if best or not found:
                 run.keep("best.safetensors", trainer.kept, step, found)
             run.keep("last.safetensors", trainer.kept, step, found)

@@ -24,6 +24,10 @@ from rtsr_cli.core.learning.crops import (
     sample_steps,
 )
 from rtsr_cli.core.learning.ranks import ALONE, Ranks
+from rtsr_cli.core.system import Tensors
+
+UNCHANGED = Choices()
+"""A sample as it was captured."""
 
 AHEAD_BATCHES = 2
 """Batches of samples that are made ahead."""
@@ -75,6 +79,7 @@ class Sampler:
             raise FrameFolderError("no frames to train on are left; look at [data] exclude")
         self._groups = [groups[key] for key in sorted(groups)]
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
+        self._goals: dict[tuple[int, Region], list[Tensors]] = {}
         self._shares = [counts / counts.sum() for counts in frames]
 
     def draw(self, rng: np.random.Generator) -> Clip:
@@ -96,7 +101,11 @@ class Sampler:
             unroll=task.learning.unroll,
             rng=rng,
         )
-        return Sample(index, clip, region, choices, sample_steps(clip, region, choices, task))
+        key = (id(clip), region)
+        steps = sample_steps(clip, region, choices, task, self._goals.get(key))
+        if task.learning.keep_goals and choices == UNCHANGED:
+            self._goals[key] = [step.goal for step in steps]
+        return Sample(index, clip, region, choices, steps)
 
     def batches(self, first_step: int, workers: int, *, overlap: bool) -> Iterator[list[Sample]]:
         """Samples of one forward pass after the other, from an optimiser step on.

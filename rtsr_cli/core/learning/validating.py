@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import nn
 
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.learning.clips import Clip
@@ -17,24 +19,23 @@ from rtsr_cli.core.metrics.fidelity import psnr
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.ssim import ssim
 from rtsr_cli.core.shapes import Color, Image
-from rtsr_cli.core.system import System, Window
+from rtsr_cli.core.system import Judge, Prediction, State, System, Window
 
 BORDER_PX = 16
 """Border that is not judged."""
 
-NAMES = ("psnr", "ssim", "flip")
+OUTPUT = "output"
+"""Panel of the prediction."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One frame: its clip and position, the prediction, and its scores."""
+    """One frame: its clip and position, its scores, and pictures of what was predicted."""
 
     clip: Clip
     position: int
-    window: Window
-    image: Color
-    reference: Color
     scores: Mapping[str, float]
+    panels: Mapping[str, Color]
 
 
 def validation_frames(clips: Sequence[Clip], count: int) -> list[tuple[Clip, int]]:
@@ -50,15 +51,43 @@ def validation_frames(clips: Sequence[Clip], count: int) -> list[tuple[Clip, int
     return [frames[(2 * i + 1) * len(frames) // (2 * count)] for i in range(count)]
 
 
-def scores(image: Color, reference: Color) -> dict[str, float]:
+def image_scores(
+    config: Any, window: Window, prediction: Prediction, reference: Frame
+) -> dict[str, float]:
     """PSNR after c / (1 + c), SSIM and FLIP after sRGB on top, border left out."""
-    tested, truth = (encode_reinhard(inner(i)) for i in (image, reference))
+    del config, window
+    image, truth_color = _image(prediction), reference.gbuffer[Buffer.COLOR]
+    tested, truth = (encode_reinhard(inner(i)) for i in (image, truth_color))
     shown, wanted = encode_srgb(tested), encode_srgb(truth)
     return {
         "psnr": float(psnr(tested, truth)),
         "ssim": float(ssim(shown, wanted)),
         "flip": float(ldr_flip(shown, wanted).mean()),
     }
+
+
+def image_panels(
+    config: Any, window: Window, prediction: Prediction, reference: Frame
+) -> dict[str, Color]:
+    """LR, output and reference."""
+    del config
+    lr = upsample_nearest(window.current.gbuffer[Buffer.COLOR].cpu(), window.scale)
+    color = reference.gbuffer[Buffer.COLOR]
+    return {"LR": lr, OUTPUT: _image(prediction), "reference": color}
+
+
+def _image(prediction: Prediction) -> Color:
+    if prediction.image is None:
+        raise AssertionError("a system without pictures declares its judge")
+    return prediction.image.float().cpu()
+
+
+IMAGE_JUDGE = Judge(names=("psnr", "ssim", "flip"), scores=image_scores, panels=image_panels)
+
+
+def judge_of(task: Task) -> Judge:
+    """What judges a task's frames."""
+    return task.learning.judge or IMAGE_JUDGE
 
 
 def inner(image: Image) -> Image:
@@ -71,22 +100,26 @@ def inner(image: Image) -> Image:
 def judged(
     system: System, network: nn.Module, task: Task, frames: Sequence[tuple[Clip, int]]
 ) -> Iterator[Judged]:
-    """Predict frames and score them; a recurrent system replays from its clip's start."""
+    """Predict frames and score them; a recurrent system replays from its clip's start, once."""
     device = next(iter(network.parameters()), torch.empty(0)).device
+    judge = judge_of(task)
+    last: tuple[Clip, int] | None = None
+    state: State = None
     for clip, position in frames:
         first = 0 if system.recurrent else position
-        state = None
+        if system.recurrent and last is not None and last[0] is clip and last[1] < position:
+            first = last[1] + 1
+        else:
+            state = None
         with torch.inference_mode():
             for p in range(first, position + 1):
                 window, reference = whole_window(clip, p, task, "none")
                 window = _moved(window, device)
                 prediction = system.predict(network, window, state)
                 state = prediction.state
-        if prediction.image is None:
-            continue
-        image = prediction.image.float().cpu()
-        color = reference.gbuffer[Buffer.COLOR]
-        yield Judged(clip, position, window, image, color, scores(image, color))
+        last = clip, position
+        told = (task.config, window, prediction, reference)
+        yield Judged(clip, position, judge.scores(*told), judge.panels(*told))
 
 
 def _moved(window: Window, device: torch.device) -> Window:
@@ -103,17 +136,19 @@ def mean_scores(found: Sequence[Judged]) -> dict[str, float]:
     for frame in found:
         sequences.setdefault(frame.clip.facts.name, []).append(frame.scores)
     means = [
-        {name: sum(s[name] for s in frames) / len(frames) for name in NAMES}
+        {name: sum(s[name] for s in frames) / len(frames) for name in frames[0]}
         for frames in sequences.values()
     ]
-    return {name: sum(m[name] for m in means) / len(means) for name in NAMES} if means else {}
+    return {name: sum(m[name] for m in means) / len(means) for name in means[0]} if means else {}
 
 
-def panels(frame: Judged, baseline: Color | None, side: int) -> dict[str, Color]:
-    """LR, baseline, output and reference of the crop around the frame's centre."""
-    lr = upsample_nearest(frame.window.current.gbuffer[Buffer.COLOR].cpu(), frame.window.scale)
-    shown = {"LR": lr, "baseline": baseline, "output": frame.image, "reference": frame.reference}
-    return {name: _centre(image, side) for name, image in shown.items() if image is not None}
+def panels(frame: Judged, baseline: Judged | None, side: int) -> dict[str, Color]:
+    """Pictures of the crop around the frame's centre, a baseline's output before its own."""
+    shown = dict(frame.panels)
+    if baseline is not None:
+        before = next(iter(shown))
+        shown = {before: shown.pop(before), "baseline": baseline.panels[OUTPUT], **shown}
+    return {name: _centre(image, side) for name, image in shown.items()}
 
 
 def _centre(image: Image, side: int) -> Image:

@@ -21,30 +21,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.blocks import (
-    InvertedResidual as InvertedResidual,
-)
-from rtsr_cli.core.blocks import (
-    ResidualBlock as ResidualBlock,
-)
-from rtsr_cli.core.blocks import (
-    conv3 as conv3,
-)
-from rtsr_cli.core.blocks import (
-    normalised_conv3 as normalised_conv3,
-)
-from rtsr_cli.core.blocks import (
-    pixel_unshuffle as pixel_unshuffle,
-)
-from rtsr_cli.core.blocks import (
-    separable as separable,
-)
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.brdf_lut import LutConvention as LutConvention
+from rtsr_cli.core.history import sample_motion
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
-from rtsr_cli.core.imaging.warping import backward_warp as backward_warp
 from rtsr_cli.core.imaging.warping import compose_motion
 from rtsr_cli.core.lighting import (
     HR_BUFFERS,
@@ -62,15 +43,7 @@ from rtsr_cli.core.lighting import (
     network_lighting,
     network_normal,
 )
-from rtsr_cli.core.lighting import (
-    PAPER_LOSS as PAPER_LOSS,
-)
-from rtsr_cli.core.lighting import (
-    LossWeights as LossWeights,
-)
-from rtsr_cli.core.shapes import Color as Color
-from rtsr_cli.core.shapes import Image, MotionPx
-from rtsr_cli.core.shapes import Plane as Plane
+from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import (
     Learning,
     Prediction,
@@ -79,17 +52,11 @@ from rtsr_cli.core.system import (
     Window,
     neural_predict,
 )
-from rtsr_cli.core.system import (
-    State as State,
-)
 from rtsr_cli.models.fusesr.config import (
     HISTORY_FRAMES,
     FuseSRConfig,
     FuseSRDirectConfig,
     FuseSRFastConfig,
-)
-from rtsr_cli.models.fusesr.config import (
-    HR_CHANNELS as HR_CHANNELS,
 )
 from rtsr_cli.models.fusesr.network import FuseSRFastNetwork, FuseSRNetwork
 
@@ -121,13 +88,6 @@ def hr_features(window: Window, config: FuseSRConfig) -> Image:
     height, width = gbuffer.size
     empty = torch.zeros(1, 0, height, width, device=gbuffer.device)
     return aligned(window, torch.cat([empty, *parts], dim=1))
-
-
-def sample_motion(now: Frame, before: Frame) -> MotionPx:
-    """Motion between samples: mv + jitter - jitter_prev, LR pixels."""
-    motion = now.gbuffer[Buffer.MOTION]
-    shift = [a - b for a, b in zip(now.camera.jitter_px, before.camera.jitter_px, strict=True)]
-    return motion + motion.new_tensor(shift).view(1, 2, 1, 1)
 
 
 def history_inputs(window: Window, preset: Preset) -> dict[str, Tensor]:

@@ -1,0 +1,92 @@
+"""`rtsr label` after parsing: plans of every shot, one run, a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from rtsr_cli.commands.following import follow
+from rtsr_cli.commands.running import (
+    announce,
+    check_frames,
+    plan_facts,
+    read_options,
+    selection,
+    until_stopped,
+)
+from rtsr_cli.commands.stopping import unwinding
+from rtsr_cli.core import planning, upscaling
+from rtsr_cli.core.io.atomic import check_writable
+from rtsr_cli.core.io.exr import read_header
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.opening import open_single
+from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.labelling import VRS_LABELS, LabelConfig, Labeller, captured_channels
+from rtsr_cli.core.planning import UpscaleOptions
+from rtsr_cli.core.system import NoNetwork
+from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
+from rtsr_cli.core.vrs.rates import REDUCED
+from rtsr_cli.core.vrs.tiles import Pool
+
+
+def run_label(chosen: Mapping[str, Any]) -> int:
+    """Plan every shot, then run; return the exit code."""
+    error = ErrorConfig(
+        metric=VrsMetric(chosen["metric"]),
+        tile=chosen["tile"],
+        pool=Pool(chosen["pool"]),
+        env_luminance=chosen["env_luminance"],
+    )
+    if chosen["ppd"] is not None:
+        error = replace(error, ppd=chosen["ppd"])
+    config = LabelConfig(error=error, keep_edges=chosen["keep_edges"])
+    options = UpscaleOptions(
+        jobs=chosen["jobs"],
+        overwrite=chosen["overwrite"],
+        selection=selection(chosen),
+        command="label",
+    )
+    base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
+    inputs = planning.system_inputs(VRS_LABELS, base, config)
+    plans = [
+        planning.plan_shot(
+            name,
+            source,
+            VRS_LABELS,
+            inputs=inputs,
+            folder=chosen["out_folder"] / name,
+            options=options,
+            config=[asdict(config), chosen["previews"]],
+            passthrough=_captured(source),
+        )
+        for name, source in open_single(chosen["in_folder"], read_options(chosen))
+    ]
+    check_frames(chosen, [plan.source.reader for plan in plans])
+    for plan in plans:
+        facts = plan_facts(plan.name, plan.source.readers, plan.selected, plan.pending)
+        facts |= {
+            "read_bytes": plan.read_bytes,
+            "write_bytes_at_most": plan.write_bytes(options),
+        }
+        rates = "captured rates" if plan.passed else "emulated rates"
+        what = f", {error.metric}, tiles of {error.tile}, {rates}"
+        announce(chosen, facts, plan.source.readers, plan.selected, what)
+    if chosen["dry_run"]:
+        return 0
+    for plan in plans:
+        check_writable(plan.folder)
+    labeller = Labeller(config=config, previews=chosen["previews"])
+    network = NoNetwork(config)
+    events = until_stopped(
+        upscaling.run_shot(plan, network, options, labeller.make) for plan in plans
+    )
+    with unwinding():
+        return follow(chosen, events, sum(len(plan.pending) for plan in plans))
+
+
+def _captured(source: PairSource) -> list[str]:
+    """Channels of radiance that was rendered at reduced rates."""
+    files = source.reader.files(source.reader.numbers[0], source.reader.stored)
+    there = {channel for path in files for channel in read_header(path).channels}
+    return [name for rate in REDUCED for name in captured_channels(rate) if name in there]

@@ -1,0 +1,219 @@
+"""`rtsr predict-vrs` after parsing: plans of every shot, one run, a summary."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from rtsr_cli.commands.basics import LOG, device_named
+from rtsr_cli.commands.following import follow
+from rtsr_cli.commands.running import (
+    announce,
+    check_frames,
+    plan_facts,
+    read_options,
+    selection,
+    until_stopped,
+)
+from rtsr_cli.commands.stopping import unwinding
+from rtsr_cli.core import planning, upscaling
+from rtsr_cli.core.errors import CheckpointError, ConfigError
+from rtsr_cli.core.io.atomic import check_writable, write_atomically
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.opening import open_single
+from rtsr_cli.core.io.pairs import Inputs
+from rtsr_cli.core.networks import Loaded, load_network
+from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
+from rtsr_cli.core.shading_rates import Writer, figures_of, summary
+from rtsr_cli.core.system import NoNetwork, Prediction, System
+from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
+from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, amplitude
+from rtsr_cli.core.vrs.estimating import Estimator, VrsOptions
+from rtsr_cli.core.weights import SHIPPED, read_weights
+from rtsr_cli.models import load_system
+from rtsr_cli.models.rt_percept.transforms import restored
+
+COMMAND = "predict-vrs"
+SYSTEM = "rt-percept"
+
+THRESHOLDS = {
+    VrsMetric.JNFLIP: 0.25,
+    VrsMetric.FLIP: 0.1,
+    VrsMetric.JNYANG: 0.2,
+    VrsMetric.PSNR: 35.0,
+    VrsMetric.LPIPS: 0.1,
+}
+"""Errors that are just not noticed; JNFLIP's is the published one."""
+
+SUMMARY = "summary.json"
+
+
+def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
+    """Plan every shot, then run; return the exit code."""
+    device = device_named(chosen["device"])
+    system, loaded = _estimator(chosen, device)
+    error = loaded.config.error
+    options = VrsOptions(
+        estimator=Estimator(chosen["estimator"]),
+        error=error,
+        threshold=chosen["threshold"] or THRESHOLDS[error.metric],
+        analytic=AdaptiveConfig(tile=error.tile),
+        compare=not chosen["no_compare"],
+    )
+    _check_threshold(options, loaded)
+    run = UpscaleOptions(
+        device=device,
+        jobs=chosen["jobs"],
+        overwrite=chosen["overwrite"],
+        selection=selection(chosen),
+        command=COMMAND,
+    )
+    base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
+    inputs = planning.system_inputs(system, base, loaded.config)
+    plans = [
+        planning.plan_shot(
+            name,
+            source,
+            system,
+            inputs=inputs,
+            folder=chosen["out_folder"] / name,
+            options=run,
+            config=[asdict(options), asdict(loaded.config), loaded.digest, chosen["overlays"]],
+        )
+        for name, source in open_single(chosen["in_folder"], read_options(chosen))
+    ]
+    check_frames(chosen, [plan.source.reader for plan in plans])
+    for plan in plans:
+        _announce(chosen, plan, run, options)
+    if chosen["dry_run"]:
+        return 0
+    for plan in plans:
+        check_writable(plan.folder)
+    writer = Writer(options=options, rates=loaded.config.predicted, overlays=chosen["overlays"])
+    events = until_stopped(
+        upscaling.run_shot(plan, loaded.network, run, writer.make) for plan in plans
+    )
+    with unwinding():
+        code = follow(chosen, events, sum(len(plan.pending) for plan in plans))
+    _summarise(chosen, plans, options)
+    return code
+
+
+def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
+    """Return the system and its network; the analytic estimate needs none."""
+    system = load_system(SYSTEM)
+    if chosen["estimator"] == Estimator.ANALYTIC:
+        error = ErrorConfig(
+            metric=VrsMetric(chosen["metric"] or VrsMetric.JNFLIP), tile=chosen["tile"] or 16
+        )
+        config = system.config(error=error)
+        nothing = replace(system, predict=lambda network, window, state: Prediction())
+        return nothing, Loaded(network=NoNetwork(config), config=config)
+    path = chosen["weights_file"] or _shipped(chosen)
+    loaded = load_network(system, 1, device, path)
+    error = loaded.config.error
+    for name, value in (("metric", error.metric), ("tile", error.tile)):
+        if chosen[name] is not None and chosen[name] != value:
+            raise ConfigError(
+                f"{path}: weights for --{name} {value}, not {chosen[name]}; leave --{name} out, or "
+                "train others (rtsr train rt-percept)"
+            )
+    margin = chosen["margin"]
+    if margin is None:
+        margin = float(read_weights(path).about.get("validation", {}).get("under", 0.0))
+    config = replace(loaded.config, margin=margin)
+    loaded.network.config = config
+    return system, replace(loaded, config=config)
+
+
+def _check_threshold(options: VrsOptions, loaded: Loaded) -> None:
+    """Refuse a threshold that no prediction can reach: every tile would get the cheapest rate.
+
+    Raises:
+        ConfigError: says what the weights can tell.
+    """
+    if options.estimator is Estimator.ANALYTIC:
+        return
+    mean = loaded.network.get_buffer("mean").cpu()
+    worst = restored(torch.ones(1, 1, 1, 1), mean, loaded.config)
+    metric = options.error.metric
+    reach, asked = amplitude(worst, metric), amplitude(torch.tensor(options.threshold), metric)
+    if float(asked) >= float(reach):
+        raise ConfigError(
+            f"--threshold {options.threshold:g}: these weights tell errors up to "
+            f"{float(worst):.3g} ({metric}) apart; choose one below"
+        )
+
+
+def _shipped(chosen: Mapping[str, Any]) -> Path:
+    metric, tile = chosen["metric"] or VrsMetric.JNFLIP.value, chosen["tile"] or 16
+    path = SHIPPED / f"{SYSTEM}-{metric}-{tile}.safetensors"
+    if path.is_file():
+        return path
+    there = sorted(p.stem.removeprefix(f"{SYSTEM}-") for p in SHIPPED.glob(f"{SYSTEM}-*"))
+    raise CheckpointError(
+        f"there are no weights for --metric {metric} --tile {tile} (there: "
+        f"{', '.join(there) or 'none'}); train them (rtsr train {SYSTEM} DATA --out RUN --set "
+        f"network.error.metric={metric} --set network.error.tile={tile}) and give --weights "
+        "RUN/best.safetensors, or use --estimator analytic"
+    )
+
+
+def _announce(
+    chosen: Mapping[str, Any], plan: ShotPlan, run: UpscaleOptions, options: VrsOptions
+) -> None:
+    facts = plan_facts(plan.name, plan.source.readers, plan.selected, plan.pending)
+    facts |= {
+        "estimator": options.estimator,
+        "metric": options.error.metric,
+        "tile": options.error.tile,
+        "threshold": options.threshold,
+        "read_bytes": plan.read_bytes,
+        "write_bytes_at_most": plan.write_bytes(run),
+    }
+    what = (
+        f", tiles of {options.error.tile}, {options.error.metric} below {options.threshold:g}, "
+        f"{options.estimator}"
+    )
+    announce(chosen, facts, plan.source.readers, plan.selected, what)
+
+
+def _summarise(chosen: Mapping[str, Any], plans: list[ShotPlan], options: VrsOptions) -> None:
+    """Write summary.json over every frame that is done, now or before."""
+    shots = {}
+    for plan in plans:
+        known = {n: figures_of(plan.path(n)) for n in plan.selected}
+        shots[plan.name] = {str(n): facts for n, facts in known.items() if facts is not None}
+    total = summary(facts for frames in shots.values() for facts in frames.values())
+    text = json.dumps(
+        {
+            "options": json.loads(json.dumps(asdict(options), default=str)),
+            "total": total,
+            "shots": {
+                name: {"total": summary(frames.values()), "frames": frames}
+                for name, frames in shots.items()
+            },
+        },
+        indent=1,
+    )
+    path = chosen["out_folder"] / SUMMARY
+    write_atomically(path, lambda part: _write(part, text))
+    if chosen["as_json"] or not total["frames"]:
+        return
+    shares = ", ".join(f"{rate} {share:.1%}" for rate, share in total["rates"].items() if share)
+    LOG.info("shading invocations saved %.1f %% (%s)", 100 * total["invocations_saved"], shares)
+    if "true_error" in total:
+        LOG.info(
+            "true error %.4f on average; %.2f %% of the tiles reach the threshold",
+            total["true_error"],
+            100 * total["missed"],
+        )
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

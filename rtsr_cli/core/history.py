@@ -1,0 +1,73 @@
+"""Past frames as the current one sees them: motion between samples, dual motion, brightness.
+
+A sample of frame t lies at pixel + jitter(t). Motion vectors are those of surfaces, without
+jitter; between pixels of two frames, and so between their tensors, jitter joins in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.disocclusion import bounded_depth
+from rtsr_cli.core.imaging.splatting import (
+    dual_motion,
+    forward_motion_by_splat,
+    unreliable_mask,
+)
+from rtsr_cli.core.shapes import Image, Mask, MotionPx
+
+
+def jittered(vectors_px: Image, now: Frame, then: Frame) -> Image:
+    """Vectors from surface points of `now` to those of `then` -> from sample to sample.
+
+    v + jitter(now) - jitter(then), pixels
+    """
+    shift = [a - b for a, b in zip(now.camera.jitter_px, then.camera.jitter_px, strict=True)]
+    return vectors_px + vectors_px.new_tensor(shift).view(1, 2, 1, 1)
+
+
+def sample_motion(now: Frame, before: Frame) -> MotionPx:
+    """Motion between samples: mv + jitter - jitter_prev, pixels."""
+    return jittered(now.gbuffer[Buffer.MOTION], now, before)
+
+
+def brightening(now: Frame, before: Frame) -> float:
+    """What radiance of the frame before is to be multiplied by: ratio of the pre-exposures."""
+    return now.camera.pre_exposure / before.camera.pre_exposure
+
+
+@dataclass(frozen=True)
+class DualMotion:
+    """Motion of a surface, and of what its old position showed; samples, pixels.
+
+    Attributes:
+        motion_px: TMV.
+        dual_px: DMV; TMV where it is not known.
+        known: 1 where it is.
+    """
+
+    motion_px: MotionPx
+    dual_px: MotionPx
+    known: Mask
+
+    @property
+    def unreliable(self) -> Mask:
+        """1 where the frame before shows another surface, or none at all."""
+        return unreliable_mask(self.motion_px, self.dual_px, self.known)
+
+
+def dual_motion_between(now: Frame, before: Frame) -> DualMotion:
+    """Dual motion by the forward vectors of the frame before, by a splat where it has none.
+
+    A surface lands on the pixel that it is fetched from, so that holes of the splat are no matter.
+    """
+    motion = sample_motion(now, before)
+    known = None
+    if Buffer.FORWARD in before.gbuffer:
+        forward = jittered(before.gbuffer[Buffer.FORWARD], before, now)
+    else:
+        depth = bounded_depth(now.gbuffer[Buffer.DEPTH])
+        forward, known = forward_motion_by_splat(motion, depth)
+    return DualMotion(motion, *dual_motion(motion, forward, known_prev_mask=known))

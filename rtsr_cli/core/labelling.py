@@ -1,0 +1,135 @@
+"""Training labels of rendered frames: for now the true errors of shading rates, tile by tile."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.exr import Plane, write_exr
+from rtsr_cli.core.io.exr import Window as ExrWindow
+from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
+from rtsr_cli.core.io.png import write_png
+from rtsr_cli.core.io.provenance import provenance
+from rtsr_cli.core.metrics.heat import heat_map
+from rtsr_cli.core.shading_rates import error_channels
+from rtsr_cli.core.shapes import Color, TileMap
+from rtsr_cli.core.system import Prediction, System, Task, build_baseline
+from rtsr_cli.core.upscaling import Made
+from rtsr_cli.core.vrs.coarse import coarse_shading
+from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, tile_errors
+from rtsr_cli.core.vrs.rates import REDUCED, Rate
+from rtsr_cli.core.vrs.reprojection import displayed
+
+CAPTURED = "output_{rate}.{component}"
+"""Channels of radiance that was rendered at a rate; without them it is emulated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelConfig:
+    """What labels are made of.
+
+    Attributes:
+        error: metric and tiles.
+        keep_edges: emulated rates keep pixels of other objects than the sample's.
+    """
+
+    error: ErrorConfig
+    keep_edges: bool = False
+
+
+VRS_LABELS = System(
+    name="vrs-labels",
+    summary="true errors of shading rates",
+    citation="Cardoso et al., rt-percept, i3D 2022",
+    task=Task.PREDICT_VRS,
+    lr_inputs=(Buffer.COLOR,),
+    lr_optional=(Buffer.OBJECT_ID,),
+    scales=(1,),
+    config=LabelConfig,
+    build=build_baseline,
+    predict=lambda network, window, state: Prediction(),
+)
+"""Reads the frames that labels are made of, through the loop that runs systems."""
+
+
+def captured_channels(rate: Rate) -> tuple[str, ...]:
+    """Names of the channels of a rate."""
+    return tuple(CAPTURED.format(rate=rate.label, component=c) for c in "RGB")
+
+
+def reduced_radiance(
+    color: Color, rate: Rate, captured: Mapping[str, Plane], object_id: torch.Tensor | None
+) -> Color:
+    """Radiance at a rate: as captured where all of its channels are there, else emulated."""
+    planes = [captured.get(name) for name in captured_channels(rate)]
+    held = [plane for plane in planes if plane is not None]
+    if len(held) < len(planes):
+        return coarse_shading(color, rate, object_id)
+    stacked = np.stack([plane.astype(np.float32) for plane in held])
+    return torch.from_numpy(stacked)[None].to(color)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Labeller:
+    """Makes the labels of a frame.
+
+    Attributes:
+        config: what they are made of.
+        previews: also a picture of the largest error of each tile.
+    """
+
+    config: LabelConfig
+    previews: bool = False
+
+    def make(self, made: Made) -> Callable[[], None]:
+        """Measure, and return the call that writes."""
+        frame, plan = made.pair.lr, made.plan
+        color = frame.gbuffer[Buffer.COLOR]
+        ids = frame.gbuffer.buffers.get(Buffer.OBJECT_ID) if self.config.keep_edges else None
+        full = displayed(color)
+        errors = {
+            rate: tile_errors(
+                displayed(reduced_radiance(color, rate, made.passed, ids)), full, self.config.error
+            )
+            for rate in REDUCED
+        }
+        source = plan.source.reader.path(frame.number)
+        known = provenance(
+            command=made.options.command,
+            config_hash=plan.config_hash,
+            source=source,
+            stamp=made.stamp,
+            extra={
+                "rtsr:nonfinite": made.pair.fixed,
+                "rtsr:label": json.dumps(asdict(self.config), default=str),
+            },
+        )
+        channels = error_channels(errors)
+        path = plan.path(frame.number)
+        picture = self._picture(errors) if self.previews else None
+
+        def write() -> None:
+            if picture is not None:
+                write_png(path.with_suffix(PREVIEW_SUFFIX), picture)
+            height, width = next(iter(channels.values())).shape
+            area = ExrWindow(left=0, top=0, width=width, height=height)
+            write_exr(path, channels, attributes=known, data_window=area, display_window=area)
+
+        return write
+
+    def _picture(self, errors: Mapping[Rate, TileMap]) -> NDArray[Any]:
+        """Heat of every rate's errors, side by side, a tile as wide as it is."""
+        metric, tile = self.config.error.metric, self.config.error.tile
+        maps = [amplitude(values, metric)[:, 0] for values in errors.values()]
+        largest = max(float(values.quantile(0.99)) for values in maps) or 1.0
+        heats = torch.cat([heat_map(values, largest) for values in maps], dim=-1)
+        large = heats.repeat_interleave(tile, -2).repeat_interleave(tile, -1)
+        pixels: NDArray[Any] = (large[0] * 255.0).round().byte().permute(1, 2, 0).cpu().numpy()
+        return pixels

@@ -1,0 +1,149 @@
+"""Rates of a frame before it is shaded: by a network's errors, analytically, or by both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import torch
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.shapes import Color, Mask, TileMap
+from rtsr_cli.core.system import Window
+from rtsr_cli.core.vrs.adaptive import AdaptiveConfig, adaptive_codes, axis_errors, scaled_errors
+from rtsr_cli.core.vrs.coarse import coarse_shading
+from rtsr_cli.core.vrs.errors import (
+    ErrorConfig,
+    VrsMetric,
+    amplitude,
+    from_amplitude,
+    luma,
+    tile_errors,
+)
+from rtsr_cli.core.vrs.rates import REDUCED, Errors, Rate, chosen_codes, extrapolated
+from rtsr_cli.core.vrs.reprojection import displayed, reprojected
+from rtsr_cli.core.vrs.tiles import tile_mean
+
+MOSTLY = 0.5
+"""Share of a tile's pixels that the frame before shows, from which the tile counts as seen."""
+
+
+class Estimator(StrEnum):
+    """What decides rates."""
+
+    NETWORK = "network"
+    ANALYTIC = "analytic"
+    HYBRID = "hybrid"
+    """Analytic on tiles that the frame before shows, the network on the others."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VrsOptions:
+    """How rates are decided.
+
+    Attributes:
+        estimator: what decides.
+        error: metric and tiles of the network.
+        threshold: error that a rate must stay below, in the metric's unit.
+        analytic: settings of the analytic estimate; its threshold is of its own unit.
+        compare: measure the true errors, too, where the frame holds radiance.
+    """
+
+    estimator: Estimator = Estimator.NETWORK
+    error: ErrorConfig = field(default_factory=ErrorConfig)
+    threshold: float = 0.25
+    analytic: AdaptiveConfig = field(default_factory=AdaptiveConfig)
+    compare: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """What was decided for a frame.
+
+    Attributes:
+        errors: of every reduced rate, in the metric's unit; of `analytic` in its own.
+        codes: of the chosen rates.
+        seen: 1 = the frame before shows the tile.
+    """
+
+    errors: Errors
+    codes: TileMap
+    seen: Mask
+
+
+def estimate(
+    window: Window, predicted: TileMap | None, rates: tuple[Rate, ...], options: VrsOptions
+) -> Estimate:
+    """Decide the rates of a frame.
+
+    Args:
+        window: the frame's G-buffer, and the frame before.
+        predicted: errors of `rates` by the network, a channel a rate; None without one.
+        rates: those that it predicts.
+        options: how.
+    """
+    picture, mask = reprojected(window)
+    seen = (tile_mean(mask, options.error.tile) >= MOSTLY).to(mask.dtype)
+    analytic = None
+    if options.estimator is not Estimator.NETWORK:
+        analytic = analytic_estimate(window, picture, seen, options.analytic)
+        if options.estimator is Estimator.ANALYTIC:
+            return analytic
+    assert predicted is not None
+    metric = options.error.metric
+    values = amplitude(predicted, metric)
+    each = {rate: values[:, i : i + 1] for i, rate in enumerate(rates)}
+    amplitudes = extrapolated(each)
+    codes = chosen_codes(amplitudes, _amplitude(options.threshold, metric))
+    if analytic is not None:
+        codes = torch.where(seen > 0, analytic.codes, codes)
+    errors = {rate: from_amplitude(value, metric) for rate, value in amplitudes.items()}
+    return Estimate(errors=errors, codes=codes, seen=seen)
+
+
+def _amplitude(value: float, metric: VrsMetric) -> float:
+    return float(amplitude(torch.tensor(value), metric))
+
+
+def analytic_estimate(
+    window: Window, picture: Color, seen: Mask, config: AdaptiveConfig
+) -> Estimate:
+    """Rates by the frame before alone; a tile that it does not show is shaded at full rate."""
+    motion = window.current.gbuffer[Buffer.MOTION].abs()
+    speeds = tuple(tile_mean(motion[:, axis : axis + 1], config.tile) for axis in (0, 1))
+    ends = axis_errors(luma(picture), config)
+    codes = adaptive_codes(ends, (speeds[0], speeds[1]), config)
+    (half_x, quarter_x), (half_y, quarter_y) = (
+        scaled_errors(error, speed, config) for error, speed in zip(ends, speeds, strict=True)
+    )
+    errors = {
+        Rate.HALF_Y: half_y,
+        Rate.HALF_X: half_x,
+        Rate.HALF: torch.maximum(half_x, half_y),
+        Rate.QUARTER_Y: torch.maximum(half_x, quarter_y),
+        Rate.QUARTER_X: torch.maximum(quarter_x, half_y),
+        Rate.QUARTER: torch.maximum(quarter_x, quarter_y),
+    }
+    codes = torch.where(seen > 0, codes, Rate.FULL.code)
+    return Estimate(errors={rate: errors[rate] for rate in REDUCED}, codes=codes, seen=seen)
+
+
+def true_errors(color: Color, config: ErrorConfig) -> dict[Rate, TileMap]:
+    """Errors of every reduced rate, measured on radiance at full rate."""
+    full = displayed(color)
+    return {
+        rate: tile_errors(displayed(coarse_shading(color, rate)), full, config) for rate in REDUCED
+    }
+
+
+def chosen_errors(errors: Errors, codes: TileMap, metric: VrsMetric) -> TileMap:
+    """Amplitude of the error of the rate that each tile got; 0 at full rate."""
+    found = torch.zeros_like(codes)
+    for rate, values in errors.items():
+        found = torch.where(codes == rate.code, amplitude(values, metric), found)
+    return found
+
+
+def rate_shares(codes: TileMap) -> dict[str, float]:
+    """Share of the tiles at each rate."""
+    return {rate.label: float((codes == rate.code).float().mean()) for rate in Rate}

@@ -1,0 +1,44 @@
+"""The frame before as a monitor showed it, brought to this frame's pixels."""
+
+from __future__ import annotations
+
+import torch
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.history import sample_motion
+from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
+from rtsr_cli.core.imaging.disocclusion import SurfaceBuffers, disocclusion_mask
+from rtsr_cli.core.imaging.warping import backward_warp
+from rtsr_cli.core.shapes import Color, Mask
+from rtsr_cli.core.system import Window
+
+
+def displayed(color: Color) -> Color:
+    """What a monitor shows of radiance: c / (1 + c), then sRGB, 0..1."""
+    return encode_srgb(encode_reinhard(color))
+
+
+def reprojected(window: Window) -> tuple[Color, Mask]:
+    """The frame before where each pixel was, and 1 where it shows the same surface.
+
+    0 where it does not: outside of it, by depth, normals and, where there are any, object ids.
+    """
+    now = window.current
+    if len(window.lr) == 1:
+        nothing = torch.zeros_like(now.gbuffer[Buffer.NORMAL])
+        return nothing, nothing[:, :1]
+    before = window.lr[1]
+    motion = sample_motion(now, before)
+    picture, _ = backward_warp(displayed(before.gbuffer[Buffer.COLOR]), motion)
+    seen = 1.0 - disocclusion_mask(motion, current=_surfaces(now), previous=_surfaces(before))
+    return picture * seen, seen
+
+
+def _surfaces(frame: Frame) -> SurfaceBuffers:
+    gbuffer = frame.gbuffer
+    return SurfaceBuffers(
+        depth_m=gbuffer[Buffer.DEPTH],
+        normal=gbuffer[Buffer.NORMAL],
+        object_id=gbuffer.buffers.get(Buffer.OBJECT_ID),
+    )

@@ -1,0 +1,44 @@
+"""Pooling pixels into tiles; a tile that reaches beyond the frame holds what lies within."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import torch.nn.functional as F
+
+from rtsr_cli.core.shapes import Image, Size, TileMap
+
+
+class Pool(StrEnum):
+    """What a tile's value is of its pixels."""
+
+    MAX = "max"
+    MEAN = "mean"
+
+
+def tile_grid(size: Size, side: int) -> Size:
+    """Tiles (down, across) that cover a frame."""
+    return -(-size[0] // side), -(-size[1] // side)
+
+
+def padded(image: Image, side: int, value: float = 0.0) -> Image:
+    """Fill the frame up to whole tiles."""
+    height, width = image.shape[-2:]
+    return F.pad(image, (0, -width % side, 0, -height % side), value=value)
+
+
+def tile_max(image: Image, side: int) -> TileMap:
+    """Largest value of each tile; values are at least 0."""
+    return F.max_pool2d(padded(image, side), side)
+
+
+def tile_mean(image: Image, side: int) -> TileMap:
+    """Mean of each tile."""
+    total = F.avg_pool2d(padded(image, side), side)
+    share = F.avg_pool2d(padded(image.new_ones(1, 1, *image.shape[-2:]), side), side)
+    return total / share
+
+
+def pooled(image: Image, side: int, pool: Pool) -> TileMap:
+    """Pool by name."""
+    return tile_max(image, side) if pool is Pool.MAX else tile_mean(image, side)

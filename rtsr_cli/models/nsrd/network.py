@@ -1,0 +1,257 @@
+"""NSRD's network, layer by layer [NSRD, code]; parameter names are those of the weights."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, cast
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from rtsr_cli.core.blocks import conv3, pixel_unshuffle
+from rtsr_cli.core.imaging.warping import backward_warp
+from rtsr_cli.core.lighting import MAX_LIGHTING, Preset, decode_lighting, encode_lighting
+from rtsr_cli.core.shapes import Color, Image
+from rtsr_cli.core.system import State, Tensors
+from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, LR_CHANNELS, NSRDConfig
+from rtsr_cli.models.nsrd.published import warp_output
+
+WIDTH = 32
+"""Channels of each of the four parts that the LSTM sees."""
+
+UNET_WIDTH = 64
+
+SQUEEZED_WIDTH = 4
+"""Channels inside channel attention."""
+
+LEAK = 0.2
+"""Slope of the gated convolution's leaky ReLU below 0."""
+
+
+class NSRDState(NamedTuple):
+    """What one frame leaves to the next.
+
+    Attributes:
+        lighting: prediction on the aligned grid, linear, so that the next frame can express it
+            with its own k; as predicted in `paper`.
+        hidden, cell: of the LSTM.
+        linked: frames that gradients reach back through.
+    """
+
+    lighting: Color
+    hidden: Image
+    cell: Image
+    linked: int
+
+
+class GatedConvolution(nn.Module):
+    """Warped frame and mask -> features: BN(LeakyReLU(c3 x) * sigmoid(c3 x))."""
+
+    def __init__(self, channels_in: int, channels_out: int) -> None:
+        """Weights start Kaiming-normal."""
+        super().__init__()
+        self.feature = conv3(channels_in, channels_out)
+        self.gate = conv3(channels_in, channels_out)
+        self.norm = nn.BatchNorm2d(channels_out)
+        for layer in (self.feature, self.gate):
+            nn.init.kaiming_normal_(layer.weight)
+
+    def forward(self, frame: Image) -> Image:
+        """Gate and normalise."""
+        features = F.leaky_relu(self.feature(frame), LEAK)
+        gated: Image = self.norm(features * torch.sigmoid(self.gate(frame)))
+        return gated
+
+
+class ConvLSTM(nn.Module):
+    """LSTM cell whose gates are one 3x3 convolution of input and hidden state.
+
+    c' = f c + i g,   h' = o tanh(c'),   (i, f, o, g) = (s, s, s, tanh)(c3 [x, h])
+    """
+
+    def __init__(self, channels_in: int, channels: int) -> None:
+        """Keep the width."""
+        super().__init__()
+        self.channels = channels
+        self.gates = conv3(channels_in + channels, 4 * channels)
+
+    def forward(self, seen: Image, hidden: Image, cell: Image) -> tuple[Image, Image]:
+        """Return the new hidden state and cell; what adds up over frames is of single precision."""
+        gates = self.gates(torch.cat([seen, hidden.to(seen.dtype)], dim=1))
+        enter, forget, leave, candidate = gates.chunk(4, dim=1)
+        entering = torch.sigmoid(enter) * torch.tanh(candidate)
+        cell = torch.addcmul(entering.float(), torch.sigmoid(forget).float(), cell)
+        return torch.sigmoid(leave) * torch.tanh(cell).to(leave.dtype), cell
+
+
+class ChannelAttentionBlock(nn.Module):
+    """RCAB: c3-ReLU-c3, each channel times what its mean over the image decides, plus identity."""
+
+    def __init__(self, channels: int) -> None:
+        """Keep the width."""
+        super().__init__()
+        self.layers = nn.Sequential(
+            conv3(channels, channels), nn.ReLU(inplace=True), conv3(channels, channels)
+        )
+        self.attention = nn.Sequential(
+            nn.Conv2d(channels, SQUEEZED_WIDTH, 1),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(SQUEEZED_WIDTH, channels, 1),
+            nn.Sigmoid(),
+        )
+
+    def forward(self, features: Image) -> Image:
+        """Add what the layers give."""
+        corrected = self.layers(features)
+        weights = self.attention(corrected.mean((2, 3), keepdim=True))
+        return torch.addcmul(features, corrected, weights)
+
+
+def attention_blocks(count: int) -> nn.Sequential:
+    """Blocks one after the other."""
+    return nn.Sequential(*(ChannelAttentionBlock(UNET_WIDTH) for _ in range(count)))
+
+
+def halved(features: Image) -> Image:
+    """2x2 maximum; a side of one pixel stays."""
+    height, width = features.shape[-2:]
+    return F.max_pool2d(features, (min(2, height), min(2, width)))
+
+
+def doubled(features: Image, like: Image) -> Image:
+    """Twice the size, bilinear from corner to corner, zeros around up to the size of `like`.
+
+    Of what is missing, floor(half) goes above and to the left [NSRD, code].
+    """
+    height, width = like.shape[-2:]
+    h, w = (min(2 * a, b) for a, b in zip(features.shape[-2:], (height, width), strict=True))
+    enlarged = F.interpolate(features, size=(h, w), mode="bilinear", align_corners=True)
+    down, right = height - h, width - w
+    if not (down or right):
+        return enlarged
+    return F.pad(enlarged, (right // 2, right - right // 2, down // 2, down - down // 2))
+
+
+class Joining(nn.Module):
+    """Coarse features, doubled, beside those of the finer level -> the finer level."""
+
+    def __init__(self, blocks: int) -> None:
+        """Keep the number of blocks."""
+        super().__init__()
+        self.join = conv3(2 * UNET_WIDTH, UNET_WIDTH)
+        self.blocks = attention_blocks(blocks)
+
+    def forward(self, coarse: Image, fine: Image) -> Image:
+        """Double, join, refine."""
+        joined: Image = self.blocks(self.join(torch.cat([doubled(coarse, fine), fine], dim=1)))
+        return joined
+
+
+class Reconstruction(nn.Module):
+    """Hidden state -> features, over three levels of resolution."""
+
+    def __init__(self) -> None:
+        """Build the published numbers of blocks."""
+        super().__init__()
+        self.encoder_1 = attention_blocks(3)
+        self.encoder_2 = attention_blocks(2)
+        self.centre = attention_blocks(3)
+        self.decoder_2 = Joining(2)
+        self.decoder_1 = Joining(3)
+        self.narrow = conv3(UNET_WIDTH, WIDTH)
+
+    def forward(self, hidden: Image) -> Image:
+        """Down and up again."""
+        fine = self.encoder_1(hidden)
+        middle = self.encoder_2(halved(fine))
+        coarse = self.centre(halved(middle))
+        features: Image = self.narrow(self.decoder_1(self.decoder_2(coarse, middle), fine))
+        return features
+
+
+class NSRDNetwork(nn.Module):
+    """The whole network; its state is an `NSRDState`."""
+
+    def __init__(self, config: NSRDConfig, scale: int) -> None:
+        """Build for a config and a scale; starts as the identity on `base` where there is one."""
+        super().__init__()
+        self.config = config
+        self.scale = scale
+        self.current = conv3(LR_CHANNELS, WIDTH)
+        self.reliable = GatedConvolution(LR_CHANNELS + 1, WIDTH)
+        self.last = conv3(3 * scale**2, WIDTH)
+        self.memory = ConvLSTM((2 + HISTORY_FRAMES) * WIDTH, UNET_WIDTH)
+        self.reconstruction = Reconstruction()
+        self.output = conv3(WIDTH, 3 * scale**2)
+        if config.preset is Preset.RTSR:
+            nn.init.zeros_(self.output.weight)
+            nn.init.zeros_(cast(Tensor, self.output.bias))
+
+    def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
+        """Encode current and past frames and the last output, remember, reconstruct."""
+        before = cast(NSRDState | None, state)
+        current = self.current(inputs["frame_0"])
+        past = [self.reliable(inputs[f"past_{age + 1}"]) for age in range(HISTORY_FRAMES)]
+        previous = None if before is None else self._previous(inputs, before)
+        last = self.last(pixel_unshuffle(self._shown(inputs, previous), self.scale, like=current))
+        seen = torch.cat([current, *past, last], dim=1)
+        hidden, cell = self.memory(seen, *self._remembered(inputs, before, seen))
+        features = self.reconstruction(hidden)
+        predicted = F.pixel_shuffle(self.output(features), self.scale).float()
+        if "base" in inputs:
+            predicted = predicted + inputs["base"]
+        outputs = {"predicted": predicted}
+        if previous is not None:
+            outputs["previous"] = previous
+        return outputs, self._left(inputs, predicted, hidden, cell, before)
+
+    def _previous(self, inputs: Tensors, before: NSRDState) -> Color:
+        """Last prediction where each pixel was, as this frame expresses lighting."""
+        if self.config.preset is Preset.PAPER:
+            return warp_output(before.lighting, inputs["motion_hr"])
+        moved, _ = backward_warp(before.lighting, inputs["motion_hr"])
+        exposed = (moved * inputs["brightening"]).clamp(max=MAX_LIGHTING)
+        return encode_lighting(exposed, inputs["lighting_scale"])
+
+    def _shown(self, inputs: Tensors, previous: Color | None) -> Color:
+        """What the network sees of the last output: zeros where there is none.
+
+        `rtsr`: its difference from `base`, where it is reliable.
+        """
+        if previous is None or not self.config.feedback:
+            return torch.zeros_like(inputs["material"])
+        if self.config.preset is Preset.PAPER:
+            return previous
+        return (previous - inputs["base"]) * (1.0 - inputs["unreliable_hr"])
+
+    def _remembered(
+        self, inputs: Tensors, before: NSRDState | None, seen: Image
+    ) -> tuple[Image, Image]:
+        """Hidden state and cell of the frame before, zeros where there is none."""
+        if before is None or not self.config.lstm:
+            hidden = torch.zeros_like(seen[:, :UNET_WIDTH])
+            return hidden, hidden.float()
+        if not self.config.moves_state:
+            return before.hidden, before.cell
+        hidden, cell = (
+            backward_warp(image, inputs["motion_1"], mode="nearest", border="zero")[0]
+            for image in (before.hidden, before.cell)
+        )
+        return hidden, cell
+
+    def _left(
+        self,
+        inputs: Tensors,
+        predicted: Color,
+        hidden: Image,
+        cell: Image,
+        before: NSRDState | None,
+    ) -> NSRDState:
+        """Make the state; gradients are cut where the config says so."""
+        lighting = predicted
+        if self.config.preset is Preset.RTSR:
+            lighting = decode_lighting(predicted, inputs["lighting_scale"])
+        linked = 1 if before is None else before.linked + 1
+        if linked < self.config.gradient_frames:
+            return NSRDState(lighting, hidden, cell, linked)
+        return NSRDState(lighting.detach(), hidden.detach(), cell.detach(), 0)

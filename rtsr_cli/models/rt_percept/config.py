@@ -1,0 +1,94 @@
+"""Settings of the visual-error network, and what it sees and predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.vrs.errors import ErrorConfig
+from rtsr_cli.core.vrs.rates import REDUCED, Rate
+
+WIDTH = 16
+"""Channels; the least without evident loss [rt-percept]."""
+
+MAX_TILE = 64
+
+
+class Inputs(StrEnum):
+    """Which buffers the network sees, by the number of their channels."""
+
+    FOUR = "4"
+    THREE = "3"
+    SIXTEEN = "16"
+    NINETEEN = "19"
+
+
+class Groups(StrEnum):
+    """Groups of the five convolutions."""
+
+    CODE = "code"
+    """1, 1, 2, 4, 1: the training code's, and the paper's 22 KiB."""
+    TABLE_3 = "table-3"
+    """1, 1, 4, 8, 1: as printed."""
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Groups layer by layer."""
+        return (1, 1, 2, 4, 1) if self is Groups.CODE else (1, 1, 4, 8, 1)
+
+
+class Transform(StrEnum):
+    """How errors are brought to 0..1."""
+
+    CLAMPED = "clamped"
+    LOGISTIC = "logistic"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RtPerceptConfig:
+    """Settings.
+
+    Attributes:
+        inputs: buffers.
+        rates: predicted ones, in the order of the output channels; the others follow by eq. 10.
+        groups: of the convolutions.
+        transform: of errors to what is predicted.
+        mean: mu, the mean error of the training set; 0 = a running mean of what was seen.
+        margin: added to predictions before they are transformed back.
+        unseen_weight: of tiles that the frame before does not show, in the loss.
+        keep_edges: reduced rates keep pixels of other objects than the sample's.
+        error: what is predicted.
+    """
+
+    inputs: Inputs = Inputs.FOUR
+    rates: tuple[str, ...] = ("1x2", "2x1", "2x4", "4x2")
+    groups: Groups = Groups.CODE
+    transform: Transform = Transform.CLAMPED
+    mean: float = 0.0
+    margin: float = 0.0
+    unseen_weight: float = 1.0
+    keep_edges: bool = False
+    error: ErrorConfig = field(default_factory=ErrorConfig)
+
+    def __post_init__(self) -> None:
+        """Check tile and rates.
+
+        Raises:
+            ConfigError: the tile is no power of two up to 64, or a rate is unknown or missing.
+        """
+        tile = self.error.tile
+        if not 1 <= tile <= MAX_TILE or tile & (tile - 1):
+            raise ConfigError(f"network.error.tile = {tile}: a power of two from 1 to {MAX_TILE}")
+        known = {rate.label for rate in REDUCED}
+        wrong = [name for name in self.rates if name not in known]
+        if wrong or not {"1x2", "2x1"} <= set(self.rates):
+            raise ConfigError(
+                f"network.rates = {list(self.rates)}: 1x2 and 2x1, and any of "
+                f"{', '.join(sorted(known - {'1x2', '2x1'}))}"
+            )
+
+    @property
+    def predicted(self) -> tuple[Rate, ...]:
+        """Rates of the output channels."""
+        return tuple(next(r for r in REDUCED if r.label == name) for name in self.rates)

@@ -1,0 +1,105 @@
+"""What the visual-error network sees: the frame before, brought to this one, and its G-buffer.
+
+Pictures are display-encoded, c / (1 + c) and sRGB, as the error is measured on them; normals are in
+camera space and 0..1. What is not seen in the frame before is 0, and the mask says so. Radiance of
+the frame itself, which is not shaded yet, is never looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.shapes import Color, Image, Mask
+from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.vrs.reprojection import displayed, reprojected
+from rtsr_cli.models.rt_percept.config import Inputs, RtPerceptConfig
+
+DIELECTRIC_F0 = 0.04
+
+ALWAYS = (Buffer.COLOR, Buffer.MOTION, Buffer.DEPTH, Buffer.NORMAL, Buffer.VIEW_NORMAL)
+BUFFERS = (*ALWAYS, Buffer.ALBEDO)
+"""Of the recommended four channels; the larger sets see more where it is there."""
+
+OPTIONAL = (Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV, Buffer.EMISSION, Buffer.OBJECT_ID)
+
+Channels = Callable[[Frame, Color, Mask], Image]
+"""(frame, reprojected picture, mask of what was seen) -> channels."""
+
+
+def _view_normal(frame: Frame) -> Image:
+    return frame.gbuffer[Buffer.VIEW_NORMAL] * 0.5 + 0.5
+
+
+def _plane(frame: Frame, buffer: Buffer) -> Image:
+    """A buffer, 0 where it is not there."""
+    held = frame.gbuffer.buffers.get(buffer)
+    return torch.zeros_like(frame.gbuffer[Buffer.DEPTH]) if held is None else held
+
+
+def _diffuse(frame: Frame) -> Color:
+    """Albedo times what is no metal."""
+    return frame.gbuffer[Buffer.ALBEDO] * (1.0 - _plane(frame, Buffer.METALLIC))
+
+
+def _specular(frame: Frame) -> Color:
+    """F0 = lerp(0.04, albedo, metallic)."""
+    metallic = _plane(frame, Buffer.METALLIC)
+    return DIELECTRIC_F0 * (1.0 - metallic) + frame.gbuffer[Buffer.ALBEDO] * metallic
+
+
+def _four(frame: Frame, picture: Color, seen: Mask) -> Image:
+    """Reprojected red, mask, diffuse red, z of the normal."""
+    normal_z = _view_normal(frame)[:, 2:]
+    return torch.cat([picture[:, :1], seen, _diffuse(frame)[:, :1], normal_z], dim=1)
+
+
+def _three(frame: Frame, picture: Color, seen: Mask) -> Image:
+    """The reprojected picture alone."""
+    del frame, seen
+    return picture
+
+
+def _sixteen(frame: Frame, picture: Color, seen: Mask) -> Image:
+    """Mask, normal, diffuse, shadow, roughness, specular, n.v, emission.
+
+    No file holds a shadow buffer: its channel is 0.
+    """
+    del picture
+    emission = frame.gbuffer.buffers.get(Buffer.EMISSION)
+    shown = torch.zeros_like(frame.gbuffer[Buffer.ALBEDO])
+    parts = [
+        seen,
+        _view_normal(frame),
+        _diffuse(frame),
+        torch.zeros_like(seen),
+        _plane(frame, Buffer.ROUGHNESS),
+        _specular(frame),
+        _plane(frame, Buffer.NOV),
+        shown if emission is None else displayed(emission),
+    ]
+    return torch.cat(parts, dim=1)
+
+
+def _nineteen(frame: Frame, picture: Color, seen: Mask) -> Image:
+    """Every candidate."""
+    return torch.cat([picture, _sixteen(frame, picture, seen)], dim=1)
+
+
+SETS: dict[Inputs, tuple[int, Channels]] = {
+    Inputs.FOUR: (4, _four),
+    Inputs.THREE: (3, _three),
+    Inputs.SIXTEEN: (16, _sixteen),
+    Inputs.NINETEEN: (19, _nineteen),
+}
+"""Number of channels, and what makes them."""
+
+
+def prepare(config: RtPerceptConfig, window: Window) -> Tensors:
+    """`seen`: channels of the network; `mask`: 1 where the frame before shows the surface."""
+    picture, mask = reprojected(window)
+    _, channels = SETS[config.inputs]
+    return {"seen": channels(window.current, picture, mask), "mask": mask}

@@ -1,0 +1,237 @@
+"""`rtsr label --kind vrs` and `rtsr predict-vrs`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from click.testing import Result
+
+from rtsr_cli.core.io.exr import read_channels, read_header
+from rtsr_cli.core.settings import to_plain
+from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
+from rtsr_cli.core.vrs.estimating import true_errors
+from rtsr_cli.core.vrs.rates import REDUCED, Rate
+from rtsr_cli.core.weights import save_weights
+from rtsr_cli.models import load_system
+
+Run = Callable[..., Result]
+
+CODES = {rate.code for rate in Rate}
+
+
+def exrs(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.exr"))
+
+
+def rgb(path: Path, names: str = "RGB") -> torch.Tensor:
+    planes = read_channels(path, names)
+    return torch.stack([torch.from_numpy(planes[c].astype(np.float32)) for c in names])[None]
+
+
+@pytest.fixture
+def weights(tmp_path: Path) -> Path:
+    """Random weights of the network, with an underestimation on validation."""
+    system = load_system("rt-percept")
+    config = system.config(mean=0.5)
+    torch.manual_seed(2)
+    path = tmp_path / "weights.safetensors"
+    save_weights(
+        path,
+        system.build(config, 1).state_dict(),
+        system=system.name,
+        scale=1,
+        config=to_plain(config),
+        about={"validation": {"under": 0.05}},
+    )
+    return path
+
+
+def test_labels_are_the_true_errors_of_every_rate(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    result = rtsr("label", small_capture, out, "--kind", "vrs", "--metric", "jnyang", "--preview")
+    assert result.exit_code == 0, result.output
+    written = exrs(out)
+    assert len(written) == len(exrs(small_capture)) == 4
+    config = ErrorConfig(metric=VrsMetric.JNYANG)
+    for source, path in zip(exrs(small_capture), written, strict=True):
+        expected = true_errors(rgb(source), config)
+        planes = read_channels(path, [f"error.{rate.label}" for rate in REDUCED])
+        for rate in REDUCED:
+            found = planes[f"error.{rate.label}"]
+            assert np.allclose(found, expected[rate][0, 0].numpy(), rtol=1e-5)
+        assert path.with_suffix(".png").is_file()
+    again = rtsr("label", small_capture, out, "--kind", "vrs", "--metric", "jnyang", "--preview")
+    assert "0 to write, 4 done already" in again.output
+
+
+def test_captured_rates_are_taken_where_they_are(
+    rtsr: Run, small_capture: Path, tmp_path: Path, changed: Callable[..., Path]
+) -> None:
+    def with_black_rate(planes: dict[str, np.ndarray], number: int) -> None:
+        del number
+        for component in "RGB":
+            planes[f"output_2x2.{component}"] = np.zeros_like(planes[component])
+
+    captured = changed(small_capture, with_black_rate)
+    common = ("--kind", "vrs", "--metric", "jnyang")
+    result = rtsr("label", captured, tmp_path / "captured", *common)
+    assert "captured rates" in result.output
+    assert rtsr("label", small_capture, tmp_path / "emulated", *common).exit_code == 0
+    [a, *_], [b, *_] = exrs(tmp_path / "captured"), exrs(tmp_path / "emulated")
+    names = ["error.2x2", "error.1x2"]
+    black, emulated = read_channels(a, names), read_channels(b, names)
+    # against black, the error is the luma itself: at least that of the block, over its mean
+    assert black["error.2x2"].min() > 0.9
+    assert not np.allclose(black["error.2x2"], emulated["error.2x2"])
+    assert np.array_equal(black["error.1x2"], emulated["error.1x2"])
+
+
+@pytest.mark.parametrize("estimator", ["network", "analytic", "hybrid"])
+def test_rates_are_chosen_and_accounted_for(
+    rtsr: Run, small_capture: Path, tmp_path: Path, weights: Path, estimator: str
+) -> None:
+    out = tmp_path / "out"
+    given = () if estimator == "analytic" else ("--weights", weights)
+    result = rtsr("predict-vrs", small_capture, out, "--estimator", estimator, *given, "--overlay")
+    assert result.exit_code == 0, result.output
+    assert "shading invocations saved" in result.output
+    header = read_header(exrs(small_capture)[0])
+    height, width = header.data_window.height, header.data_window.width
+    for path in exrs(out):
+        planes = read_channels(path, ["rate", *(f"error.{rate.label}" for rate in REDUCED)])
+        assert planes["rate"].shape == (-(-height // 16), -(-width // 16))
+        assert set(np.unique(planes["rate"]).astype(int)) <= CODES
+        assert all(np.isfinite(plane).all() for plane in planes.values())
+        assert path.with_suffix(".rate.png").is_file()
+        assert path.with_suffix(".overlay.png").is_file()
+    found = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert found["total"]["frames"] == 4
+    assert sum(found["total"]["rates"].values()) == pytest.approx(1.0)
+    assert found["total"]["invocations_saved"] == pytest.approx(1.0 - found["total"]["shaded"])
+    assert {"true_error", "missed"} <= found["total"].keys()
+
+
+def test_a_run_that_goes_on_counts_what_was_there(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    common = ("predict-vrs", small_capture, out, "--estimator", "analytic")
+    assert rtsr(*common).exit_code == 0
+    whole = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    exrs(out)[1].unlink()
+    result = rtsr(*common)
+    assert "1 written, 3 kept" in result.output
+    assert json.loads((out / "summary.json").read_text(encoding="utf-8")) == whole
+
+
+def test_the_first_frame_is_shaded_in_full_by_what_knows_the_past_alone(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    rtsr("predict-vrs", small_capture, tmp_path, "--estimator", "analytic")
+    first, second, *_ = exrs(tmp_path)
+    assert not read_channels(first, ["rate"])["rate"].any()
+    assert read_channels(second, ["rate"])["rate"].any()
+
+
+def test_a_lower_threshold_saves_no_more(
+    rtsr: Run, small_capture: Path, tmp_path: Path, weights: Path
+) -> None:
+    saved = []
+    for threshold in ("0.05", "0.3", "0.9"):
+        out = tmp_path / threshold
+        common = ("predict-vrs", small_capture, out, "--weights", weights)
+        result = rtsr(*common, "--threshold", threshold, "--no-compare")
+        assert result.exit_code == 0, result.output
+        total = json.loads((out / "summary.json").read_text(encoding="utf-8"))["total"]
+        assert "true_error" not in total
+        saved.append(total["invocations_saved"])
+    assert saved == sorted(saved)
+    assert saved[0] < saved[-1]
+
+
+def test_a_margin_makes_predictions_more_careful(
+    rtsr: Run, small_capture: Path, tmp_path: Path, weights: Path
+) -> None:
+    errors = {}
+    for margin in ("0", "0.2", ""):
+        out = tmp_path / f"margin{margin}"
+        given = ("--margin", margin) if margin else ()
+        rtsr("predict-vrs", small_capture, out, "--weights", weights, *given)
+        errors[margin] = read_channels(exrs(out)[1], ["error.1x2"])["error.1x2"]
+    # clamped, mu = 0.5: an error is what was predicted
+    inside = errors[""] < 0.79
+    assert np.allclose((errors["0.2"] - errors["0"])[inside], 0.2, atol=1e-5)
+    assert np.allclose((errors[""] - errors["0"])[inside], 0.05, atol=1e-5)
+
+
+def test_weights_that_are_not_there_are_asked_for(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    result = rtsr("predict-vrs", small_capture, tmp_path, "--metric", "lpips", "--tile", "2")
+    assert result.exit_code == 3
+    assert "no weights for --metric lpips --tile 2" in result.output
+    assert "rtsr train rt-percept" in result.output
+
+
+def test_weights_of_another_metric_are_refused(
+    rtsr: Run, small_capture: Path, tmp_path: Path, weights: Path
+) -> None:
+    common = ("predict-vrs", small_capture, tmp_path / "out", "--weights", weights)
+    assert rtsr(*common, "--metric", "flip").exit_code == 3
+    assert rtsr(*common, "--tile", "8").exit_code == 3
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--threshold", "-1"), ("--threshold", "0"), ("--tile", "65")]
+)
+def test_values_out_of_range_are_usage_errors(
+    rtsr: Run, small_capture: Path, tmp_path: Path, arguments: tuple[str, str]
+) -> None:
+    result = rtsr("predict-vrs", small_capture, tmp_path, "--estimator", "analytic", *arguments)
+    assert result.exit_code == 2
+
+
+def test_a_threshold_that_no_prediction_reaches_is_refused(
+    rtsr: Run, small_capture: Path, tmp_path: Path, weights: Path
+) -> None:
+    common = ("predict-vrs", small_capture, tmp_path / "out", "--weights", weights)
+    result = rtsr(*common, "--threshold", "1")
+    assert result.exit_code == 3
+    assert "errors up to 1 (jnflip)" in result.output
+
+
+def test_missing_normals_are_one_message(
+    rtsr: Run, small_capture: Path, tmp_path: Path, changed: Callable[..., Path]
+) -> None:
+    def without(planes: dict[str, np.ndarray], number: int) -> None:
+        del number
+        for component in "XYZ":
+            del planes[f"normal.{component}"]
+
+    folder = changed(small_capture, without)
+    result = rtsr("predict-vrs", folder, tmp_path / "out", "--estimator", "analytic")
+    assert result.exit_code == 3
+    assert "cannot run, missing: " in result.output
+    assert "normal" in result.output.split("missing: ")[1].split(". ")[0]
+
+
+def test_a_tile_larger_than_the_frame_is_one_tile(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    one = tmp_path / "one"
+    shutil.copytree(small_capture, one)
+    out = tmp_path / "out"
+    result = rtsr("predict-vrs", one, out, "--estimator", "analytic", "--tile", "64")
+    assert result.exit_code == 0, result.output
+    header = read_header(exrs(one)[0]).data_window
+    rate = read_channels(exrs(out)[0], ["rate"])["rate"]
+    assert rate.shape == (-(-header.height // 64), -(-header.width // 64))
