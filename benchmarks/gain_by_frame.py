@@ -16,11 +16,10 @@ from pathlib import Path
 
 import click
 from ablations import judged_sequences
+from curves import Curve, drawn
 from results import BORDER, STRAIGHT, rtsr
 
 SCALE = 4
-WIDTH, HEIGHT, LEFT, TOP, LOW = 640, 280, 60, 20, 40
-COLORS = ("#1f77b4", "#d6601f", "#2ca02c", "#9467bd")
 FEWEST = 2
 """Sequences from which a mean is drawn."""
 
@@ -59,44 +58,6 @@ def means(found: dict[str, list[list[float]]]) -> dict[str, list[float]]:
     }
 
 
-def drawn(curves: dict[str, list[float]]) -> str:
-    """An SVG of one line a system."""
-    longest = max(map(len, curves.values()))
-    top = max(max(values) for values in curves.values()) * 1.1
-    across, down = WIDTH - LEFT - 10, HEIGHT - TOP - LOW
-
-    def place(age: int, value: float) -> str:
-        x = LEFT + across * age / max(1, longest - 1)
-        return f"{x:.1f},{TOP + down * (1.0 - max(0.0, value) / top):.1f}"
-
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
-        'font-family="sans-serif" font-size="12">',
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>',
-    ]
-    for step in range(5):
-        value = top * step / 4
-        y = float(place(0, value).split(",")[1])
-        parts.append(
-            f'<path d="M{LEFT} {y:.1f}H{WIDTH - 10}" stroke="#ddd"/>'
-            f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{value:.1f}</text>'
-        )
-    for age in range(longest):
-        x = float(place(age, 0.0).split(",")[0])
-        parts.append(
-            f'<text x="{x:.1f}" y="{HEIGHT - LOW + 16}" text-anchor="middle">{age + 1}</text>'
-        )
-    for number, (name, values) in enumerate(curves.items()):
-        points = " ".join(place(age, value) for age, value in enumerate(values))
-        color = COLORS[number % len(COLORS)]
-        parts.append(
-            f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2"/>'
-            f'<text x="{LEFT + 120 * number}" y="{HEIGHT - 6}" fill="{color}">{name}</text>'
-        )
-    parts.append(f'<text x="{LEFT}" y="14">PSNR gain, dB, by frame since the start</text></svg>')
-    return "\n".join(parts) + "\n"
-
-
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--system", "systems", multiple=True, default=("nsrd", "fusesr", "fusesr-fast"))
@@ -107,7 +68,9 @@ def main(*, data: Path, systems: tuple[str, ...], output: Path) -> None:
         curves = means(gains(data, systems, Path(work)))
     for name, values in curves.items():
         click.echo(f"{name}: " + " ".join(f"{value:+.2f}" for value in values))
-    output.write_text(drawn(curves), encoding="utf-8")
+    lines = [Curve(name, list(enumerate(values, start=1))) for name, values in curves.items()]
+    plot = drawn(lines, across="frame since the start", up="PSNR gain, dB")
+    output.write_text(plot, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Put a run's best weights into the package, in half precision.
+"""Put a run's best weights into the package, by default in half precision.
 
-    python benchmarks/ship_weights.py RUN/best.safetensors
+    python benchmarks/ship_weights.py RUN/best.safetensors [--full]
 
-Writes `rtsr_cli/weights/<system>-<scale>x.safetensors` and prints its size.
+Writes `rtsr_cli/weights/<name>.safetensors`, named as the system declares, and prints its size.
 """
 
 from __future__ import annotations
@@ -11,19 +11,22 @@ from pathlib import Path
 
 import click
 
-from rtsr_cli.core.weights import SHIPPED, read_weights, save_weights
+from rtsr_cli.core.settings import Source, resolve
+from rtsr_cli.core.weights import SHIPPED, read_weights, save_weights, shipped_name
 from rtsr_cli.models import load_system
 
 
 @click.command()
 @click.argument("path", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-def main(path: Path) -> None:
+@click.option("--half/--full", default=True, show_default=True, help="Precision.")
+def main(path: Path, *, half: bool) -> None:
     """Copy the weights."""
     weights = read_weights(path)
-    pattern = load_system(weights.system).weights
-    if pattern is None:
+    system = load_system(weights.system)
+    if system.weights is None:
         raise click.ClickException(f"system '{weights.system}' ships no weights")
-    target = SHIPPED / pattern.format(scale=weights.scale)
+    config = resolve(system.config, Source(str(path), weights.config))
+    target = SHIPPED / shipped_name(system.weights, weights.scale, config)
     save_weights(
         target,
         weights.tensors,
@@ -31,7 +34,7 @@ def main(path: Path) -> None:
         scale=weights.scale,
         config=weights.config,
         about=weights.about,
-        half=True,
+        half=half,
     )
     click.echo(f"{target.name}: {target.stat().st_size} bytes, step {weights.about.get('step')}")
 

@@ -43,6 +43,11 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
     type=click.FloatRange(0.0, 1.0),
     help="Added to predictions, 0..1; the underestimation on validation by default.",
 )
+@click.option(
+    "--reuse",
+    is_flag=True,
+    help="Instead of rates: which tiles may keep the frame before, moved to this one.",
+)
 @click.option("--overlay", "overlays", is_flag=True, help="A PNG of the frame under its rates.")
 @click.option("--no-compare", is_flag=True, help="Do not measure the true errors.")
 @click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
@@ -54,7 +59,8 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
 
     Writes error.<AxB> (A wide, B tall) and rate (D3D12's and Vulkan's code) as EXR, one pixel a
     tile, the codes as an 8-bit PNG, and summary.json. The radiance of a frame is never looked at
-    before its rates are chosen.
+    before its rates are chosen; then, true errors are measured, on frames of captured rates
+    (channels output_2x2.R/G/B or folders output_2x2/ beside the frames) where there are any.
     """
     from rtsr_cli.commands.run_predict_vrs import run_predict_vrs
 

@@ -17,16 +17,14 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
+from rtsr_cli.core.captured_rates import beside, open_shots, stored_channels
 from rtsr_cli.core.io.atomic import check_writable
-from rtsr_cli.core.io.exr import read_header
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
-from rtsr_cli.core.io.opening import open_single
-from rtsr_cli.core.io.pairs import Inputs, PairSource
-from rtsr_cli.core.labelling import VRS_LABELS, LabelConfig, Labeller, captured_channels
+from rtsr_cli.core.io.pairs import Inputs
+from rtsr_cli.core.labelling import VRS_LABELS, LabelConfig, Labeller
 from rtsr_cli.core.planning import UpscaleOptions
 from rtsr_cli.core.system import NoNetwork
 from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
-from rtsr_cli.core.vrs.rates import REDUCED
 from rtsr_cli.core.vrs.tiles import Pool
 
 
@@ -49,6 +47,7 @@ def run_label(chosen: Mapping[str, Any]) -> int:
     )
     base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
     inputs = planning.system_inputs(VRS_LABELS, base, config)
+    read = read_options(chosen)
     plans = [
         planning.plan_shot(
             name,
@@ -58,9 +57,10 @@ def run_label(chosen: Mapping[str, Any]) -> int:
             folder=chosen["out_folder"] / name,
             options=options,
             config=[asdict(config), chosen["previews"]],
-            passthrough=_captured(source),
+            passthrough=stored_channels(source),
+            beside=beside(source, read),
         )
-        for name, source in open_single(chosen["in_folder"], read_options(chosen))
+        for name, source in open_shots(chosen["in_folder"], read)
     ]
     check_frames(chosen, [plan.source.reader for plan in plans])
     for plan in plans:
@@ -83,10 +83,3 @@ def run_label(chosen: Mapping[str, Any]) -> int:
     )
     with unwinding():
         return follow(chosen, events, sum(len(plan.pending) for plan in plans))
-
-
-def _captured(source: PairSource) -> list[str]:
-    """Channels of radiance that was rendered at reduced rates."""
-    files = source.reader.files(source.reader.numbers[0], source.reader.stored)
-    there = {channel for path in files for channel in read_header(path).channels}
-    return [name for rate in REDUCED for name in captured_channels(rate) if name in there]

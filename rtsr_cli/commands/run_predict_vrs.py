@@ -22,21 +22,23 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
+from rtsr_cli.core.captured_rates import beside, open_shots, stored_channels
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
-from rtsr_cli.core.io.opening import open_single
 from rtsr_cli.core.io.pairs import Inputs
-from rtsr_cli.core.networks import Loaded, load_network
+from rtsr_cli.core.networks import Loaded, load_network, shipped_weights
 from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
-from rtsr_cli.core.shading_rates import Writer, figures_of, summary
+from rtsr_cli.core.shading_files import Decide, Writer, figures_of, summary
+from rtsr_cli.core.shading_rates import RateDecider, ReuseDecider
+from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import NoNetwork, Prediction, System
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
 from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, amplitude
 from rtsr_cli.core.vrs.estimating import Estimator, VrsOptions
 from rtsr_cli.core.weights import SHIPPED, read_weights
 from rtsr_cli.models import load_system
-from rtsr_cli.models.rt_percept.transforms import restored
+from rtsr_cli.models.rt_percept.transforms import restored, transformed
 
 COMMAND = "predict-vrs"
 SYSTEM = "rt-percept"
@@ -52,6 +54,9 @@ THRESHOLDS = {
 
 SUMMARY = "summary.json"
 
+RATE_SUFFIX, REUSE_SUFFIX = ".rate.png", ".keep.png"
+"""Of the images for engines."""
+
 
 def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
     """Plan every shot, then run; return the exit code."""
@@ -64,6 +69,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
         threshold=chosen["threshold"] or THRESHOLDS[error.metric],
         analytic=AdaptiveConfig(tile=error.tile),
         compare=not chosen["no_compare"],
+        keep_edges=loaded.config.keep_edges,
     )
     _check_threshold(options, loaded)
     run = UpscaleOptions(
@@ -75,6 +81,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
     )
     base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
     inputs = planning.system_inputs(system, base, loaded.config)
+    read = read_options(chosen)
     plans = [
         planning.plan_shot(
             name,
@@ -84,8 +91,10 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
             folder=chosen["out_folder"] / name,
             options=run,
             config=[asdict(options), asdict(loaded.config), loaded.digest, chosen["overlays"]],
+            passthrough=() if chosen["no_compare"] else stored_channels(source),
+            beside=() if chosen["no_compare"] else beside(source, read),
         )
-        for name, source in open_single(chosen["in_folder"], read_options(chosen))
+        for name, source in open_shots(chosen["in_folder"], read)
     ]
     check_frames(chosen, [plan.source.reader for plan in plans])
     for plan in plans:
@@ -94,7 +103,12 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
         return 0
     for plan in plans:
         check_writable(plan.folder)
-    writer = Writer(options=options, rates=loaded.config.predicted, overlays=chosen["overlays"])
+    writer = Writer(
+        decide=_decider(options, loaded),
+        tile=error.tile,
+        suffix=REUSE_SUFFIX if loaded.config.reuse else RATE_SUFFIX,
+        overlays=chosen["overlays"],
+    )
     events = until_stopped(
         upscaling.run_shot(plan, loaded.network, run, writer.make) for plan in plans
     )
@@ -107,6 +121,10 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
 def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
     """Return the system and its network; the analytic estimate needs none."""
     system = load_system(SYSTEM)
+    if chosen["reuse"] and chosen["estimator"] != Estimator.NETWORK:
+        raise ConfigError(
+            f"--reuse: only networks predict it; leave out --estimator {chosen['estimator']}"
+        )
     if chosen["estimator"] == Estimator.ANALYTIC:
         error = ErrorConfig(
             metric=VrsMetric(chosen["metric"] or VrsMetric.JNFLIP), tile=chosen["tile"] or 16
@@ -123,12 +141,34 @@ def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
                 f"{path}: weights for --{name} {value}, not {chosen[name]}; leave --{name} out, or "
                 "train others (rtsr train rt-percept)"
             )
+    if loaded.config.reuse != chosen["reuse"]:
+        raise ConfigError(
+            f"{path}: weights for rates; leave --reuse out, or train others (rtsr train {SYSTEM} "
+            "--set network.reuse=true)"
+            if chosen["reuse"]
+            else f"{path}: weights for reuse; add --reuse"
+        )
     margin = chosen["margin"]
     if margin is None:
         margin = float(read_weights(path).about.get("validation", {}).get("under", 0.0))
     config = replace(loaded.config, margin=margin)
     loaded.network.config = config
     return system, replace(loaded, config=config)
+
+
+def _decider(options: VrsOptions, loaded: Loaded) -> Decide:
+    """What is decided, with T of the weights; the analytic estimate has another unit."""
+    config = loaded.config
+    if options.estimator is Estimator.ANALYTIC:
+        return RateDecider(options=options, rates=config.predicted, transform=None)
+    mean = loaded.network.get_buffer("mean").cpu()
+
+    def transform(errors: TileMap) -> TileMap:
+        return transformed(errors.cpu(), mean, config)
+
+    if config.reuse:
+        return ReuseDecider(options=options, transform=transform)
+    return RateDecider(options=options, rates=config.predicted, transform=transform)
 
 
 def _check_threshold(options: VrsOptions, loaded: Loaded) -> None:
@@ -152,14 +192,18 @@ def _check_threshold(options: VrsOptions, loaded: Loaded) -> None:
 
 def _shipped(chosen: Mapping[str, Any]) -> Path:
     metric, tile = chosen["metric"] or VrsMetric.JNFLIP.value, chosen["tile"] or 16
-    path = SHIPPED / f"{SYSTEM}-{metric}-{tile}.safetensors"
-    if path.is_file():
+    error = ErrorConfig(metric=VrsMetric(metric), tile=tile)
+    system = load_system(SYSTEM)
+    path = shipped_weights(system, 1, system.config(error=error, reuse=chosen["reuse"]))
+    if path is not None:
         return path
     there = sorted(p.stem.removeprefix(f"{SYSTEM}-") for p in SHIPPED.glob(f"{SYSTEM}-*"))
     raise CheckpointError(
-        f"there are no weights for --metric {metric} --tile {tile} (there: "
+        f"there are no weights for --metric {metric} --tile {tile}"
+        f"{' --reuse' if chosen['reuse'] else ''} (there: "
         f"{', '.join(there) or 'none'}); train them (rtsr train {SYSTEM} DATA --out RUN --set "
-        f"network.error.metric={metric} --set network.error.tile={tile}) and give --weights "
+        f"network.error.metric={metric} --set network.error.tile={tile}"
+        f"{' --set network.reuse=true' if chosen['reuse'] else ''}) and give --weights "
         "RUN/best.safetensors, or use --estimator analytic"
     )
 
@@ -205,13 +249,20 @@ def _summarise(chosen: Mapping[str, Any], plans: list[ShotPlan], options: VrsOpt
     write_atomically(path, lambda part: _write(part, text))
     if chosen["as_json"] or not total["frames"]:
         return
-    shares = ", ".join(f"{rate} {share:.1%}" for rate, share in total["rates"].items() if share)
+    shares = ", ".join(f"{name} {share:.1%}" for name, share in total["shares"].items() if share)
     LOG.info("shading invocations saved %.1f %% (%s)", 100 * total["invocations_saved"], shares)
     if "true_error" in total:
         LOG.info(
             "true error %.4f on average; %.2f %% of the tiles reach the threshold",
             total["true_error"],
             100 * total["missed"],
+        )
+    if "r2" in total:
+        LOG.info(
+            "predicted against true errors: R2 %.3f, mean absolute error %.3f, under by %.3f",
+            total["r2"],
+            total["mae"],
+            total["under"],
         )
 
 

@@ -9,8 +9,8 @@ import click
 
 from rtsr_cli.commands.options import emit
 from rtsr_cli.core.complexity import count_macs, count_parameters
+from rtsr_cli.core.networks import shipped_weights
 from rtsr_cli.core.system import System, Task
-from rtsr_cli.core.weights import shipped
 from rtsr_cli.models import load_system, system_names
 
 OUTPUT_SIZE = (1080, 1920)
@@ -38,7 +38,7 @@ def describe(system: System) -> dict[str, Any]:
     history = "recurrent" if system.recurrent else f"{system.history_frames} frames"
     needs = [f"lr {b}" for b in system.lr_inputs] + [f"hr {b}" for b in system.hr_inputs]
     uses = [f"lr {b}" for b in system.lr_optional] + [f"hr {b}" for b in system.hr_optional]
-    weights = [f"{s}x" for s in system.scales if shipped(system.weights, s) is not None]
+    weights = [f"{s}x" for s in system.scales if shipped_weights(system, s) is not None]
     return {
         "name": system.name,
         "summary": system.summary,

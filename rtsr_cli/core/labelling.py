@@ -7,28 +7,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.exr import Plane, write_exr
 from rtsr_cli.core.io.exr import Window as ExrWindow
+from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.png import write_png
 from rtsr_cli.core.io.provenance import provenance
 from rtsr_cli.core.metrics.heat import heat_map
 from rtsr_cli.core.shading_rates import error_channels
-from rtsr_cli.core.shapes import Color, TileMap
+from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import Prediction, System, Task, build_baseline
 from rtsr_cli.core.upscaling import Made
-from rtsr_cli.core.vrs.coarse import coarse_shading
-from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, tile_errors
-from rtsr_cli.core.vrs.rates import REDUCED, Rate
-from rtsr_cli.core.vrs.reprojection import displayed
-
-CAPTURED = "output_{rate}.{component}"
-"""Channels of radiance that was rendered at a rate; without them it is emulated."""
+from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude
+from rtsr_cli.core.vrs.rates import Rate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,23 +54,6 @@ VRS_LABELS = System(
 """Reads the frames that labels are made of, through the loop that runs systems."""
 
 
-def captured_channels(rate: Rate) -> tuple[str, ...]:
-    """Names of the channels of a rate."""
-    return tuple(CAPTURED.format(rate=rate.label, component=c) for c in "RGB")
-
-
-def reduced_radiance(
-    color: Color, rate: Rate, captured: Mapping[str, Plane], object_id: torch.Tensor | None
-) -> Color:
-    """Radiance at a rate: as captured where all of its channels are there, else emulated."""
-    planes = [captured.get(name) for name in captured_channels(rate)]
-    held = [plane for plane in planes if plane is not None]
-    if len(held) < len(planes):
-        return coarse_shading(color, rate, object_id)
-    stacked = np.stack([plane.astype(np.float32) for plane in held])
-    return torch.from_numpy(stacked)[None].to(color)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Labeller:
     """Makes the labels of a frame.
@@ -93,13 +71,7 @@ class Labeller:
         frame, plan = made.pair.lr, made.plan
         color = frame.gbuffer[Buffer.COLOR]
         ids = frame.gbuffer.buffers.get(Buffer.OBJECT_ID) if self.config.keep_edges else None
-        full = displayed(color)
-        errors = {
-            rate: tile_errors(
-                displayed(reduced_radiance(color, rate, made.passed, ids)), full, self.config.error
-            )
-            for rate in REDUCED
-        }
+        errors = true_errors(color, self.config.error, captured=made.passed, object_id=ids)
         source = plan.source.reader.path(frame.number)
         known = provenance(
             command=made.options.command,
@@ -111,7 +83,7 @@ class Labeller:
                 "rtsr:label": json.dumps(asdict(self.config), default=str),
             },
         )
-        channels = error_channels(errors)
+        channels = error_channels({rate.label: values for rate, values in errors.items()})
         path = plan.path(frame.number)
         picture = self._picture(errors) if self.previews else None
 

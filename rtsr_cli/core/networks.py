@@ -32,9 +32,14 @@ class Loaded:
     weights: Path | None = None
 
 
+def shipped_weights(system: System, scale: int, config: Any = None) -> Path | None:
+    """Return a system's weights that come with the package; of its default config if None."""
+    return shipped(system.weights, scale, system.config() if config is None else config)
+
+
 def has_weights(system: System, scale: int) -> bool:
     """Tell whether a system runs at a scale as it is shipped: baselines need no weights."""
-    return system.learning is None or shipped(system.weights, scale) is not None
+    return system.learning is None or shipped_weights(system, scale) is not None
 
 
 def load_network(system: System, scale: int, device: str, path: Path | None = None) -> Loaded:
@@ -54,7 +59,7 @@ def load_network(system: System, scale: int, device: str, path: Path | None = No
             raise CheckpointError(f"{path}: system '{system.name}' takes no weights")
         config = system.config()
         return Loaded(network=system.build(config, scale).eval().to(device), config=config)
-    chosen = path or shipped(system.weights, scale)
+    chosen = path or shipped_weights(system, scale)
     if chosen is None:
         raise CheckpointError(
             f"system '{system.name}' comes without weights for {scale}x: train them (rtsr train "

@@ -187,6 +187,7 @@ def plan_shot(
     options: UpscaleOptions,
     config: object,
     passthrough: Sequence[str] = (),
+    beside: Sequence[Passed] = (),
 ) -> ShotPlan:
     """Check one shot and find out what is left to do.
 
@@ -199,6 +200,7 @@ def plan_shot(
         options: how to run.
         config: plain values that, beside the inputs' bytes, decide the outputs' bytes.
         passthrough: patterns of channels that are handed through.
+        beside: channels of other files that are handed through.
 
     Raises:
         RtsrError: an input is missing, an output is in the way; nothing has been computed.
@@ -225,7 +227,7 @@ def plan_shot(
         config_hash=config_digest(system.name, config, reader.declaration, source.scale),
         starts=_starts(sequence, system, selected, sharded=options.selection.shard is not None),
         digests=FileDigests(),
-        passed=find_passed(source, passthrough),
+        passed=(*find_passed(source, passthrough), *beside),
     )
     refuse_inputs([plan.path(n) for n in selected], source.readers)
     states = _states(plan, options)

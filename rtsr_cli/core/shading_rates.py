@@ -1,42 +1,30 @@
-"""Files of predicted shading rates: EXR, shading-rate image, overlay, and figures of the run."""
+"""Decisions of `predict-vrs`: a rate for each tile, or whether the frame before is kept there."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.exr import Window as ExrWindow
-from rtsr_cli.core.io.exr import read_header, write_exr
 from rtsr_cli.core.io.outputs import image_channels
-from rtsr_cli.core.io.png import write_png
-from rtsr_cli.core.io.provenance import provenance
-from rtsr_cli.core.shapes import Color, TileMap
+from rtsr_cli.core.shading_files import TALLIES, Decision, Transform
+from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.upscaling import Made
+from rtsr_cli.core.vrs.accuracy import tally, to_plain
 from rtsr_cli.core.vrs.errors import amplitude
 from rtsr_cli.core.vrs.estimating import (
-    Estimate,
     VrsOptions,
     chosen_errors,
     estimate,
     rate_shares,
-    true_errors,
 )
 from rtsr_cli.core.vrs.rates import Rate, shaded_share
-from rtsr_cli.core.vrs.reprojection import displayed
-
-FACTS = "rtsr:vrs"
-"""Header attribute: the figures of the frame, as JSON."""
-
-RATE_SUFFIX, OVERLAY_SUFFIX = ".rate.png", ".overlay.png"
+from rtsr_cli.core.vrs.reuse import reusable, reuse_errors
 
 COLORS: Mapping[Rate, tuple[int, int, int]] = {
     Rate.FULL: (220, 50, 47),
@@ -49,123 +37,120 @@ COLORS: Mapping[Rate, tuple[int, int, int]] = {
 }
 """Of the overlay: red is full rate, violet the cheapest."""
 
-OVERLAY = 0.45
-"""Opacity of the overlay."""
+KEPT = 255
+"""Code of a tile whose pixels are those of the frame before."""
 
 
-def error_channels(errors: Mapping[Rate, TileMap]) -> dict[str, NDArray[Any]]:
-    """`error.<AxB>`, float."""
+def error_channels(errors: Mapping[str, TileMap]) -> dict[str, NDArray[Any]]:
+    """`error.<name>`, float."""
     return {
-        f"error.{rate.label}": image_channels("e", values, "", full=True)["e"]
-        for rate, values in errors.items()
+        f"error.{name}": image_channels("e", values, "", full=True)["e"]
+        for name, values in errors.items()
     }
 
 
-def overlay(color: Color, codes: TileMap, tile: int) -> NDArray[np.uint8]:
-    """A frame with the colour of each tile's rate over it."""
-    tint = torch.zeros(1, 3, *codes.shape[-2:])
-    for rate, rgb in COLORS.items():
-        value = torch.tensor(rgb).view(1, 3, 1, 1) / 255.0
-        tint = torch.where(codes.cpu() == rate.code, value, tint)
-    large = tint.repeat_interleave(tile, -2).repeat_interleave(tile, -1)
-    shown = displayed(color).cpu()
-    mixed = torch.lerp(shown, large[..., : shown.shape[-2], : shown.shape[-1]], OVERLAY)
-    pixels: NDArray[np.uint8] = (mixed[0] * 255.0).round().byte().permute(1, 2, 0).numpy()
-    return pixels
+def tinted(codes: TileMap, colors: Mapping[int, tuple[int, int, int]]) -> TileMap:
+    """Colour of each code, 0..1."""
+    tint = codes.new_zeros(1, 3, *codes.shape[-2:])
+    for code, rgb in colors.items():
+        tint = torch.where(codes == code, codes.new_tensor(rgb).view(1, 3, 1, 1) / 255.0, tint)
+    return tint
 
 
-def figures(found: Estimate, color: Color | None, options: VrsOptions) -> dict[str, Any]:
-    """What a frame's rates save, and what they cost."""
-    metric = options.error.metric
-    facts: dict[str, Any] = {
-        "rates": rate_shares(found.codes),
-        "shaded": shaded_share(found.codes),
-        "seen": float(found.seen.mean()),
-    }
-    if color is None or not options.compare:
-        return facts
-    true = true_errors(color, options.error)
-    worst = chosen_errors(true, found.codes, metric)
-    limit = float(amplitude(torch.tensor(options.threshold), metric))
-    facts |= {
-        "true_error": float(worst.mean()),
-        "missed": float((worst >= limit).float().mean()),
-    }
-    return facts
+def _limit(options: VrsOptions) -> float:
+    return float(amplitude(torch.tensor(options.threshold), options.error.metric))
+
+
+def _missed(worst: TileMap, options: VrsOptions) -> dict[str, float]:
+    """Mean amplitude of the true error, and share of the tiles that reach the threshold."""
+    reached = (worst >= _limit(options)).float()
+    return {"true_error": float(worst.mean()), "missed": float(reached.mean())}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writer:
-    """Makes the files of a frame.
+class RateDecider:
+    """Chooses the cheapest rate that stays below the threshold, tile by tile.
 
     Attributes:
-        options: how rates are decided.
+        options: how.
         rates: that the network predicts.
-        overlays: also a picture of the frame under its rates.
+        transform: T; None where predicted and true errors are of different units.
     """
 
     options: VrsOptions
     rates: tuple[Rate, ...]
-    overlays: bool
+    transform: Transform | None
 
-    def make(self, made: Made) -> Callable[[], None]:
-        """Decide, and return the call that writes."""
-        plan, frame = made.plan, made.pair.lr
-        window = made.window
-        found = estimate(window, made.prediction.tiles, self.rates, self.options)
-        color = frame.gbuffer.buffers.get(Buffer.COLOR)
-        facts = figures(found, color, self.options)
-        source = plan.source.reader.path(frame.number)
-        known = provenance(
-            command=made.options.command,
-            config_hash=plan.config_hash,
-            source=source,
-            stamp=made.stamp,
-            extra={
-                "rtsr:system": plan.system.name,
-                "rtsr:nonfinite": made.pair.fixed,
-                FACTS: json.dumps(facts),
-            },
+    def __call__(self, made: Made) -> Decision:
+        """Estimate, and measure where the frame has radiance."""
+        options, metric = self.options, self.options.error.metric
+        found = estimate(made.window, made.prediction.tiles, self.rates, options)
+        facts: dict[str, Any] = {
+            "shares": rate_shares(found.codes),
+            "shaded": shaded_share(found.codes),
+            "seen": float(found.seen.mean()),
+        }
+        if self.transform is not None:
+            predicted = chosen_errors(found.errors, found.codes, metric)
+            facts["predicted_error"] = float(predicted.mean())
+        held = made.pair.lr.gbuffer.buffers
+        color = held.get(Buffer.COLOR)
+        if color is not None and options.compare:
+            ids = held.get(Buffer.OBJECT_ID) if options.keep_edges else None
+            true = true_errors(color, options.error, captured=made.passed, object_id=ids)
+            facts |= _missed(chosen_errors(true, found.codes, metric), options)
+            if self.transform is not None:
+                tallies = {
+                    rate.label: tally(self.transform(found.errors[rate]), self.transform(values))
+                    for rate, values in true.items()
+                }
+                facts[TALLIES] = to_plain(tallies)
+        errors = {rate.label: values for rate, values in found.errors.items()}
+        return Decision(
+            channels=error_channels(errors) | image_channels("rate", found.codes, ""),
+            codes=found.codes,
+            colors=tinted(found.codes, {rate.code: rgb for rate, rgb in COLORS.items()}),
+            facts=facts,
         )
-        channels = error_channels(found.errors) | image_channels("rate", found.codes, "")
-        codes = found.codes[0].permute(1, 2, 0).cpu().to(torch.uint8).numpy()
-        path = plan.path(frame.number)
-        picture = None
-        if self.overlays and color is not None:
-            picture = overlay(color, found.codes, self.options.error.tile)
-
-        def write() -> None:
-            write_png(path.with_suffix(RATE_SUFFIX), codes)
-            if picture is not None:
-                write_png(path.with_suffix(OVERLAY_SUFFIX), picture)
-            height, width, _ = codes.shape
-            area = ExrWindow(left=0, top=0, width=width, height=height)
-            write_exr(path, channels, attributes=known, data_window=area, display_window=area)
-
-        return write
 
 
-def figures_of(path: Path) -> dict[str, Any] | None:
-    """Figures that an output's header holds, None if it is not there or holds none."""
-    try:
-        stored = read_header(path).attributes.get(FACTS)
-        return None if stored is None else dict(json.loads(str(stored)))
-    except (RtsrError, ValueError):
-        return None
+@dataclass(frozen=True, kw_only=True)
+class ReuseDecider:
+    """Keeps the frame before where all of a tile is seen in it and the error stays below.
 
+    Attributes:
+        options: how.
+        transform: T.
+    """
 
-def summary(frames: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Means over frames; of what only some know, over those."""
-    known = list(frames)
-    found: dict[str, Any] = {"frames": len(known)}
-    if not known:
-        return found
-    found["rates"] = {
-        rate.label: sum(f["rates"][rate.label] for f in known) / len(known) for rate in Rate
-    }
-    for name in ("shaded", "seen", "true_error", "missed"):
-        values = [f[name] for f in known if name in f]
-        if values:
-            found[name] = sum(values) / len(values)
-    found["invocations_saved"] = 1.0 - found["shaded"]
-    return found
+    options: VrsOptions
+    transform: Transform
+
+    def __call__(self, made: Made) -> Decision:
+        """Decide, and measure where the frame has radiance."""
+        options, metric = self.options, self.options.error.metric
+        predicted = made.prediction.tiles
+        assert predicted is not None
+        whole = reusable(made.window, options.error.tile)
+        keep = whole * (amplitude(predicted, metric) < _limit(options)).to(whole.dtype)
+        share = float(keep.mean())
+        facts: dict[str, Any] = {
+            "shares": {"kept": share, "shaded": 1.0 - share},
+            "shaded": 1.0 - share,
+            "seen": float(whole.mean()),
+            "predicted_error": float((amplitude(predicted, metric) * keep).mean()),
+        }
+        color = made.pair.lr.gbuffer.buffers.get(Buffer.COLOR)
+        if color is not None and options.compare:
+            true = reuse_errors(made.window, color, options.error)
+            facts |= _missed(amplitude(true, metric) * keep, options)
+            facts[TALLIES] = to_plain(
+                {"reuse": tally(self.transform(predicted), self.transform(true))}
+            )
+        codes = keep * KEPT
+        return Decision(
+            channels=error_channels({"reuse": predicted}) | image_channels("keep", keep, ""),
+            codes=codes,
+            colors=tinted(codes, {0: COLORS[Rate.FULL], KEPT: COLORS[Rate.QUARTER]}),
+            facts=facts,
+        )

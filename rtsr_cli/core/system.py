@@ -171,7 +171,8 @@ class System:
         predict: runs it.
         learning: how it is trained, None if there is nothing to train.
         label: training labels of a window, None if it needs none.
-        weights: file name below `rtsr_cli/weights/`, with `{scale}`; None if it has none.
+        weights: file name below `rtsr_cli/weights/`, with `{scale}` and fields of the `{config}`;
+            None if it has none.
     """
 
     name: str

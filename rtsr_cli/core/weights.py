@@ -106,9 +106,14 @@ def read_weights(path: Path) -> Weights:
     )
 
 
-def shipped(pattern: str | None, scale: int) -> Path | None:
-    """Return the file of weights that comes with the package for a scale, None if none does."""
-    path = None if pattern is None else SHIPPED / pattern.format(scale=scale)
+def shipped_name(pattern: str, scale: int, config: Any) -> str:
+    """File name of the weights that come with the package for a scale and a config."""
+    return pattern.format(scale=scale, config=config)
+
+
+def shipped(pattern: str | None, scale: int, config: Any = None) -> Path | None:
+    """Return the file of weights that comes with the package, None if none does."""
+    path = None if pattern is None else SHIPPED / shipped_name(pattern, scale, config)
     return path if path is not None and path.is_file() else None
 
 

@@ -12,10 +12,10 @@ import pytest
 import torch
 from click.testing import Result
 
-from rtsr_cli.core.io.exr import read_channels, read_header
+from rtsr_cli.core.captured_rates import true_errors
+from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
-from rtsr_cli.core.vrs.estimating import true_errors
 from rtsr_cli.core.vrs.rates import REDUCED, Rate
 from rtsr_cli.core.weights import save_weights
 from rtsr_cli.models import load_system
@@ -34,13 +34,11 @@ def rgb(path: Path, names: str = "RGB") -> torch.Tensor:
     return torch.stack([torch.from_numpy(planes[c].astype(np.float32)) for c in names])[None]
 
 
-@pytest.fixture
-def weights(tmp_path: Path) -> Path:
+def random_weights(path: Path, **settings: object) -> Path:
     """Random weights of the network, with an underestimation on validation."""
     system = load_system("rt-percept")
-    config = system.config(mean=0.5)
+    config = system.config(mean=0.5, **settings)
     torch.manual_seed(2)
-    path = tmp_path / "weights.safetensors"
     save_weights(
         path,
         system.build(config, 1).state_dict(),
@@ -50,6 +48,97 @@ def weights(tmp_path: Path) -> Path:
         about={"validation": {"under": 0.05}},
     )
     return path
+
+
+@pytest.fixture
+def weights(tmp_path: Path) -> Path:
+    return random_weights(tmp_path / "weights.safetensors")
+
+
+@pytest.fixture
+def with_folders(small_capture: Path, tmp_path: Path) -> Path:
+    """The capture, with radiance of 2x2 as a folder beside its frames: black."""
+    folder = tmp_path / "captured"
+    shutil.copytree(small_capture, folder)
+    for path in sorted(folder.glob("*.exr")):
+        planes = {name: np.zeros_like(p) for name, p in read_channels(path, "RGB").items()}
+        beside = folder / "output_2x2" / path.name
+        beside.parent.mkdir(exist_ok=True)
+        write_exr(beside, planes)
+    return folder
+
+
+def test_captured_rates_may_be_folders_beside_the_frames(
+    rtsr: Run, small_capture: Path, with_folders: Path, tmp_path: Path
+) -> None:
+    common = ("--kind", "vrs", "--metric", "jnyang")
+    result = rtsr("label", with_folders, tmp_path / "a", *common)
+    assert result.exit_code == 0, result.output
+    assert "captured rates" in result.output
+    rtsr("label", small_capture, tmp_path / "b", *common)
+    assert len(exrs(tmp_path / "a")) == len(exrs(tmp_path / "b")) == 4
+    names = ["error.2x2", "error.1x2"]
+    [a, *_], [b, *_] = exrs(tmp_path / "a"), exrs(tmp_path / "b")
+    black, emulated = read_channels(a, names), read_channels(b, names)
+    assert black["error.2x2"].min() > 0.9
+    assert np.array_equal(black["error.1x2"], emulated["error.1x2"])
+
+
+def test_true_errors_of_chosen_rates_are_those_of_captured_ones(
+    rtsr: Run, small_capture: Path, with_folders: Path, weights: Path, tmp_path: Path
+) -> None:
+    totals = []
+    for name, folder in (("a", small_capture), ("b", with_folders)):
+        common = ("predict-vrs", folder, tmp_path / name, "--weights", weights)
+        result = rtsr(*common, "--threshold", "0.9")
+        assert result.exit_code == 0, result.output
+        text = (tmp_path / name / "summary.json").read_text(encoding="utf-8")
+        totals.append(json.loads(text)["total"])
+    emulated, black = totals
+    assert emulated["shares"] == black["shares"]
+    assert emulated["mae"] != black["mae"]
+
+
+def test_a_folder_of_captured_rates_that_lacks_a_frame_is_refused(
+    rtsr: Run, with_folders: Path, tmp_path: Path
+) -> None:
+    exrs(with_folders / "output_2x2")[-1].unlink()
+    result = rtsr("label", with_folders, tmp_path / "out", "--kind", "vrs")
+    assert result.exit_code == 3
+    assert "output_2x2: frame" in result.output
+    assert "is missing" in result.output
+
+
+def test_reuse_keeps_what_the_frame_before_shows(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    weights = random_weights(tmp_path / "reuse.safetensors", reuse=True, inputs="reuse")
+    out = tmp_path / "out"
+    common = ("predict-vrs", small_capture, out, "--weights", weights)
+    result = rtsr(*common, "--reuse", "--threshold", "0.9", "--overlay")
+    assert result.exit_code == 0, result.output
+    first, second, *_ = exrs(out)
+    # nothing lies before the first frame
+    assert not read_channels(first, ["keep"])["keep"].any()
+    kept = read_channels(second, ["keep", "error.reuse"])
+    assert set(np.unique(kept["keep"])) <= {0.0, 1.0}
+    assert kept["keep"].any()
+    assert second.with_suffix(".keep.png").is_file()
+    total = json.loads((out / "summary.json").read_text(encoding="utf-8"))["total"]
+    assert total["invocations_saved"] == pytest.approx(total["shares"]["kept"])
+    assert {"r2", "mae", "under", "true_error", "missed"} <= total.keys()
+
+
+def test_weights_for_reuse_and_for_rates_are_not_confused(
+    rtsr: Run, small_capture: Path, weights: Path, tmp_path: Path
+) -> None:
+    reuse = random_weights(tmp_path / "reuse.safetensors", reuse=True)
+    common = ("predict-vrs", small_capture, tmp_path / "out")
+    assert "add --reuse" in rtsr(*common, "--weights", reuse).output
+    assert "leave --reuse out" in rtsr(*common, "--weights", weights, "--reuse").output
+    refused = rtsr(*common, "--reuse", "--estimator", "analytic")
+    assert refused.exit_code == 3
+    assert "only networks predict it" in refused.output
 
 
 def test_labels_are_the_true_errors_of_every_rate(
@@ -114,9 +203,15 @@ def test_rates_are_chosen_and_accounted_for(
         assert path.with_suffix(".overlay.png").is_file()
     found = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert found["total"]["frames"] == 4
-    assert sum(found["total"]["rates"].values()) == pytest.approx(1.0)
+    assert sum(found["total"]["shares"].values()) == pytest.approx(1.0)
     assert found["total"]["invocations_saved"] == pytest.approx(1.0 - found["total"]["shaded"])
     assert {"true_error", "missed"} <= found["total"].keys()
+    told = {"predicted_error", "r2", "mae", "under"}
+    assert (
+        told.isdisjoint(found["total"])
+        if estimator == "analytic"
+        else told <= found["total"].keys()
+    )
 
 
 def test_a_run_that_goes_on_counts_what_was_there(

@@ -11,18 +11,19 @@ import pytest
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.acceleration import accelerated
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.system import Window
-from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
+from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, tile_errors
 from rtsr_cli.core.vrs.rates import Rate
 from rtsr_cli.core.vrs.reprojection import displayed, reprojected
 from rtsr_cli.models import load_system
-from rtsr_cli.models.rt_percept import determination, goal, loss
+from rtsr_cli.models.rt_percept import goal, loss
 from rtsr_cli.models.rt_percept.config import Groups, Inputs, RtPerceptConfig, Transform
-from rtsr_cli.models.rt_percept.inputs import prepare
+from rtsr_cli.models.rt_percept.inputs import SETS, prepare
 from rtsr_cli.models.rt_percept.network import pool_sizes
 from rtsr_cli.models.rt_percept.transforms import restored, transformed
 
@@ -139,7 +140,7 @@ def test_the_radiance_of_the_frame_itself_is_not_looked_at(
     config = replace(CONFIG, inputs=inputs)
     window = make_windows(SYSTEM, 1, optional=True)[-1]
     seen = prepare(config, window)
-    assert seen["seen"].shape[1] == int(inputs.value)
+    assert seen["seen"].shape[1] == SETS[inputs][0]
     now = window.current
     dark = {Buffer.COLOR: torch.zeros_like(now.gbuffer[Buffer.COLOR])}
     changed = replace(now, gbuffer=now.gbuffer.with_buffers(dark))
@@ -214,8 +215,36 @@ def test_the_mean_runs_with_the_errors_and_keeps_still_when_judged() -> None:
     assert float(network.mean) == kept
 
 
-def test_determination_is_its_equation() -> None:
-    wanted = torch.tensor([[0.0, 1.0], [0.2, 0.4]]).view(1, 2, 1, 2)
-    predicted = torch.tensor([[0.1, 0.9], [0.3, 0.3]]).view(1, 2, 1, 2)
-    # 1 - 0.02 / 0.5, and 1 - 0.02 / 0.02
-    assert determination(predicted, wanted) == pytest.approx((0.96 + 0.0) / 2, abs=1e-5)
+def test_what_reuse_predicts_is_the_error_of_the_frame_before(make_windows: MakeWindows) -> None:
+    config = RtPerceptConfig(mean=0.5, reuse=True, error=ErrorConfig(metric=VrsMetric.JNYANG))
+    window = make_windows(SYSTEM, 1)[-1]
+    picture, _ = reprojected(window)
+    found = goal(config, window, window.current)["errors"]
+    shown = displayed(window.current.gbuffer[Buffer.COLOR])
+    assert found.shape[1] == 1
+    assert torch.equal(found, tile_errors(picture, shown, config.error))
+    assert count_parameters(SYSTEM.build(config, 1)) == 4_947
+
+
+@pytest.mark.parametrize("tile", [1, 2, 16, 64])
+def test_the_order_for_inference_is_the_same_function(tile: int) -> None:
+    torch.manual_seed(3)
+    config = replace(CONFIG, error=ErrorConfig(tile=tile))
+    network = SYSTEM.build(config, 1).eval().requires_grad_(False)
+    for module in network.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            for held, low, high in (
+                (module.running_mean, -0.5, 0.5),
+                (module.running_var, 0.3, 3.0),
+                # of both signs: a maximum of what is negated is a minimum
+                (module.weight, -2.0, 2.0),
+                (module.bias, -0.5, 0.5),
+            ):
+                assert held is not None
+                held.uniform_(low, high)
+    fast = accelerated(network)
+    for size in ((1, 1), (1, 7), (33, 21)):
+        inputs = {"seen": torch.rand(2, 4, *size)}
+        with torch.inference_mode():
+            expected, found = (net(inputs, None)[0]["predicted"] for net in (network, fast))
+        assert torch.allclose(found, expected, atol=1e-5)

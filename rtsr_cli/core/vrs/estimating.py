@@ -11,17 +11,15 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.shapes import Color, Mask, TileMap
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig, adaptive_codes, axis_errors, scaled_errors
-from rtsr_cli.core.vrs.coarse import coarse_shading
 from rtsr_cli.core.vrs.errors import (
     ErrorConfig,
     VrsMetric,
     amplitude,
     from_amplitude,
     luma,
-    tile_errors,
 )
 from rtsr_cli.core.vrs.rates import REDUCED, Errors, Rate, chosen_codes, extrapolated
-from rtsr_cli.core.vrs.reprojection import displayed, reprojected
+from rtsr_cli.core.vrs.reprojection import reprojected
 from rtsr_cli.core.vrs.tiles import tile_mean
 
 MOSTLY = 0.5
@@ -47,6 +45,7 @@ class VrsOptions:
         threshold: error that a rate must stay below, in the metric's unit.
         analytic: settings of the analytic estimate; its threshold is of its own unit.
         compare: measure the true errors, too, where the frame holds radiance.
+        keep_edges: emulated true rates keep pixels of other objects than the sample's.
     """
 
     estimator: Estimator = Estimator.NETWORK
@@ -54,6 +53,7 @@ class VrsOptions:
     threshold: float = 0.25
     analytic: AdaptiveConfig = field(default_factory=AdaptiveConfig)
     compare: bool = True
+    keep_edges: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,14 +126,6 @@ def analytic_estimate(
     }
     codes = torch.where(seen > 0, codes, Rate.FULL.code)
     return Estimate(errors={rate: errors[rate] for rate in REDUCED}, codes=codes, seen=seen)
-
-
-def true_errors(color: Color, config: ErrorConfig) -> dict[Rate, TileMap]:
-    """Errors of every reduced rate, measured on radiance at full rate."""
-    full = displayed(color)
-    return {
-        rate: tile_errors(displayed(coarse_shading(color, rate)), full, config) for rate in REDUCED
-    }
 
 
 def chosen_errors(errors: Errors, codes: TileMap, metric: VrsMetric) -> TileMap:

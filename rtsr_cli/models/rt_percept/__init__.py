@@ -14,8 +14,8 @@ running one, in which errors beyond `MAX_ERROR` count as that.
 from __future__ import annotations
 
 import torch
-from torch import Tensor
 
+from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import decode_reinhard, decode_srgb
@@ -33,9 +33,8 @@ from rtsr_cli.core.system import (
     Window,
     neural_predict,
 )
-from rtsr_cli.core.vrs.coarse import coarse_shading
-from rtsr_cli.core.vrs.errors import tile_errors
-from rtsr_cli.core.vrs.reprojection import displayed
+from rtsr_cli.core.vrs.accuracy import accuracy, tally
+from rtsr_cli.core.vrs.reuse import reuse_errors
 from rtsr_cli.core.vrs.tiles import tile_mean
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
 from rtsr_cli.models.rt_percept.inputs import BUFFERS, OPTIONAL, prepare
@@ -48,29 +47,15 @@ MAX_ERROR = 10.0
 MEAN_MEMORY = 0.99
 """What the running mean keeps a step."""
 
-SEEN = 0.5
-"""Share of a tile's pixels that the frame before shows, from which it counts as seen."""
-
-
-def true_errors(config: RtPerceptConfig, color: Color, object_id: Tensor | None) -> TileMap:
-    """Errors of the predicted rates, a channel a rate, from radiance at full rate."""
-    full = displayed(color)
-    kept = object_id if config.keep_edges else None
-    return torch.cat(
-        [
-            tile_errors(displayed(coarse_shading(color, rate, kept)), full, config.error)
-            for rate in config.predicted
-        ],
-        dim=1,
-    )
-
 
 def goal(config: RtPerceptConfig, window: Window, reference: Frame) -> Tensors:
-    """`errors`: what is to be predicted, not transformed."""
-    del window
-    gbuffer = reference.gbuffer
-    ids = gbuffer.buffers.get(Buffer.OBJECT_ID)
-    return {"errors": true_errors(config, gbuffer[Buffer.COLOR], ids)}
+    """`errors`: what is to be predicted, not transformed, a channel a rate; or of reuse."""
+    color = reference.gbuffer[Buffer.COLOR]
+    if config.reuse:
+        return {"errors": reuse_errors(window, color, config.error)}
+    ids = reference.gbuffer.buffers.get(Buffer.OBJECT_ID) if config.keep_edges else None
+    errors = true_errors(color, config.error, object_id=ids, rates=config.predicted)
+    return {"errors": torch.cat(list(errors.values()), dim=1)}
 
 
 def loss(config: RtPerceptConfig, inputs: Tensors, outputs: Tensors, target: Tensors) -> Tensors:
@@ -105,27 +90,15 @@ def compose(
     return Prediction(tiles=tiles, debug=debug)
 
 
-def determination(predicted: TileMap, wanted: TileMap) -> float:
-    """R^2 of each rate, then their mean.
-
-    R^2 = 1 - sum (p - y)^2 / sum (y - mean y)^2
-    """
-    left = (predicted - wanted).square().sum((0, 2, 3))
-    spread = (wanted - wanted.mean((0, 2, 3), keepdim=True)).square().sum((0, 2, 3))
-    return float((1.0 - left / spread.clamp(min=1e-8)).mean())
-
-
 def scores(
     config: RtPerceptConfig, window: Window, prediction: Prediction, reference: Frame
 ) -> dict[str, float]:
     """R^2, mean absolute error and mean underestimation, in transformed space."""
     wanted, predicted = _both(config, window, prediction, reference)
-    difference = predicted - wanted
-    return {
-        "r2": determination(predicted, wanted),
-        "mae": float(difference.abs().mean()),
-        "under": float((-difference).clamp(min=0.0).mean()),
-    }
+    each = enumerate(config.channels)
+    return accuracy(
+        {name: tally(predicted[:, i : i + 1], wanted[:, i : i + 1]) for i, name in each}
+    )
 
 
 def panels(
@@ -181,7 +154,7 @@ RT_PERCEPT = System(
         },
         judge=Judge(names=("r2", "mae", "under"), scores=scores, panels=panels),
     ),
-    weights="rt-percept-jnflip-16.safetensors",
+    weights="rt-percept-{config.label}.safetensors",
 )
 
 SYSTEMS = (RT_PERCEPT,)

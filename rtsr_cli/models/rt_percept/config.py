@@ -22,6 +22,8 @@ class Inputs(StrEnum):
     THREE = "3"
     SIXTEEN = "16"
     NINETEEN = "19"
+    REUSE = "reuse"
+    """4 channels: specular instead of the mask."""
 
 
 class Groups(StrEnum):
@@ -57,6 +59,7 @@ class RtPerceptConfig:
         mean: mu, the mean error of the training set; 0 = a running mean of what was seen.
         margin: added to predictions before they are transformed back.
         unseen_weight: of tiles that the frame before does not show, in the loss.
+        reuse: predict the error of keeping the frame before, not of rates: one output.
         keep_edges: reduced rates keep pixels of other objects than the sample's.
         error: what is predicted.
     """
@@ -68,6 +71,7 @@ class RtPerceptConfig:
     mean: float = 0.0
     margin: float = 0.0
     unseen_weight: float = 1.0
+    reuse: bool = False
     keep_edges: bool = False
     error: ErrorConfig = field(default_factory=ErrorConfig)
 
@@ -87,6 +91,16 @@ class RtPerceptConfig:
                 f"network.rates = {list(self.rates)}: 1x2 and 2x1, and any of "
                 f"{', '.join(sorted(known - {'1x2', '2x1'}))}"
             )
+
+    @property
+    def label(self) -> str:
+        """What weights for metric and tile are called."""
+        return f"{self.error.metric}-{self.error.tile}" + ("-reuse" if self.reuse else "")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What each output channel is the error of."""
+        return ("reuse",) if self.reuse else self.rates
 
     @property
     def predicted(self) -> tuple[Rate, ...]:

@@ -57,6 +57,14 @@ def _four(frame: Frame, picture: Color, seen: Mask) -> Image:
     return torch.cat([picture[:, :1], seen, _diffuse(frame)[:, :1], normal_z], dim=1)
 
 
+def _reuse(frame: Frame, picture: Color, seen: Mask) -> Image:
+    """Reprojected red, diffuse and specular red, z of the normal."""
+    del seen
+    normal_z = _view_normal(frame)[:, 2:]
+    parts = [picture[:, :1], _diffuse(frame)[:, :1], _specular(frame)[:, :1], normal_z]
+    return torch.cat(parts, dim=1)
+
+
 def _three(frame: Frame, picture: Color, seen: Mask) -> Image:
     """The reprojected picture alone."""
     del frame, seen
@@ -94,6 +102,7 @@ SETS: dict[Inputs, tuple[int, Channels]] = {
     Inputs.THREE: (3, _three),
     Inputs.SIXTEEN: (16, _sixteen),
     Inputs.NINETEEN: (19, _nineteen),
+    Inputs.REUSE: (4, _reuse),
 }
 """Number of channels, and what makes them."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from itertools import pairwise
 
 import torch
@@ -11,6 +12,7 @@ from rtsr_cli.core.shapes import Image, TileMap
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.core.vrs.tiles import padded
 from rtsr_cli.models.rt_percept.config import WIDTH, RtPerceptConfig
+from rtsr_cli.models.rt_percept.frozen import FrozenLayer
 from rtsr_cli.models.rt_percept.inputs import SETS
 
 LAYERS = 5
@@ -47,7 +49,7 @@ class ErrorLayer(nn.Module):
 
 
 class RtPerceptNetwork(nn.Module):
-    """Buffers -> transformed error of each predicted rate, one value a tile; and mu."""
+    """Buffers -> transformed error of each rate, or of reuse, one value a tile; and mu."""
 
     mean: Tensor
 
@@ -56,7 +58,7 @@ class RtPerceptNetwork(nn.Module):
         super().__init__()
         del scale
         self.config = config
-        widths = (SETS[config.inputs][0], *(WIDTH,) * (LAYERS - 1), len(config.rates))
+        widths = (SETS[config.inputs][0], *(WIDTH,) * (LAYERS - 1), len(config.channels))
         # mu: a statistic like a batch norm's, no parameter
         self.register_buffer("mean", torch.full((1, 1, 1, 1), config.mean))
         self.layers = nn.Sequential(
@@ -70,6 +72,20 @@ class RtPerceptNetwork(nn.Module):
                 )
             )
         )
+
+    def for_inference(self) -> RtPerceptNetwork:
+        """The same function; after the convolutions, all work is on pooled values."""
+        frozen = copy.deepcopy(self).eval()
+        layers: list[FrozenLayer] = []
+        built = list(self.layers)
+        sizes = pool_sizes(self.config.error.tile)
+        for number, (layer, pool) in enumerate(zip(built, sizes, strict=True)):
+            assert isinstance(layer, ErrorLayer)
+            carried = layers[-1].leaves if layers else None
+            last = number == len(built) - 1
+            layers.append(FrozenLayer(layer.conv, layer.norm, pool, carried, last=last))
+        frozen.layers = nn.Sequential(*layers)
+        return frozen
 
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Pad to whole tiles, predict."""

@@ -1,0 +1,144 @@
+"""Files of what was decided for a frame's tiles: EXR, codes, overlay, and figures of a run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.exr import Window as ExrWindow
+from rtsr_cli.core.io.exr import read_header, write_exr
+from rtsr_cli.core.io.png import write_png
+from rtsr_cli.core.io.provenance import provenance
+from rtsr_cli.core.shapes import Color, TileMap
+from rtsr_cli.core.upscaling import Made
+from rtsr_cli.core.vrs.accuracy import accuracy, from_plain, together
+from rtsr_cli.core.vrs.reprojection import displayed
+
+FACTS = "rtsr:vrs"
+"""Header attribute: the figures of the frame, as JSON."""
+
+TALLIES = "tallies"
+"""Key of sums from which R^2 and mean errors of many frames follow."""
+
+OVERLAY_SUFFIX = ".overlay.png"
+OPACITY = 0.45
+"""Of the overlay's colours."""
+
+Transform = Callable[[TileMap], TileMap]
+"""Errors to the space in which predicted and true ones are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What was decided for a frame.
+
+    Attributes:
+        channels: of the EXR, a pixel a tile.
+        codes: 8-bit image for an engine, a pixel a tile.
+        colors: of the overlay, 0..1, n 3 tiles-down tiles-across.
+        facts: figures of the frame, plain values.
+    """
+
+    channels: Mapping[str, NDArray[Any]]
+    codes: TileMap
+    colors: TileMap
+    facts: Mapping[str, Any]
+
+
+Decide = Callable[[Made], Decision]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Writer:
+    """Makes the files of a frame.
+
+    Attributes:
+        decide: what is written.
+        tile: side of a tile, pixels.
+        suffix: of the code image.
+        overlays: also a picture of the frame under its decisions.
+    """
+
+    decide: Decide
+    tile: int
+    suffix: str
+    overlays: bool
+
+    def make(self, made: Made) -> Callable[[], None]:
+        """Decide, and return the call that writes."""
+        plan, frame = made.plan, made.pair.lr
+        decision = self.decide(made)
+        known = provenance(
+            command=made.options.command,
+            config_hash=plan.config_hash,
+            source=plan.source.reader.path(frame.number),
+            stamp=made.stamp,
+            extra={
+                "rtsr:system": plan.system.name,
+                "rtsr:nonfinite": made.pair.fixed,
+                FACTS: json.dumps(decision.facts),
+            },
+        )
+        codes = decision.codes[0].permute(1, 2, 0).cpu().to(torch.uint8).numpy()
+        path = plan.path(frame.number)
+        color = frame.gbuffer.buffers.get(Buffer.COLOR)
+        picture = None
+        if self.overlays and color is not None:
+            picture = overlay(color, decision.colors, self.tile)
+
+        def write() -> None:
+            write_png(path.with_suffix(self.suffix), codes)
+            if picture is not None:
+                write_png(path.with_suffix(OVERLAY_SUFFIX), picture)
+            height, width, _ = codes.shape
+            area = ExrWindow(left=0, top=0, width=width, height=height)
+            write_exr(
+                path, decision.channels, attributes=known, data_window=area, display_window=area
+            )
+
+        return write
+
+
+def overlay(color: Color, colors: TileMap, tile: int) -> NDArray[np.uint8]:
+    """A frame with a colour over each tile."""
+    large = colors.cpu().repeat_interleave(tile, -2).repeat_interleave(tile, -1)
+    shown = displayed(color).cpu()
+    mixed = torch.lerp(shown, large[..., : shown.shape[-2], : shown.shape[-1]], OPACITY)
+    pixels: NDArray[np.uint8] = (mixed[0] * 255.0).round().byte().permute(1, 2, 0).numpy()
+    return pixels
+
+
+def figures_of(path: Path) -> dict[str, Any] | None:
+    """Figures that an output's header holds, None if it is not there or holds none."""
+    try:
+        stored = read_header(path).attributes.get(FACTS)
+        return None if stored is None else dict(json.loads(str(stored)))
+    except (RtsrError, ValueError):
+        return None
+
+
+def summary(frames: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Means over frames; of what only some know, over those."""
+    known = list(frames)
+    found: dict[str, Any] = {"frames": len(known)}
+    if not known:
+        return found
+    shares = [f["shares"] for f in known]
+    found["shares"] = {
+        name: sum(each.get(name, 0.0) for each in shares) / len(known) for name in shares[0]
+    }
+    for name in ("shaded", "seen", "predicted_error", "true_error", "missed"):
+        values = [f[name] for f in known if name in f]
+        if values:
+            found[name] = sum(values) / len(values)
+    found["invocations_saved"] = 1.0 - found["shaded"]
+    return found | accuracy(together(from_plain(f[TALLIES]) for f in known if TALLIES in f))

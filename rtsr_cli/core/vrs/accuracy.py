@@ -1,0 +1,95 @@
+"""How well predicted tile errors agree with true ones, summed so that frames can be put together.
+
+    R^2 = 1 - sum (p - y)^2 / sum (y - mean y)^2
+
+of each rate on its own, then their mean: rates taken together differ so much that R^2 flatters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple, dataclass, fields
+
+from rtsr_cli.core.shapes import Mask, TileMap
+
+MIN_SPREAD = 1e-8
+"""Sum of squares around the mean that stands for none."""
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Sums over the tiles of one rate.
+
+    Attributes:
+        tiles: how many.
+        true: of true values.
+        true_squared: of their squares.
+        squared: of (p - y)^2.
+        absolute: of |p - y|.
+        under: of max(0, y - p).
+    """
+
+    tiles: float = 0.0
+    true: float = 0.0
+    true_squared: float = 0.0
+    squared: float = 0.0
+    absolute: float = 0.0
+    under: float = 0.0
+
+    def __add__(self, other: Tally) -> Tally:
+        """Both together."""
+        return Tally(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    @property
+    def determination(self) -> float:
+        """R^2."""
+        spread = self.true_squared - self.true**2 / max(self.tiles, 1.0)
+        return 1.0 - self.squared / max(spread, MIN_SPREAD)
+
+
+def tally(predicted: TileMap, wanted: TileMap, chosen: Mask | None = None) -> Tally:
+    """Sum up tiles, those where `chosen` is 1 or all; all arguments of one channel."""
+    p, y = predicted.double(), wanted.double()
+    weight = y.new_ones(1) if chosen is None else chosen.double()
+    difference = p - y
+    terms = (
+        y.new_ones(1).expand_as(y),
+        y,
+        y.square(),
+        difference.square(),
+        difference.abs(),
+        (-difference).clamp(min=0.0),
+    )
+    return Tally(*(float((term * weight).sum()) for term in terms))
+
+
+def together(tallies: Iterable[Mapping[str, Tally]]) -> dict[str, Tally]:
+    """Add up what was tallied under the same name."""
+    total: dict[str, Tally] = {}
+    for one in tallies:
+        for name, value in one.items():
+            total[name] = total.get(name, Tally()) + value
+    return total
+
+
+def accuracy(tallies: Mapping[str, Tally]) -> dict[str, float]:
+    """`r2`, `mae`, `under`: of each rate, then the mean over rates."""
+    known = [value for value in tallies.values() if value.tiles]
+    if not known:
+        return {}
+    return {
+        "r2": sum(t.determination for t in known) / len(known),
+        "mae": sum(t.absolute / t.tiles for t in known) / len(known),
+        "under": sum(t.under / t.tiles for t in known) / len(known),
+    }
+
+
+def from_plain(values: Mapping[str, Iterable[float]]) -> dict[str, Tally]:
+    """Undo `to_plain`."""
+    return {name: Tally(*numbers) for name, numbers in values.items()}
+
+
+def to_plain(tallies: Mapping[str, Tally]) -> dict[str, list[float]]:
+    """Lists of numbers in the order of the fields."""
+    names = [field.name for field in fields(Tally)]
+    return {name: [getattr(value, field) for field in names] for name, value in tallies.items()}
