@@ -1,6 +1,6 @@
 """Deviation of a shard of a recurrent system from the whole run.
 
-    python benchmarks/shards.py [--system taau]
+    python benchmarks/shards.py [--system taau] [--scale 2]
 
 A shard replays a stated number of frames before its first output. The sequence is one sample frame
 held still under Halton jitter, where history reaches furthest back: the worst case.
@@ -38,9 +38,9 @@ def still_capture(folder: Path, count: int) -> None:
         write_exr(path, planes, attributes=header.attributes, compression="none")
 
 
-def upscale(folder: Path, out: Path, system: str, *extra: str) -> dict[str, NDArray[np.float64]]:
+def upscale(folder: Path, out: Path, *given: str) -> dict[str, NDArray[np.float64]]:
     """Run the command; return tone-mapped outputs by file name."""
-    options = ["--simulate-lr", "2", "--jitter", "halton", "--system", system, *extra]
+    options = ["--jitter", "halton", *given]
     result = CliRunner().invoke(group, ["upscale", str(folder), str(out), *options])
     if result.exit_code:
         raise click.ClickException(result.output)
@@ -54,20 +54,21 @@ def upscale(folder: Path, out: Path, system: str, *extra: str) -> dict[str, NDAr
 
 @click.command()
 @click.option("--system", default="taau", show_default=True)
+@click.option("--scale", default=2, show_default=True)
 @click.option("--frames", "count", default=48, show_default=True)
-def main(system: str, count: int) -> None:
+def main(system: str, scale: int, count: int) -> None:
     """Print the PSNR between shard and whole run, first and last frame of the last shard."""
     with tempfile.TemporaryDirectory() as scratch:
         still_capture(Path(scratch) / "in", count)
-        whole = upscale(Path(scratch) / "in", Path(scratch) / "whole", system)
-        part = upscale(
-            Path(scratch) / "in", Path(scratch) / "part", system, "--shard", f"{SHARDS}/{SHARDS}"
-        )
+        given = ("--system", system, "--simulate-lr", str(scale))
+        whole = upscale(Path(scratch) / "in", Path(scratch) / "whole", *given)
+        last = ("--shard", f"{SHARDS}/{SHARDS}")
+        part = upscale(Path(scratch) / "in", Path(scratch) / "part", *given, *last)
     preroll = load_system(system).preroll_frames
     for label, name in (("first", min(part)), ("last", max(part))):
         error = float(np.mean((part[name] - whole[name]) ** 2))
         value = math.inf if error == 0 else -10 * math.log10(error)
-        print(f"{system}, pre-roll {preroll}: {label} frame of the shard {value:.1f} dB")
+        print(f"{system} {scale}x, pre-roll {preroll}: {label} frame of the shard {value:.1f} dB")
 
 
 if __name__ == "__main__":
