@@ -149,6 +149,7 @@ RT_PERCEPT = System(
             "scale": 1,
             "crop": 4096,
             "optimiser": "rmsprop",
+            "learning_rate": 1e-4,
             "schedule": "exponential",
             "augmentation": to_plain(NO_AUGMENTATION),
         },
