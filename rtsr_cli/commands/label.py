@@ -14,7 +14,7 @@ from rtsr_cli.commands.predict_vrs import METRICS
 @opt.input_folder
 @opt.output_folder
 @click.option("--kind", type=click.Choice(["vrs"]), required=True, help="Errors of shading rates.")
-@click.option("--tile", type=click.IntRange(1, 64), default=16, show_default=True)
+@click.option("--tile", type=opt.RATE_TILE, default=16, show_default=True)
 @click.option("--metric", type=click.Choice(METRICS), default="jnflip", show_default=True)
 @click.option(
     "--pool",

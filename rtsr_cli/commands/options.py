@@ -108,7 +108,23 @@ class TileSide(click.ParamType[int]):
         return int(side)
 
 
+class RateTile(click.ParamType[int]):
+    """Side of a tile of one shading rate: a power of two from 1 to 64."""
+
+    name = "PIXELS"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Parse."""
+        sides = tuple(2**power for power in range(7))
+        text = str(value)
+        if not text.isdigit() or int(text) not in sides:
+            self.fail(f"{text} is none of {', '.join(map(str, sides))}", param, ctx)
+        return int(text)
+
+
 FOLDER = click.Path(path_type=Path)
+
+RATE_TILE = RateTile()
 
 input_folder = click.argument("in_folder", metavar="IN", type=FOLDER)
 output_folder = click.argument("out_folder", metavar="OUT", type=FOLDER)

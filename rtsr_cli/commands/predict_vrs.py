@@ -14,7 +14,7 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 @click.command("predict-vrs")
 @opt.input_folder
 @opt.output_folder
-@click.option("--tile", type=click.IntRange(1, 64), help="Side of a tile, pixels.  [default: 16]")
+@click.option("--tile", type=opt.RATE_TILE, help="Side of a tile, pixels.  [default: 16]")
 @click.option(
     "--metric", type=click.Choice(METRICS), help="What errors are measured by.  [default: jnflip]"
 )
@@ -22,6 +22,13 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
     "--threshold",
     type=click.FloatRange(0.0, min_open=True),
     help="Error that a rate must stay below, in the metric's unit.",
+)
+@click.option(
+    "--analytic-threshold",
+    type=click.FloatRange(0.0, min_open=True),
+    default=0.07,
+    show_default=True,
+    help="The same for the analytic estimate, in its own unit.",
 )
 @click.option(
     "--estimator",

@@ -67,7 +67,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
         estimator=Estimator(chosen["estimator"]),
         error=error,
         threshold=chosen["threshold"] or THRESHOLDS[error.metric],
-        analytic=AdaptiveConfig(tile=error.tile),
+        analytic=AdaptiveConfig(tile=error.tile, threshold=chosen["analytic_threshold"]),
         compare=not chosen["no_compare"],
         keep_edges=loaded.config.keep_edges,
     )
@@ -220,10 +220,15 @@ def _announce(
         "read_bytes": plan.read_bytes,
         "write_bytes_at_most": plan.write_bytes(run),
     }
-    what = (
-        f", tiles of {options.error.tile}, {options.error.metric} below {options.threshold:g}, "
-        f"{options.estimator}"
-    )
+    limits = {
+        Estimator.NETWORK: f"{options.error.metric} below {options.threshold:g}",
+        Estimator.ANALYTIC: f"analytic estimate below {options.analytic.threshold:g}",
+    }
+    if options.estimator is Estimator.HYBRID:
+        text = ", ".join(limits.values())
+    else:
+        text = limits[options.estimator]
+    what = f", tiles of {options.error.tile}, {text}"
     announce(chosen, facts, plan.source.readers, plan.selected, what)
 
 

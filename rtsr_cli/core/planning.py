@@ -32,7 +32,7 @@ from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
 from rtsr_cli.core.precision import Precision
 from rtsr_cli.core.shapes import Size
-from rtsr_cli.core.system import System
+from rtsr_cli.core.system import System, Task
 
 UNREADABLE = "unreadable"
 """Stands in the stamps for the content of a file that could not be read."""
@@ -159,10 +159,11 @@ def check_system(system: System, source: PairSource, inputs: Inputs) -> None:
         undecided = source.reader.motion_undecided
         raise FrameFolderError(f"{root}: system '{system.name}' reads motion, but {undecided}")
     if missing:
+        other = ", or choose another --system" if system.task is Task.UPSCALE else ""
         raise FrameFolderError(
             f"{root}: system '{system.name}' cannot run, missing: {', '.join(missing)}. "
             f"{'; '.join(_found(reader) for reader in source.readers)}. Render what is missing, "
-            "declare it in capture.toml, or choose another --system"
+            f"declare it in capture.toml{other}"
         )
     if system.scales and source.scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)

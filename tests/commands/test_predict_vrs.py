@@ -286,7 +286,15 @@ def test_weights_of_another_metric_are_refused(
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--threshold", "-1"), ("--threshold", "0"), ("--tile", "65")]
+    "arguments",
+    [
+        ("--threshold", "-1"),
+        ("--threshold", "0"),
+        ("--analytic-threshold", "0"),
+        ("--tile", "65"),
+        ("--tile", "12"),
+        ("--tile", "big"),
+    ],
 )
 def test_values_out_of_range_are_usage_errors(
     rtsr: Run, small_capture: Path, tmp_path: Path, arguments: tuple[str, str]
@@ -330,3 +338,17 @@ def test_a_tile_larger_than_the_frame_is_one_tile(
     header = read_header(exrs(one)[0]).data_window
     rate = read_channels(exrs(out)[0], ["rate"])["rate"]
     assert rate.shape == (-(-header.height // 64), -(-header.width // 64))
+
+
+def test_the_analytic_estimate_has_its_own_threshold(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    saved = []
+    for threshold in ("0.02", "0.4"):
+        out = tmp_path / threshold
+        common = ("predict-vrs", small_capture, out, "--estimator", "analytic")
+        result = rtsr(*common, "--analytic-threshold", threshold)
+        assert f"analytic estimate below {threshold}" in result.output
+        total = json.loads((out / "summary.json").read_text(encoding="utf-8"))["total"]
+        saved.append(total["invocations_saved"])
+    assert saved[0] < saved[1]

@@ -206,7 +206,7 @@ def recorded_clips(chosen: ChosenShot, how: Gathering) -> list[Path]:
     if source.scale != how.wanted.scale:
         raise FrameFolderError(
             f"{shot.root}: HR is {source.scale} times the size of LR; training.scale is "
-            f"{how.wanted.scale}"
+            f"{how.wanted.scale}; set that, or name a folder of frames of one size"
         )
     paths = record(captured, how.wanted, cache=how.cache, policy=how.policy, said=how.said)
     names = json.dumps([path.name for path in paths])
