@@ -23,6 +23,7 @@ from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shifted_ji
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.demodulation import remodulate
 from rtsr_cli.core.imaging.enlarging import enlarge_log_lighting, enlarge_where
+from rtsr_cli.core.imaging.guiding import Surfaces, guided_upsample
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane, Vector3
 from rtsr_cli.core.system import Prediction, Tensors, Window
 
@@ -35,8 +36,17 @@ MAX_PAPER_RADIANCE = 10.0
 LR_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
 HR_BUFFERS = (Buffer.MATERIAL, Buffer.SKY)
 HR_OPTIONAL = (Buffer.EMISSION,)
+GUIDES = (Buffer.NORMAL, Buffer.DEPTH)
 REFERENCE_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
 """What this module reads of LR frame, HR frame and captured reference."""
+
+
+class Base(StrEnum):
+    """How lighting is enlarged before a network corrects it."""
+
+    GUIDED = "guided"
+    """Along the surfaces of the HR G-buffer."""
+    CUBIC = "cubic"
 
 
 class Preset(StrEnum):
@@ -118,14 +128,27 @@ def unaligned(window: Window, image: Image) -> Image:
     return shift_image(image, (-x, -y))
 
 
-def enlarged_lighting(window: Window) -> Color:
-    """Cubic enlargement of log lighting, holes filled, on the aligned grid."""
-    frame = window.current
-    return enlarge_log_lighting(
-        encode_lighting(frame.gbuffer[Buffer.LIGHTING], scale_of(frame)),
-        frame.gbuffer[Buffer.LIGHTING_MASK],
-        window.scale,
-        shifted_jitter(frame.camera.jitter_px, window.scale),
+def enlarged_lighting(window: Window, base: Base) -> Color:
+    """Enlargement of log lighting, holes filled, on the aligned grid.
+
+    Where a G-buffer has no normals or no depth, the cubic one.
+    """
+    frame, scale = window.current, window.scale
+    encoded = encode_lighting(frame.gbuffer[Buffer.LIGHTING], scale_of(frame))
+    mask = frame.gbuffer[Buffer.LIGHTING_MASK]
+    jitter_px = shifted_jitter(frame.camera.jitter_px, scale)
+    cubic = enlarge_log_lighting(encoded, mask, scale, jitter_px)
+    small, large = frame.gbuffer.buffers, hr_frame(window).gbuffer.buffers
+    if base is Base.CUBIC or not all(g in small and g in large for g in GUIDES):
+        return cubic
+    normal, depth = (aligned(window, large[guide]) for guide in GUIDES)
+    return guided_upsample(
+        encoded,
+        mask,
+        Surfaces(normal=small[Buffer.NORMAL], depth=small[Buffer.DEPTH]),
+        Surfaces(normal=normal, depth=depth),
+        scale=scale,
+        fallback=cubic,
     )
 
 
@@ -136,7 +159,7 @@ def hr_frame(window: Window) -> Frame:
     return window.hr
 
 
-def lighting_inputs(window: Window, preset: Preset) -> dict[str, Tensor]:
+def lighting_inputs(window: Window, preset: Preset, base: Base = Base.GUIDED) -> dict[str, Tensor]:
     """`material`, `emission` (HR, aligned), `lighting_scale`, and `base` where there is one.
 
     `base` is the enlargement of log lighting that a network corrects; `paper` has none.
@@ -152,7 +175,7 @@ def lighting_inputs(window: Window, preset: Preset) -> dict[str, Tensor]:
         inputs["emission"] = (
             torch.zeros_like(material) if emission is None else aligned(window, emission)
         )
-        inputs["base"] = enlarged_lighting(window)
+        inputs["base"] = enlarged_lighting(window, base)
     return inputs
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 SYSTEM_MODULES = {
     "bicubic": "bicubic",
     "demod-bicubic": "bicubic",
+    "demod-guided": "guided",
     "taau": "taau",
     "fusesr": "fusesr",
     "fusesr-fast": "fusesr",
@@ -31,7 +32,7 @@ TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct", "nsrd", "rt-percept")
 OTHER_TASKS = ("rt-percept",)
 """Systems that do not upscale; a test holds them to their declarations."""
 
-PREFERENCE = ("fusesr", "fusesr-fast", "demod-bicubic", "bicubic")
+PREFERENCE = ("fusesr", "fusesr-fast", "demod-guided", "demod-bicubic", "bicubic")
 """What `upscale` uses by default: the first of these that inputs, scale and weights allow."""
 
 

@@ -10,10 +10,10 @@ so that the sample is always pixel (S//2, S//2) of its block. Motion t -> t-1 is
 between samples, jitter included. History that is missing is the current frame.
 
 Departs from the publication in the preset `rtsr`: the network sees and predicts log(1 + L/k), k of
-the whole frame; depth is 1 / (1 + metres); its output is added to the cubic enlargement of the
-lighting before the last layer; warps are pixel-centred, motion to t-2 is chained in order, history
-depth is warped; emission is added and sky enlarged on its own. `paper` keeps the published choices
-around the same layers: raw lighting over softplus(F), depth as stored, no such sum.
+the whole frame; depth is 1 / (1 + metres); its output is added to an enlargement of the lighting
+along HR surfaces before the last layer; warps are pixel-centred, motion to t-2 is chained in order,
+history depth is warped; emission is added and sky enlarged on its own. `paper` keeps the published
+choices around the same layers: raw lighting over softplus(F), depth as stored, no such sum.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from rtsr_cli.core.history import sample_motion
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.imaging.warping import compose_motion
 from rtsr_cli.core.lighting import (
+    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LR_BUFFERS,
@@ -113,7 +114,7 @@ def history_inputs(window: Window, preset: Preset) -> dict[str, Tensor]:
 
 def prepare(config: FuseSRConfig, window: Window) -> Tensors:
     """Inputs of either network."""
-    inputs = lighting_inputs(window, config.preset)
+    inputs = lighting_inputs(window, config.preset, config.base)
     inputs["frame_0"] = frame_features(window.current, config.preset)
     inputs["hr"] = hr_features(window, config)
     if config.history:
@@ -171,7 +172,7 @@ FUSESR_FAST = System(
     citation=CITATION,
     lr_inputs=(*LR_BUFFERS, Buffer.NORMAL, Buffer.DEPTH),
     hr_inputs=HR_BUFFERS,
-    hr_optional=HR_OPTIONAL,
+    hr_optional=(*HR_OPTIONAL, *GUIDES),
     scales=(2, 4, 8),
     halo_px=FAST_HALO_PX,
     derivation=derivation,

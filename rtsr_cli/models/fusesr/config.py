@@ -12,6 +12,7 @@ from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.lighting import (
     PAPER_LOSS,
+    Base,
     LossWeights,
     Preset,
 )
@@ -62,6 +63,7 @@ class FuseSRConfig:
         lut: convention of the split-sum table.
         fusion: how HR buffers come in.
         history: whether past frames do.
+        base: what the output is added to; none in `paper`.
         loss: weights of its terms; `paper` has its own.
     """
 
@@ -73,6 +75,7 @@ class FuseSRConfig:
     lut: LutConvention = LutConvention.KARIS
     fusion: Fusion = Fusion.UNSHUFFLE
     history: bool = True
+    base: Base = Base.GUIDED
     loss: LossWeights = field(default_factory=LossWeights)
 
     def __post_init__(self) -> None:
@@ -121,3 +124,4 @@ class FuseSRDirectConfig(FuseSRConfig):
 
     variant: Variant = Variant.DIRECT
     demodulation: DemodulationMode = DemodulationMode.NONE
+    base: Base = Base.CUBIC

@@ -9,11 +9,11 @@ Conventions: those of `core.lighting`. History that is missing is the current fr
 unreliable; the last output and the state are zeros then.
 
 Departs from the publication in the preset `rtsr`: the network sees and predicts log(1 + L/k), k of
-the current frame, past frames included; depth is 1 / (1 + metres); its output is added to the cubic
-enlargement of the lighting; of the last output it sees the difference from that, where reliable;
-warps are pixel-centred and scaled, motion to t-2 is chained, the LSTM's state moves with the
-surfaces; emission is added and sky enlarged on its own. `paper` keeps the published choices around
-the same layers, and replaces radiance by emission where there is any.
+the current frame, past frames included; depth is 1 / (1 + metres); its output is added to an
+enlargement of the lighting along HR surfaces; of the last output it sees the difference from that,
+where reliable; warps are pixel-centred and scaled, motion to t-2 is chained, the LSTM's state moves
+with the surfaces; emission is added and sky enlarged on its own. `paper` keeps the published choices
+around the same layers, and replaces radiance by emission where there is any.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.lighting import (
+    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LR_BUFFERS,
@@ -110,7 +111,7 @@ NSRD = System(
     lr_inputs=(*LR_BUFFERS, Buffer.NORMAL, Buffer.DEPTH, Buffer.MOTION),
     lr_optional=(Buffer.FORWARD,),
     hr_inputs=HR_BUFFERS,
-    hr_optional=HR_OPTIONAL,
+    hr_optional=(*HR_OPTIONAL, *GUIDES),
     scales=(2, 4, 6),
     history_frames=HISTORY_FRAMES,
     recurrent=True,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
-from rtsr_cli.core.lighting import LossWeights, Preset
+from rtsr_cli.core.lighting import Base, LossWeights, Preset
 
 HISTORY_FRAMES = 2
 
@@ -52,6 +52,7 @@ class NSRDConfig:
         feedback: whether the last prediction comes in.
         lstm: whether the LSTM's state is kept.
         warp_state: whether it moves with the surfaces; in `paper` it stays where it is.
+        base: what the output is added to; none in `paper`.
         gradient_frames: frames that a gradient flows through, its own among them.
         loss: weights of its terms; `paper` has its own.
     """
@@ -64,6 +65,7 @@ class NSRDConfig:
     lstm: bool = True
     warp_state: bool = True
     gradient_frames: int = 1
+    base: Base = Base.GUIDED
     loss: NSRDLossWeights = field(default_factory=NSRDLossWeights)
 
     @property

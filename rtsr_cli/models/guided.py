@@ -1,0 +1,58 @@
+"""`demod-guided`: lighting enlarged along the surfaces of the HR G-buffer, without any training.
+
+`demod-bicubic` smears the lighting of a foreground over what lies behind it. Here an HR pixel takes
+lighting from LR samples on its own surface only, told by normals and depth; it is what the networks
+of this package correct. Kopf et al., "Joint Bilateral Upsampling", SIGGRAPH 2007; edge-stopping as
+Dammertz et al., "Edge-Avoiding A-Trous Wavelet Transform", HPG 2010.
+
+Conventions: those of `core.lighting`; the frame's jitter is compensated; no history.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import nn
+
+from rtsr_cli.core.imaging.guiding import REACH
+from rtsr_cli.core.lighting import (
+    GUIDES,
+    HR_BUFFERS,
+    HR_OPTIONAL,
+    LR_BUFFERS,
+    Preset,
+    compose_lighting,
+    lighting_inputs,
+)
+from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
+
+HALO_PX = REACH + 2
+"""The samples around, one for the depth's gradient, and one for a jitter."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemodGuidedConfig:
+    """`demod-guided` has no settings."""
+
+
+def predict(network: nn.Module, window: Window, state: State) -> Prediction:
+    """Enlarge lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
+    del network, state
+    inputs = lighting_inputs(window, Preset.RTSR)
+    return compose_lighting(Preset.RTSR, window, inputs, inputs["base"])
+
+
+DEMOD_GUIDED = System(
+    name="demod-guided",
+    summary="enlargement of lighting along HR surfaces, times HR material (baseline)",
+    citation="Kopf et al. 2007; Dammertz et al. 2010; demodulation as NSRD and FuseSR",
+    lr_inputs=(*LR_BUFFERS, *GUIDES),
+    hr_inputs=(*HR_BUFFERS, *GUIDES),
+    hr_optional=HR_OPTIONAL,
+    halo_px=HALO_PX,
+    config=DemodGuidedConfig,
+    build=build_baseline,
+    predict=predict,
+)
+
+SYSTEMS = (DEMOD_GUIDED,)
