@@ -16,7 +16,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,8 +30,6 @@ from torch import Tensor
 from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.history import sample_motion
-from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.io.opening import ReadOptions, open_single
 from rtsr_cli.core.io.pairs import Inputs
 from rtsr_cli.core.networks import Loaded, load_network
@@ -40,7 +38,7 @@ from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.accuracy import Tally, accuracy, tally, together
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
 from rtsr_cli.core.vrs.coarse import coarse_shading
-from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, tile_errors
+from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, amplitude, tile_errors
 from rtsr_cli.core.vrs.estimating import (
     Estimator,
     VrsOptions,
@@ -48,14 +46,14 @@ from rtsr_cli.core.vrs.estimating import (
     estimate,
 )
 from rtsr_cli.core.vrs.rates import Rate, extrapolated, shaded_share
-from rtsr_cli.core.vrs.reprojection import displayed
+from rtsr_cli.core.vrs.reprojection import moved_picture
 from rtsr_cli.core.weights import SHIPPED
 from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept.transforms import restored, transformed
 
 SYSTEM = "rt-percept"
 DERIVED = (Rate.HALF, Rate.QUARTER)
-STEPS = 24
+STEPS = 18
 """Thresholds of a curve."""
 
 HEAD = """# Predicted shading errors
@@ -83,9 +81,7 @@ class Known:
 
 def proxy_errors(window: Window, rates: tuple[Rate, ...], config: ErrorConfig) -> dict[Rate, Any]:
     """Errors of rates on the frame before, moved; what it does not show is the nearest it does."""
-    now, before = window.lr[:2]
-    color = before.gbuffer[Buffer.COLOR]
-    moved, _ = backward_warp(displayed(color), sample_motion(now, before), border="clamp")
+    moved = moved_picture(window)
     # a display transform of single samples: coarse shading of what is shown is the same
     return {rate: tile_errors(coarse_shading(moved, rate), moved, config) for rate in rates}
 
@@ -160,45 +156,63 @@ def tallies(frame: Known, loaded: Loaded) -> dict[str, dict[str, Tally]]:
     return each
 
 
-def decided(frame: Known, loaded: Loaded, estimator: Estimator, share: float) -> tuple[float, ...]:
-    """(saved, true error) of a frame at a share, 0..1, of the thresholds' range."""
+def decided(
+    frames: list[Known], loaded: Loaded, estimator: Estimator, threshold: float, analytic: float
+) -> tuple[float, float]:
+    """(true error, saved share) over frames; errors beyond `WORST` count as that."""
     config = loaded.config
-    mean = loaded.network.get_buffer("mean")
-    reach = float(restored(torch.ones(1, 1, 1, 1), mean, config))
     options = VrsOptions(
         estimator=estimator,
         error=config.error,
-        threshold=reach * share,
-        # the published pair of thresholds, 0.25 and 0.07, keeps its ratio
-        analytic=AdaptiveConfig(tile=config.error.tile, threshold=reach * share * 0.07 / 0.25),
+        threshold=threshold,
+        analytic=AdaptiveConfig(tile=config.error.tile, threshold=analytic),
     )
-    found = estimate(frame.window, frame.predicted, config.predicted, options)
-    worst = chosen_errors(frame.true, found.codes, config.error.metric)
-    # beyond the range of the transform, errors are as bad as can be told
-    return 1.0 - shaded_share(found.codes), float(worst.clamp(max=reach).mean())
+    each = []
+    for frame in frames:
+        found = estimate(frame.window, frame.predicted, config.predicted, options)
+        worst = chosen_errors(frame.true, found.codes, config.error.metric)
+        each.append((float(worst.mean()), 1.0 - shaded_share(found.codes)))
+    error, saved = (statistics.fmean(column) for column in zip(*each, strict=True))
+    return error, 100.0 * saved
+
+
+def frontier(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Points that no other one saves more than at as low an error."""
+    best: list[tuple[float, float]] = []
+    for error, saved in sorted(points):
+        if not best or saved > best[-1][1]:
+            best.append((error, saved))
+    return best
 
 
 def curves(frames: list[Known], loaded: Loaded) -> list[Curve]:
     """What is saved against the true error, a curve an estimator."""
-    shares = [(step / STEPS) ** 2 for step in range(1, STEPS)]
-    found = []
-    for estimator in Estimator:
-        points = []
-        for share in shares:
-            each = [decided(frame, loaded, estimator, share) for frame in frames]
-            saved, error = (statistics.fmean(column) for column in zip(*each, strict=True))
-            points.append((error, 100.0 * saved))
-        found.append(Curve(estimator.value, points))
-    return found
+    reach = float(
+        restored(torch.ones(1, 1, 1, 1), loaded.network.get_buffer("mean"), loaded.config)
+    )
+    own = [reach * (step / STEPS) ** 2 for step in range(1, STEPS)]
+    analytic = [0.005 * 1.35**step for step in range(STEPS)]
+    ways = {
+        Estimator.NETWORK: [(t, 1.0) for t in own],
+        Estimator.ANALYTIC: [(1.0, a) for a in analytic],
+        # two thresholds: every third of both
+        Estimator.HYBRID: list(product(own[::3], analytic[::3])),
+    }
+    return [
+        Curve(
+            kind.value,
+            frontier([decided(frames, loaded, kind, t, a) for t, a in pairs]),
+        )
+        for kind, pairs in ways.items()
+    ]
 
 
-def saved_at(curve: Curve, error: float) -> float:
-    """What a curve saves at a true error, between its points; 0 error saves nothing."""
-    points = [(0.0, 0.0), *sorted(curve.points)]
-    for (x0, y0), (x1, y1) in pairwise(points):
+def saved_at(curve: Curve, error: float) -> float | None:
+    """What a curve saves at a true error, between its points; None outside of them."""
+    for (x0, y0), (x1, y1) in pairwise(curve.points):
         if x0 <= error <= x1:
             return y0 + (y1 - y0) * (error - x0) / max(x1 - x0, 1e-12)
-    return points[-1][1]
+    return None
 
 
 def moving(frames: list[Known]) -> bool:
@@ -231,7 +245,7 @@ def report(label: str, loaded: Loaded, data: Path, plot: Path | None) -> Iterato
     manifest = json.loads((data / "manifest.json").read_text(encoding="utf-8"))
     shots = [s for s in manifest["sequences"] if s["split"] in ("val", "test")]
     yield f"\n## {label}: {error.metric}, tiles of {error.tile}\n\n{TABLE}"
-    every, rows, moved = [], [], []
+    rows, moved = [], []
     for shot in shots:
         name = f"{shot['scene']}/{shot['sequence']}"
         frames = list(frames_of(data / name, loaded))
@@ -240,7 +254,6 @@ def report(label: str, loaded: Loaded, data: Path, plot: Path | None) -> Iterato
         found = {kind: together(one.get(kind, {}) for one in each) for kind in kinds}
         seen = "seen in training" if shot["seen_in_training"] else "unseen"
         yield line(name, seen, found)
-        every += frames
         rows.append({kind: accuracy(value) for kind, value in found.items()})
         if moving(frames):
             moved += frames
@@ -254,7 +267,7 @@ def report(label: str, loaded: Loaded, data: Path, plot: Path | None) -> Iterato
         values = [row[kind][name] for row in rows if row.get(kind)]
         means.append(f"{statistics.fmean(values):.3f}" if values else "-")
     yield f"| **mean of {len(rows)}** |  | " + " | ".join(means) + " |"
-    if plot is None or not moved:
+    if plot is None or not moved or error.metric == VrsMetric.PSNR:
         return
     lines = curves(moved, loaded)
     plot.write_text(
@@ -266,7 +279,8 @@ def report(label: str, loaded: Loaded, data: Path, plot: Path | None) -> Iterato
     yield "| true error | " + " | ".join(f"{c.name} saves" for c in lines) + " |"
     yield "| ---: |" + " ---: |" * len(lines)
     for error_at, _ in analytic.points[:: max(1, len(analytic.points) // 6)]:
-        cells = [f"{saved_at(c, error_at):.1f} %" for c in lines]
+        saved = [saved_at(c, error_at) for c in lines]
+        cells = ["-" if value is None else f"{value:.1f} %" for value in saved]
         yield f"| {error_at:.4f} | " + " | ".join(cells) + " |"
 
 

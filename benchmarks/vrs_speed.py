@@ -56,7 +56,7 @@ def ways(height: int, width: int) -> dict[str, Run]:
 
     def metric() -> None:
         for _ in range(RATES):
-            flip_evaluator.evaluate(pictures[0], pictures[1], "LDR")
+            flip_evaluator.evaluate(pictures[0], pictures[1], "LDR", applyMagma=False)
 
     return {
         PLAIN: runner(network, inputs, half=False),

@@ -26,9 +26,7 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 @click.option(
     "--analytic-threshold",
     type=click.FloatRange(0.0, min_open=True),
-    default=0.07,
-    show_default=True,
-    help="The same for the analytic estimate, in its own unit.",
+    help="The same for the analytic estimate, in its own unit.  [default: 0.07]",
 )
 @click.option(
     "--estimator",

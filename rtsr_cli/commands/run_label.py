@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
+from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.following import follow
 from rtsr_cli.commands.running import (
     announce,
@@ -17,9 +18,11 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
-from rtsr_cli.core.captured_rates import beside, open_shots, stored_channels
+from rtsr_cli.core.captured_rates import captured_rates, told
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
+from rtsr_cli.core.io.opening import open_single
 from rtsr_cli.core.io.pairs import Inputs
 from rtsr_cli.core.labelling import VRS_LABELS, LabelConfig, Labeller
 from rtsr_cli.core.planning import UpscaleOptions
@@ -48,6 +51,15 @@ def run_label(chosen: Mapping[str, Any]) -> int:
     base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
     inputs = planning.system_inputs(VRS_LABELS, base, config)
     read = read_options(chosen)
+    policy = NonfinitePolicy(chosen["on_nonfinite"])
+    opened = [
+        (
+            name,
+            source,
+            captured_rates(source, selection(chosen).of(source.reader.numbers), read, policy),
+        )
+        for name, source in open_single(chosen["in_folder"], read)
+    ]
     plans = [
         planning.plan_shot(
             name,
@@ -56,21 +68,22 @@ def run_label(chosen: Mapping[str, Any]) -> int:
             inputs=inputs,
             folder=chosen["out_folder"] / name,
             options=options,
-            config=[asdict(config), chosen["previews"]],
-            passthrough=stored_channels(source),
-            beside=beside(source, read),
+            config=[asdict(config), chosen["previews"], policy],
+            beside=captured,
         )
-        for name, source in open_shots(chosen["in_folder"], read)
+        for name, source, captured in opened
     ]
     check_frames(chosen, [plan.source.reader for plan in plans])
-    for plan in plans:
+    for plan, (_, source, captured) in zip(plans, opened, strict=True):
+        if config.keep_edges and Buffer.OBJECT_ID not in source.reader.stored:
+            LOG.warning("Warning: %s: no object ids, so that no edges are kept", plan.name)
         facts = plan_facts(plan.name, plan.source.readers, plan.selected, plan.pending)
         facts |= {
             "read_bytes": plan.read_bytes,
             "write_bytes_at_most": plan.write_bytes(options),
         }
-        rates = "captured rates" if plan.passed else "emulated rates"
-        what = f", {error.metric}, tiles of {error.tile}, {rates}"
+        facts["captured_rates"] = [part.rate.label for part in captured]
+        what = f", {error.metric}, tiles of {error.tile}, {told(captured)}"
         announce(chosen, facts, plan.source.readers, plan.selected, what)
     if chosen["dry_run"]:
         return 0

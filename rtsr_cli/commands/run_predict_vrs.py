@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,13 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
-from rtsr_cli.core.captured_rates import beside, open_shots, stored_channels
+from rtsr_cli.core.captured_rates import CapturedRate, captured_rates, told
 from rtsr_cli.core.errors import CheckpointError, ConfigError
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
-from rtsr_cli.core.io.pairs import Inputs
+from rtsr_cli.core.io.opening import ReadOptions, open_single
+from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.networks import Loaded, load_network, shipped_weights
 from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
 from rtsr_cli.core.shading_files import Decide, Writer, figures_of, summary
@@ -52,6 +54,9 @@ THRESHOLDS = {
 }
 """Errors that are just not noticed; JNFLIP's is the published one."""
 
+ANALYTIC_INPUTS = (Buffer.COLOR, Buffer.MOTION, Buffer.DEPTH, Buffer.NORMAL)
+"""What the analytic estimate reads."""
+
 SUMMARY = "summary.json"
 
 RATE_SUFFIX, REUSE_SUFFIX = ".rate.png", ".keep.png"
@@ -67,7 +72,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
         estimator=Estimator(chosen["estimator"]),
         error=error,
         threshold=chosen["threshold"] or THRESHOLDS[error.metric],
-        analytic=AdaptiveConfig(tile=error.tile, threshold=chosen["analytic_threshold"]),
+        analytic=_analytic(chosen, error.tile),
         compare=not chosen["no_compare"],
         keep_edges=loaded.config.keep_edges,
     )
@@ -82,6 +87,11 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
     base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
     inputs = planning.system_inputs(system, base, loaded.config)
     read = read_options(chosen)
+    policy = NonfinitePolicy(chosen["on_nonfinite"])
+    opened = [
+        (name, source, _captured(chosen, source, read, policy))
+        for name, source in open_single(chosen["in_folder"], read)
+    ]
     plans = [
         planning.plan_shot(
             name,
@@ -90,15 +100,20 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
             inputs=inputs,
             folder=chosen["out_folder"] / name,
             options=run,
-            config=[asdict(options), asdict(loaded.config), loaded.digest, chosen["overlays"]],
-            passthrough=() if chosen["no_compare"] else stored_channels(source),
-            beside=() if chosen["no_compare"] else beside(source, read),
+            config=[
+                asdict(options),
+                asdict(loaded.config),
+                loaded.digest,
+                chosen["overlays"],
+                policy,
+            ],
+            beside=captured,
         )
-        for name, source in open_shots(chosen["in_folder"], read)
+        for name, source, captured in opened
     ]
     check_frames(chosen, [plan.source.reader for plan in plans])
-    for plan in plans:
-        _announce(chosen, plan, run, options)
+    for plan, (_, _, captured) in zip(plans, opened, strict=True):
+        _announce(chosen, plan, run, options, captured)
     if chosen["dry_run"]:
         return 0
     for plan in plans:
@@ -118,6 +133,25 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
     return code
 
 
+def _analytic_alone(chosen: Mapping[str, Any], system: System) -> tuple[System, Loaded]:
+    """Return a system that predicts nothing; frames need less for the analytic estimate."""
+    error = ErrorConfig(
+        metric=VrsMetric(chosen["metric"] or VrsMetric.JNFLIP), tile=chosen["tile"] or 16
+    )
+    for name in ("weights_file", "margin"):
+        if chosen[name] is not None:
+            option = name.removesuffix("_file")
+            raise ConfigError(f"--{option}: the analytic estimate has none; leave it out")
+    config = system.config(error=error)
+    nothing = replace(
+        system,
+        lr_inputs=ANALYTIC_INPUTS,
+        lr_optional=(Buffer.OBJECT_ID,),
+        predict=lambda network, window, state: Prediction(),
+    )
+    return nothing, Loaded(network=NoNetwork(config), config=config)
+
+
 def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
     """Return the system and its network; the analytic estimate needs none."""
     system = load_system(SYSTEM)
@@ -126,12 +160,7 @@ def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
             f"--reuse: only networks predict it; leave out --estimator {chosen['estimator']}"
         )
     if chosen["estimator"] == Estimator.ANALYTIC:
-        error = ErrorConfig(
-            metric=VrsMetric(chosen["metric"] or VrsMetric.JNFLIP), tile=chosen["tile"] or 16
-        )
-        config = system.config(error=error)
-        nothing = replace(system, predict=lambda network, window, state: Prediction())
-        return nothing, Loaded(network=NoNetwork(config), config=config)
+        return _analytic_alone(chosen, system)
     path = chosen["weights_file"] or _shipped(chosen)
     loaded = load_network(system, 1, device, path)
     error = loaded.config.error
@@ -154,6 +183,30 @@ def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
     config = replace(loaded.config, margin=margin)
     loaded.network.config = config
     return system, replace(loaded, config=config)
+
+
+def _captured(
+    chosen: Mapping[str, Any], source: PairSource, read: ReadOptions, policy: NonfinitePolicy
+) -> tuple[CapturedRate, ...]:
+    """Find captured rates, with which true errors are measured."""
+    if chosen["no_compare"] or Buffer.COLOR not in source.reader.stored:
+        return ()
+    wanted = selection(chosen).of(source.reader.numbers)
+    return captured_rates(source, wanted, read, policy)
+
+
+def _analytic(chosen: Mapping[str, Any], tile: int) -> AdaptiveConfig:
+    """Settings of the analytic estimate.
+
+    Raises:
+        ConfigError: its threshold is given, but the network alone decides.
+    """
+    limit = chosen["analytic_threshold"]
+    if limit is None:
+        return AdaptiveConfig(tile=tile)
+    if chosen["estimator"] == Estimator.NETWORK:
+        raise ConfigError("--analytic-threshold: the network decides; add --estimator hybrid")
+    return AdaptiveConfig(tile=tile, threshold=limit)
 
 
 def _decider(options: VrsOptions, loaded: Loaded) -> Decide:
@@ -209,7 +262,11 @@ def _shipped(chosen: Mapping[str, Any]) -> Path:
 
 
 def _announce(
-    chosen: Mapping[str, Any], plan: ShotPlan, run: UpscaleOptions, options: VrsOptions
+    chosen: Mapping[str, Any],
+    plan: ShotPlan,
+    run: UpscaleOptions,
+    options: VrsOptions,
+    captured: Sequence[CapturedRate],
 ) -> None:
     facts = plan_facts(plan.name, plan.source.readers, plan.selected, plan.pending)
     facts |= {
@@ -217,6 +274,8 @@ def _announce(
         "metric": options.error.metric,
         "tile": options.error.tile,
         "threshold": options.threshold,
+        "analytic_threshold": options.analytic.threshold,
+        "captured_rates": [part.rate.label for part in captured],
         "read_bytes": plan.read_bytes,
         "write_bytes_at_most": plan.write_bytes(run),
     }
@@ -229,6 +288,8 @@ def _announce(
     else:
         text = limits[options.estimator]
     what = f", tiles of {options.error.tile}, {text}"
+    if captured:
+        what += f", {told(captured)}"
     announce(chosen, facts, plan.source.readers, plan.selected, what)
 
 
@@ -236,7 +297,9 @@ def _summarise(chosen: Mapping[str, Any], plans: list[ShotPlan], options: VrsOpt
     """Write summary.json over every frame that is done, now or before."""
     shots = {}
     for plan in plans:
-        known = {n: figures_of(plan.path(n)) for n in plan.selected}
+        # frames of earlier runs with the same settings count, too
+        numbers = plan.source.reader.numbers
+        known = {n: figures_of(plan.path(n), plan.config_hash) for n in numbers}
         shots[plan.name] = {str(n): facts for n, facts in known.items() if facts is not None}
     total = summary(facts for frames in shots.values() for facts in frames.values())
     text = json.dumps(
@@ -258,9 +321,11 @@ def _summarise(chosen: Mapping[str, Any], plans: list[ShotPlan], options: VrsOpt
     LOG.info("shading invocations saved %.1f %% (%s)", 100 * total["invocations_saved"], shares)
     if "true_error" in total:
         LOG.info(
-            "true error %.4f on average; %.2f %% of the tiles reach the threshold",
+            "true error %.4f on average; %.2f %% of the tiles reach %s %g",
             total["true_error"],
             100 * total["missed"],
+            options.error.metric,
+            options.threshold,
         )
     if "r2" in total:
         LOG.info(

@@ -117,11 +117,13 @@ def overlay(color: Color, colors: TileMap, tile: int) -> NDArray[np.uint8]:
     return pixels
 
 
-def figures_of(path: Path) -> dict[str, Any] | None:
-    """Figures that an output's header holds, None if it is not there or holds none."""
+def figures_of(path: Path, config_hash: str) -> dict[str, Any] | None:
+    """Figures that an output's header holds, None if it is not there or of other settings."""
     try:
-        stored = read_header(path).attributes.get(FACTS)
-        return None if stored is None else dict(json.loads(str(stored)))
+        attributes = read_header(path).attributes
+        if attributes.get("rtsr:configHash") != config_hash or FACTS not in attributes:
+            return None
+        return dict(json.loads(str(attributes[FACTS])))
     except (RtsrError, ValueError):
         return None
 

@@ -18,13 +18,15 @@ from rtsr_cli.core.upscaling import Made
 from rtsr_cli.core.vrs.accuracy import tally, to_plain
 from rtsr_cli.core.vrs.errors import amplitude
 from rtsr_cli.core.vrs.estimating import (
+    MOSTLY,
+    WORST,
     VrsOptions,
     chosen_errors,
     estimate,
     rate_shares,
 )
 from rtsr_cli.core.vrs.rates import Rate, shaded_share
-from rtsr_cli.core.vrs.reuse import reusable, reuse_errors
+from rtsr_cli.core.vrs.reuse import reuse_errors, seen_share
 
 COLORS: Mapping[Rate, tuple[int, int, int]] = {
     Rate.FULL: (220, 50, 47),
@@ -116,7 +118,9 @@ class RateDecider:
 
 @dataclass(frozen=True, kw_only=True)
 class ReuseDecider:
-    """Keeps the frame before where all of a tile is seen in it and the error stays below.
+    """Keeps the frame before where it shows most of a tile and the error stays below.
+
+    Pixels that it does not show are shaded in any case.
 
     Attributes:
         options: how.
@@ -131,19 +135,20 @@ class ReuseDecider:
         options, metric = self.options, self.options.error.metric
         predicted = made.prediction.tiles
         assert predicted is not None
-        whole = reusable(made.window, options.error.tile)
-        keep = whole * (amplitude(predicted, metric) < _limit(options)).to(whole.dtype)
-        share = float(keep.mean())
+        shown = seen_share(made.window, options.error.tile)
+        below = amplitude(predicted, metric) < _limit(options)
+        keep = (below & (shown >= MOSTLY)).to(shown.dtype)
+        share = float((keep * shown).mean())
         facts: dict[str, Any] = {
             "shares": {"kept": share, "shaded": 1.0 - share},
             "shaded": 1.0 - share,
-            "seen": float(whole.mean()),
+            "seen": float(shown.mean()),
             "predicted_error": float((amplitude(predicted, metric) * keep).mean()),
         }
         color = made.pair.lr.gbuffer.buffers.get(Buffer.COLOR)
         if color is not None and options.compare:
             true = reuse_errors(made.window, color, options.error)
-            facts |= _missed(amplitude(true, metric) * keep, options)
+            facts |= _missed((amplitude(true, metric) * keep).clamp(max=WORST), options)
             facts[TALLIES] = to_plain(
                 {"reuse": tally(self.transform(predicted), self.transform(true))}
             )

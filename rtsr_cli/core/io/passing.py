@@ -33,13 +33,11 @@ class Passed:
         reader: where they are.
         channels: (stream, channel), sorted.
         stands_in: number -> number of the frame whose channels are taken.
-        names: what the channels are called, in their order; as they are stored if empty.
     """
 
     reader: FrameReader
     channels: tuple[tuple[str, str], ...]
     stands_in: dict[int, int]
-    names: tuple[str, ...] = ()
 
     def files(self, number: int) -> tuple[Path, ...]:
         """Files that hold the channels of a frame."""
@@ -54,11 +52,7 @@ class Passed:
             FrameFolderError: a file is damaged, or lacks a channel.
         """
         planes = self.reader.read_stored(self.stands_in.get(number, number), self.channels)
-        names = self.names or tuple(channel for _, channel in self.channels)
-        return {
-            name: resized(planes[place], size)
-            for name, place in zip(names, self.channels, strict=True)
-        }
+        return {channel: resized(plane, size) for (_, channel), plane in planes.items()}
 
 
 def resized(plane: Plane, size: Size) -> Plane:

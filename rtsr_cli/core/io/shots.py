@@ -29,6 +29,10 @@ USUAL_SCALE = "2"
 """Taken of several resolutions where nobody names one."""
 
 
+OTHER_RATE = re.compile(r"output_[1-4]x[1-4]")
+"""Folders beside frames that hold the same ones at another shading rate: no shots of their own."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stream:
     """One numbered file sequence: what one wildcard would name."""
@@ -248,7 +252,8 @@ def _walk(folder: Path, search: _Search) -> Iterable[Shot]:
             return
     search.entered.append(folder)
     for child in sorted(folder.iterdir()):
-        if child.is_dir() and not child.name.startswith("."):
+        beside = here is not None and OTHER_RATE.fullmatch(child.name)
+        if child.is_dir() and not child.name.startswith(".") and not beside:
             yield from _walk(child, search)
 
 

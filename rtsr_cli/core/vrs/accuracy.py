@@ -12,8 +12,8 @@ from dataclasses import astuple, dataclass, fields
 
 from rtsr_cli.core.shapes import Mask, TileMap
 
-MIN_SPREAD = 1e-8
-"""Sum of squares around the mean that stands for none."""
+MIN_VARIANCE = 1e-4
+"""Tiles whose true values vary less than this have no R^2: all of them are alike."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,12 @@ class Tally:
         return Tally(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     @property
-    def determination(self) -> float:
-        """R^2."""
+    def determination(self) -> float | None:
+        """R^2, None where the true values do not vary."""
         spread = self.true_squared - self.true**2 / max(self.tiles, 1.0)
-        return 1.0 - self.squared / max(spread, MIN_SPREAD)
+        if spread < MIN_VARIANCE * self.tiles:
+            return None
+        return 1.0 - self.squared / spread
 
 
 def tally(predicted: TileMap, wanted: TileMap, chosen: Mask | None = None) -> Tally:
@@ -73,12 +75,16 @@ def together(tallies: Iterable[Mapping[str, Tally]]) -> dict[str, Tally]:
 
 
 def accuracy(tallies: Mapping[str, Tally]) -> dict[str, float]:
-    """`r2`, `mae`, `under`: of each rate, then the mean over rates."""
+    """`r2`, `mae`, `under`: of each rate, then the mean over rates.
+
+    R^2 is 0, that of their mean, where no rate's true values vary.
+    """
     known = [value for value in tallies.values() if value.tiles]
     if not known:
         return {}
+    determined = [r2 for t in known if (r2 := t.determination) is not None]
     return {
-        "r2": sum(t.determination for t in known) / len(known),
+        "r2": sum(determined) / len(determined) if determined else 0.0,
         "mae": sum(t.absolute / t.tiles for t in known) / len(known),
         "under": sum(t.under / t.tiles for t in known) / len(known),
     }

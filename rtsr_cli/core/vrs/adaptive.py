@@ -64,7 +64,8 @@ def axis_errors(luma: Plane, config: AdaptiveConfig) -> tuple[TileMap, TileMap]:
         luma: of a display-encoded image.
         config: tile, pool and l.
     """
-    sampled = _even_samples(luma)
+    # in tiles of one pixel, every pixel counts
+    sampled = _even_samples(luma) if config.tile > 1 else torch.ones_like(luma)
     light = tile_mean(luma, config.tile) + config.env_luminance
     found = []
     for dim in (-1, -2):

@@ -8,7 +8,7 @@ from enum import StrEnum
 import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.shapes import Color, Mask, TileMap
+from rtsr_cli.core.shapes import Mask, TileMap
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig, adaptive_codes, axis_errors, scaled_errors
 from rtsr_cli.core.vrs.errors import (
@@ -19,7 +19,7 @@ from rtsr_cli.core.vrs.errors import (
     luma,
 )
 from rtsr_cli.core.vrs.rates import REDUCED, Errors, Rate, chosen_codes, extrapolated
-from rtsr_cli.core.vrs.reprojection import reprojected
+from rtsr_cli.core.vrs.reprojection import moved_picture, reprojected
 from rtsr_cli.core.vrs.tiles import tile_mean
 
 MOSTLY = 0.5
@@ -82,11 +82,11 @@ def estimate(
         rates: those that it predicts.
         options: how.
     """
-    picture, mask = reprojected(window)
+    _, mask = reprojected(window)
     seen = (tile_mean(mask, options.error.tile) >= MOSTLY).to(mask.dtype)
     analytic = None
     if options.estimator is not Estimator.NETWORK:
-        analytic = analytic_estimate(window, picture, seen, options.analytic)
+        analytic = analytic_estimate(window, seen, options.analytic)
         if options.estimator is Estimator.ANALYTIC:
             return analytic
     assert predicted is not None
@@ -105,13 +105,15 @@ def _amplitude(value: float, metric: VrsMetric) -> float:
     return float(amplitude(torch.tensor(value), metric))
 
 
-def analytic_estimate(
-    window: Window, picture: Color, seen: Mask, config: AdaptiveConfig
-) -> Estimate:
-    """Rates by the frame before alone; a tile that it does not show is shaded at full rate."""
+def analytic_estimate(window: Window, seen: Mask, config: AdaptiveConfig) -> Estimate:
+    """Rates by the frame before alone; a tile that it does not show is shaded at full rate.
+
+    The frame before is moved pixel by pixel, and a tile's speed is the mean of its pixels'; the
+    publication fetches both once a tile, at its centre.
+    """
     motion = window.current.gbuffer[Buffer.MOTION].abs()
     speeds = tuple(tile_mean(motion[:, axis : axis + 1], config.tile) for axis in (0, 1))
-    ends = axis_errors(luma(picture), config)
+    ends = axis_errors(luma(moved_picture(window)), config)
     codes = adaptive_codes(ends, (speeds[0], speeds[1]), config)
     (half_x, quarter_x), (half_y, quarter_y) = (
         scaled_errors(error, speed, config) for error, speed in zip(ends, speeds, strict=True)
@@ -128,12 +130,16 @@ def analytic_estimate(
     return Estimate(errors={rate: errors[rate] for rate in REDUCED}, codes=codes, seen=seen)
 
 
+WORST = 10.0
+"""Larger errors count as that: by Weber's law those of dark tiles know no bound."""
+
+
 def chosen_errors(errors: Errors, codes: TileMap, metric: VrsMetric) -> TileMap:
-    """Amplitude of the error of the rate that each tile got; 0 at full rate."""
+    """Amplitude of the error of the rate that each tile got, up to `WORST`; 0 at full rate."""
     found = torch.zeros_like(codes)
     for rate, values in errors.items():
         found = torch.where(codes == rate.code, amplitude(values, metric), found)
-    return found
+    return found.clamp(max=WORST)
 
 
 def rate_shares(codes: TileMap) -> dict[str, float]:

@@ -6,7 +6,7 @@ import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.history import sample_motion
+from rtsr_cli.core.history import brightening, sample_motion
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.imaging.disocclusion import SurfaceBuffers, disocclusion_mask
 from rtsr_cli.core.imaging.warping import backward_warp
@@ -30,9 +30,22 @@ def reprojected(window: Window) -> tuple[Color, Mask]:
         return nothing, nothing[:, :1]
     before = window.lr[1]
     motion = sample_motion(now, before)
-    picture, _ = backward_warp(displayed(before.gbuffer[Buffer.COLOR]), motion)
     seen = 1.0 - disocclusion_mask(motion, current=_surfaces(now), previous=_surfaces(before))
-    return picture * seen, seen
+    return moved_picture(window) * seen, seen
+
+
+def moved_picture(window: Window) -> Color:
+    """The frame before where each pixel was, seen or not, at this frame's exposure.
+
+    What lies outside is the nearest pixel inside; without a frame before, black.
+    """
+    now = window.current
+    if len(window.lr) == 1:
+        return torch.zeros_like(now.gbuffer[Buffer.NORMAL])
+    before = window.lr[1]
+    color = before.gbuffer[Buffer.COLOR] * brightening(now, before)
+    picture, _ = backward_warp(displayed(color), sample_motion(now, before))
+    return picture
 
 
 def _surfaces(frame: Frame) -> SurfaceBuffers:

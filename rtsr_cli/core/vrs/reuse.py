@@ -5,11 +5,11 @@ Cardoso et al. 2022 predict the error of that as they predict those of rates.
 
 from __future__ import annotations
 
-from rtsr_cli.core.shapes import Color, Mask, TileMap
+from rtsr_cli.core.shapes import Color, TileMap
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.errors import ErrorConfig, tile_errors
 from rtsr_cli.core.vrs.reprojection import displayed, reprojected
-from rtsr_cli.core.vrs.tiles import tile_max
+from rtsr_cli.core.vrs.tiles import tile_mean
 
 
 def reuse_errors(window: Window, color: Color, config: ErrorConfig) -> TileMap:
@@ -24,7 +24,7 @@ def reuse_errors(window: Window, color: Color, config: ErrorConfig) -> TileMap:
     return tile_errors(picture, displayed(color), config)
 
 
-def reusable(window: Window, tile: int) -> Mask:
-    """1 where the frame before shows every pixel of a tile."""
+def seen_share(window: Window, tile: int) -> TileMap:
+    """Share of a tile's pixels that the frame before shows."""
     _, seen = reprojected(window)
-    return 1.0 - tile_max(1.0 - seen, tile)
+    return tile_mean(seen, tile)

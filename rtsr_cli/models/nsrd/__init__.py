@@ -12,8 +12,8 @@ Departs from the publication in the preset `rtsr`: the network sees and predicts
 the current frame, past frames included; depth is 1 / (1 + metres); its output is added to an
 enlargement of the lighting along HR surfaces; of the last output it sees the difference from that,
 where reliable; warps are pixel-centred and scaled, motion to t-2 is chained, the LSTM's state moves
-with the surfaces; emission is added and sky enlarged on its own. `paper` keeps the published choices
-around the same layers, and replaces radiance by emission where there is any.
+with the surfaces; emission is added and sky enlarged on its own. `paper` keeps the published
+choices around the same layers, and replaces radiance by emission where there is any.
 """
 
 from __future__ import annotations
