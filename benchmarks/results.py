@@ -25,9 +25,13 @@ from sections import replace_section
 
 from rtsr_cli.cli import group
 from rtsr_cli.core.networks import has_weights
+from rtsr_cli.core.system import Task
 from rtsr_cli.models import load_system, trainable_names
 
 BASELINES = ("bicubic", "demod-bicubic", "taau")
+UNTRAINED = "demod-guided"
+"""What the networks correct."""
+
 STRAIGHT = ("bicubic", "demod-bicubic")
 """Baselines that networks are held against, the better one of each sequence."""
 
@@ -64,9 +68,10 @@ def rtsr(*arguments: object) -> None:
 
 
 def methods(scale: int) -> tuple[str, ...]:
-    """Baselines, and networks with weights for a scale."""
-    trained = [name for name in trainable_names() if has_weights(load_system(name), scale)]
-    return (*BASELINES, *trained)
+    """Baselines, what needs no training, and networks with weights for a scale."""
+    systems = [load_system(name) for name in trainable_names()]
+    upscalers = [s for s in systems if s.task is Task.UPSCALE and has_weights(s, scale)]
+    return (*BASELINES, UNTRAINED, *(system.name for system in upscalers))
 
 
 def judged(data: Path, work: Path, scale: int, jitter: str, lr_filter: str) -> dict[str, Any]:

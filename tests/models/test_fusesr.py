@@ -18,7 +18,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
-from rtsr_cli.core.lighting import Preset
+from rtsr_cli.core.lighting import Base, Preset
 from rtsr_cli.core.settings import Source, resolve
 from rtsr_cli.core.system import System, Window
 from rtsr_cli.models import load_system
@@ -212,15 +212,19 @@ def test_history_changes_the_output(make_windows: MakeWindows) -> None:
 
 @pytest.mark.parametrize("system", [FULL, FAST], ids=["fusesr", "fusesr-fast"])
 @pytest.mark.parametrize("scale", [2, 4, 8])
-def test_a_fresh_network_is_the_cubic_baseline(
-    make_windows: MakeWindows, system: System, scale: int
+@pytest.mark.parametrize(
+    ("base", "name"), [(Base.GUIDED, "demod-guided"), (Base.CUBIC, "demod-bicubic")]
+)
+def test_a_fresh_network_is_its_base(
+    make_windows: MakeWindows, system: System, scale: int, base: Base, name: str
 ) -> None:
     if scale not in system.scales:
         pytest.skip(f"{system.name} has no {scale}x")
-    baseline = load_system("demod-bicubic")
+    baseline = load_system(name)
     window = make_windows(system, scale, optional=True)[-1]
     with torch.inference_mode():
-        ours = system.predict(system.build(system.config(), scale).eval(), window, None).image
+        network = system.build(system.config(base=base), scale).eval()
+        ours = system.predict(network, window, None).image
         theirs = baseline.predict(baseline.build(baseline.config(), scale), window, None).image
     assert ours is not None
     assert theirs is not None

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.lighting import Preset, encode_lighting
+from rtsr_cli.core.lighting import Base, Preset, encode_lighting
 from rtsr_cli.core.metrics.ssim import SsimConvention, ssim
 from rtsr_cli.core.system import Window
 from rtsr_cli.models import load_system
@@ -281,11 +281,15 @@ def test_both_memories_matter(make_windows: MakeWindows, part: str) -> None:
     assert not torch.allclose(replayed(CONFIG, windows)[-1], replayed(other, windows)[-1])
 
 
-def test_a_fresh_network_is_the_cubic_baseline(make_windows: MakeWindows) -> None:
-    baseline = load_system("demod-bicubic")
+@pytest.mark.parametrize(
+    ("base", "name"), [(Base.GUIDED, "demod-guided"), (Base.CUBIC, "demod-bicubic")]
+)
+def test_a_fresh_network_is_its_base(make_windows: MakeWindows, base: Base, name: str) -> None:
+    baseline = load_system(name)
     window = make_windows(NSRD, 4, optional=True)[-1]
     with torch.inference_mode():
-        ours = NSRD.predict(NSRD.build(CONFIG, 4).eval(), window, None).image
+        network = NSRD.build(replace(CONFIG, base=base), 4).eval()
+        ours = NSRD.predict(network, window, None).image
         theirs = baseline.predict(baseline.build(baseline.config(), 4), window, None).image
     assert ours is not None
     assert theirs is not None
