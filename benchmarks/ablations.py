@@ -26,6 +26,7 @@ METRICS = ("psnr", "flip", "lpips", "temporal")
 ROWS: dict[str, dict[str, tuple[str, ...]]] = {
     "fusesr": {
         "as shipped": (),
+        "lighting enlarged cubically": ("network.base=cubic",),
         "no demodulation": ("network.demodulation=none",),
         "demodulation by albedo": ("network.demodulation=albedo",),
         "no history": ("network.history=false",),
@@ -36,6 +37,7 @@ ROWS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "nsrd": {
         "as shipped": (),
+        "lighting enlarged cubically": ("network.base=cubic",),
         "no demodulation": ("network.demodulation=none",),
         "no dual vectors (plain mask)": ("network.dual_vectors=false",),
         "no feedback": ("network.feedback=false",),
