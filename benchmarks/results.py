@@ -36,7 +36,7 @@ STRAIGHT = ("bicubic", "demod-bicubic")
 """Baselines that networks are held against, the better one of each sequence."""
 
 LOWER_IS_BETTER = ("flip", "lpips", "temporal")
-SCALES = (2, 4)
+SCALES = (4, 2)
 METRICS = {
     "psnr": "PSNR dB",
     "ssim": "SSIM",
