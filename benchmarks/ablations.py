@@ -39,13 +39,16 @@ ROWS: dict[str, dict[str, tuple[str, ...]]] = {
         "as shipped": (),
         "lighting enlarged cubically": ("network.base=cubic",),
         "no demodulation": ("network.demodulation=none",),
-        "no dual vectors (plain mask)": ("network.dual_vectors=false",),
+        "no dual vectors (plain mask, in the loss, too)": ("network.dual_vectors=false",),
         "no feedback": ("network.feedback=false",),
         "no LSTM": ("network.lstm=false",),
         "LSTM's state not moved (as published)": ("network.warp_state=false",),
     },
 }
 """System -> row -> settings that differ from the default."""
+
+SHIPPED_WITH = {"nsrd": ("network.gradient_frames=4",)}
+"""System -> settings that its weights were trained with and that are no defaults."""
 
 HEAD = """## Ablations of {system}
 
@@ -118,7 +121,7 @@ def main(
     common = (
         f"training.steps={steps}", f"training.batch={batch}", f"training.crop={crop}",
         "training.learning_rate=5e-4", "training.warmup=50", "training.ema=0.99",
-        f"training.validate_every={steps}",
+        f"training.validate_every={steps}", *SHIPPED_WITH.get(system, ()),
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as name:
         folder = work or Path(name)

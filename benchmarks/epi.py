@@ -8,6 +8,7 @@ Each argument is LABEL=FOLDER; every frame is a line `--tall` pixels high, time 
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import click
@@ -22,10 +23,15 @@ from rtsr_cli.core.io.preview import preview
 from rtsr_cli.core.metrics.temporal import epi
 
 
+def frame_number(path: Path) -> int:
+    """Last number of a file's name."""
+    return int(re.findall(r"\d+", path.stem)[-1])
+
+
 def strip(folder: Path, row: int, columns: slice) -> NDArray[np.uint8]:
     """Display values of a row of every frame, in order."""
     rows = []
-    for path in sorted(folder.glob("*.exr")):
+    for path in sorted(folder.glob("*.exr"), key=frame_number):
         planes = read_channels(path, "RGB")
         color = np.stack([planes[c][row : row + 1, columns].astype(np.float32) for c in "RGB"])
         rows.append(torch.from_numpy(color)[None])

@@ -4,7 +4,8 @@
 
 Upscales the `val` and `test` sequences of DATA at 4x without jitter from their first frame on, and
 prints and draws the PSNR gain over the better of `bicubic` and `demod-bicubic` of each sequence, by
-the frame's number since the start; a mean over the sequences that are as long. Every frame counts.
+the frame's number since the start, a mean over the sequences, as long as the shortest lasts. Every
+frame counts.
 """
 
 from __future__ import annotations
@@ -20,8 +21,6 @@ from curves import Curve, drawn
 from results import BORDER, STRAIGHT, rtsr
 
 SCALE = 4
-FEWEST = 2
-"""Sequences from which a mean is drawn."""
 
 
 def gains(data: Path, systems: tuple[str, ...], work: Path) -> dict[str, list[list[float]]]:
@@ -51,16 +50,18 @@ def gains(data: Path, systems: tuple[str, ...], work: Path) -> dict[str, list[li
 
 
 def means(found: dict[str, list[list[float]]]) -> dict[str, list[float]]:
-    """Mean gain by frame, as long as enough sequences last."""
+    """Mean gain by frame, as long as every sequence lasts: a mean of the same ones throughout."""
     return {
-        name: [statistics.fmean(values) for values in ages if len(values) >= FEWEST]
+        name: [statistics.fmean(values) for values in ages if len(values) == len(ages[0])]
         for name, ages in found.items()
     }
 
 
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--system", "systems", multiple=True, default=("nsrd", "fusesr", "fusesr-fast"))
+@click.option(
+    "--system", "systems", multiple=True, default=("nsrd", "fusesr", "fusesr-fast", "demod-guided")
+)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/gain-by-frame.svg"))
 def main(*, data: Path, systems: tuple[str, ...], output: Path) -> None:
     """Print and draw."""

@@ -32,8 +32,8 @@ from rtsr_cli.commands.predict_vrs import METRICS
 )
 @click.option(
     "--ppd",
-    type=click.FloatRange(0.0, min_open=True),
-    help="Pixels per degree, for FLIP.  [default: 67]",
+    type=opt.PPD,
+    help="Pixels per degree, for FLIP; width: the published code's width pi / 180.  [default: 67]",
 )
 @click.option("--keep-edges", is_flag=True, help="Emulated rates stop at other objects.")
 @click.option("--preview", "previews", is_flag=True, help="A PNG of the errors beside each EXR.")

@@ -122,9 +122,25 @@ class RateTile(click.ParamType[int]):
         return int(text)
 
 
+class PixelsPerDegree(click.ParamType[float]):
+    """A number, or `width`: as many as the image's width asks for, which 0 stands for."""
+
+    name = "NUMBER|width"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Parse."""
+        if value == "width":
+            return 0.0
+        found = click.FloatRange(1.0, 1000.0).convert(value, param, ctx)
+        return float(found)
+
+
 FOLDER = click.Path(path_type=Path)
 
 RATE_TILE = RateTile()
+PPD = PixelsPerDegree()
 
 input_folder = click.argument("in_folder", metavar="IN", type=FOLDER)
 output_folder = click.argument("out_folder", metavar="OUT", type=FOLDER)

@@ -21,7 +21,7 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 @click.option(
     "--threshold",
     type=click.FloatRange(0.0, min_open=True),
-    help="Error that a rate must stay below, in the metric's unit.",
+    help="Error that a rate must stay below, in the metric's unit.  [default: that of the weights]",
 )
 @click.option(
     "--analytic-threshold",

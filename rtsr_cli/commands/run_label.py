@@ -18,9 +18,10 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
-from rtsr_cli.core.captured_rates import captured_rates, told
+from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels, told
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import check_writable
+from rtsr_cli.core.io.beside import find_beside
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_single
 from rtsr_cli.core.io.pairs import Inputs
@@ -52,14 +53,11 @@ def run_label(chosen: Mapping[str, Any]) -> int:
     inputs = planning.system_inputs(VRS_LABELS, base, config)
     read = read_options(chosen)
     policy = NonfinitePolicy(chosen["on_nonfinite"])
-    opened = [
-        (
-            name,
-            source,
-            captured_rates(source, selection(chosen).of(source.reader.numbers), read, policy),
-        )
-        for name, source in open_single(chosen["in_folder"], read)
-    ]
+    opened = []
+    for name, source in open_single(chosen["in_folder"], read):
+        numbers = selection(chosen).of(source.reader.numbers)
+        captured = find_beside(source, CAPTURED_NAMES, numbers, read, policy)
+        opened.append((name, source, captured))
     plans = [
         planning.plan_shot(
             name,
@@ -82,7 +80,7 @@ def run_label(chosen: Mapping[str, Any]) -> int:
             "read_bytes": plan.read_bytes,
             "write_bytes_at_most": plan.write_bytes(options),
         }
-        facts["captured_rates"] = [part.rate.label for part in captured]
+        facts["captured_rates"] = labels(captured)
         what = f", {error.metric}, tiles of {error.tile}, {told(captured)}"
         announce(chosen, facts, plan.source.readers, plan.selected, what)
     if chosen["dry_run"]:

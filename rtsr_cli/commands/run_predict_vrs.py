@@ -22,10 +22,11 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
-from rtsr_cli.core.captured_rates import CapturedRate, captured_rates, told
+from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels, told
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
+from rtsr_cli.core.io.beside import Beside, find_beside
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import ReadOptions, open_single
 from rtsr_cli.core.io.pairs import Inputs, PairSource
@@ -45,15 +46,6 @@ from rtsr_cli.models.rt_percept.transforms import restored, transformed
 COMMAND = "predict-vrs"
 SYSTEM = "rt-percept"
 
-THRESHOLDS = {
-    VrsMetric.JNFLIP: 0.25,
-    VrsMetric.FLIP: 0.1,
-    VrsMetric.JNYANG: 0.2,
-    VrsMetric.PSNR: 35.0,
-    VrsMetric.LPIPS: 0.1,
-}
-"""Errors that are just not noticed; JNFLIP's is the published one."""
-
 ANALYTIC_INPUTS = (Buffer.COLOR, Buffer.MOTION, Buffer.DEPTH, Buffer.NORMAL)
 """What the analytic estimate reads."""
 
@@ -71,7 +63,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
     options = VrsOptions(
         estimator=Estimator(chosen["estimator"]),
         error=error,
-        threshold=chosen["threshold"] or THRESHOLDS[error.metric],
+        threshold=chosen["threshold"] or loaded.config.limit,
         analytic=_analytic(chosen, error.tile),
         compare=not chosen["no_compare"],
         keep_edges=loaded.config.keep_edges,
@@ -187,12 +179,12 @@ def _estimator(chosen: Mapping[str, Any], device: str) -> tuple[System, Loaded]:
 
 def _captured(
     chosen: Mapping[str, Any], source: PairSource, read: ReadOptions, policy: NonfinitePolicy
-) -> tuple[CapturedRate, ...]:
+) -> tuple[Beside, ...]:
     """Find captured rates, with which true errors are measured."""
     if chosen["no_compare"] or Buffer.COLOR not in source.reader.stored:
         return ()
     wanted = selection(chosen).of(source.reader.numbers)
-    return captured_rates(source, wanted, read, policy)
+    return find_beside(source, CAPTURED_NAMES, wanted, read, policy)
 
 
 def _analytic(chosen: Mapping[str, Any], tile: int) -> AdaptiveConfig:
@@ -266,7 +258,7 @@ def _announce(
     plan: ShotPlan,
     run: UpscaleOptions,
     options: VrsOptions,
-    captured: Sequence[CapturedRate],
+    captured: Sequence[Beside],
 ) -> None:
     facts = plan_facts(plan.name, plan.source.readers, plan.selected, plan.pending)
     facts |= {
@@ -275,7 +267,7 @@ def _announce(
         "tile": options.error.tile,
         "threshold": options.threshold,
         "analytic_threshold": options.analytic.threshold,
-        "captured_rates": [part.rate.label for part in captured],
+        "captured_rates": labels(captured),
         "read_bytes": plan.read_bytes,
         "write_bytes_at_most": plan.write_bytes(run),
     }

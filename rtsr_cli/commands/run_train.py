@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
@@ -289,13 +290,14 @@ class _Keeper:
 def git_revision() -> str:
     """Revision of the source tree that runs, empty where it is none."""
     root = Path(__file__).parent.parent.parent
-    head = root / ".git" / "HEAD"
+    if not (root / ".git").exists():
+        return ""
     try:
-        text = head.read_text(encoding="ascii").strip()
-        name = text.removeprefix("ref: ")
-        return text if name == text else (root / ".git" / name).read_text("ascii").strip()
+        asked = ("git", "-C", str(root), "rev-parse", "HEAD")
+        found = subprocess.run(asked, capture_output=True, text=True, check=False)
     except OSError:
         return ""
+    return found.stdout.strip()
 
 
 def _follow(chosen: Mapping[str, Any], run: Run, network: nn.Module) -> int:

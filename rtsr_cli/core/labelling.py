@@ -10,8 +10,9 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 
-from rtsr_cli.core.captured_rates import true_errors
+from rtsr_cli.core.captured_rates import CAPTURED_NAMES, true_errors
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.beside import images_of
 from rtsr_cli.core.io.exr import Window as ExrWindow
 from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
@@ -71,7 +72,8 @@ class Labeller:
         frame, plan = made.pair.lr, made.plan
         color = frame.gbuffer[Buffer.COLOR]
         ids = frame.gbuffer.buffers.get(Buffer.OBJECT_ID) if self.config.keep_edges else None
-        errors = true_errors(color, self.config.error, captured=made.passed, object_id=ids)
+        captured = images_of(made.passed, CAPTURED_NAMES)
+        errors = true_errors(color, self.config.error, captured=captured, object_id=ids)
         source = plan.source.reader.path(frame.number)
         known = provenance(
             command=made.options.command,

@@ -159,14 +159,21 @@ def hr_frame(window: Window) -> Frame:
     return window.hr
 
 
-def lighting_inputs(window: Window, preset: Preset, base: Base = Base.GUIDED) -> dict[str, Tensor]:
+def lighting_inputs(
+    window: Window,
+    preset: Preset,
+    base: Base = Base.GUIDED,
+    *,
+    emission_apart: bool = True,
+) -> dict[str, Tensor]:
     """`material`, `emission` (HR, aligned), `lighting_scale`, and `base` where there is one.
 
-    `base` is the enlargement of log lighting that a network corrects; `paper` has none.
+    `base` is the enlargement of log lighting that a network corrects; `paper` has none. Emission is
+    0 where it was not taken out of the radiance before that was divided (`emission_apart`).
     """
     frame, hr = window.current, hr_frame(window)
     material = hr.gbuffer[Buffer.MATERIAL]
-    emission = hr.gbuffer.buffers.get(Buffer.EMISSION)
+    emission = hr.gbuffer.buffers.get(Buffer.EMISSION) if emission_apart else None
     inputs = {
         "material": aligned(window, material),
         "lighting_scale": scale_of(frame),
@@ -246,9 +253,12 @@ def lighting_goal(preset: Preset, window: Window, reference: Frame) -> dict[str,
 
 
 def masked_mean(values: Image, mask: Mask) -> Tensor:
-    """Mean over pixels of mask 1 and all channels; 0 if there are none."""
-    weight = mask.sum() * values.shape[1]
-    return (values * mask).sum() / weight.clamp(min=1.0)
+    """Mean over pixels of mask 1 and all channels, 0 where there are none; then over the batch.
+
+    Samples count alike, so that parts of a batch, on several processes, make the mean of all.
+    """
+    weight = mask.sum(dim=(1, 2, 3)) * values.shape[1]
+    return ((values * mask).sum(dim=(1, 2, 3)) / weight.clamp(min=1.0)).mean()
 
 
 def lighting_loss(

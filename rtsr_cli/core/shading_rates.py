@@ -9,8 +9,9 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 
-from rtsr_cli.core.captured_rates import true_errors
+from rtsr_cli.core.captured_rates import CAPTURED_NAMES, true_errors
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.beside import images_of
 from rtsr_cli.core.io.outputs import image_channels
 from rtsr_cli.core.shading_files import TALLIES, Decision, Transform
 from rtsr_cli.core.shapes import TileMap
@@ -99,7 +100,8 @@ class RateDecider:
         color = held.get(Buffer.COLOR)
         if color is not None and options.compare:
             ids = held.get(Buffer.OBJECT_ID) if options.keep_edges else None
-            true = true_errors(color, options.error, captured=made.passed, object_id=ids)
+            captured = images_of(made.passed, CAPTURED_NAMES)
+            true = true_errors(color, options.error, captured=captured, object_id=ids)
             facts |= _missed(chosen_errors(true, found.codes, metric), options)
             if self.transform is not None:
                 tallies = {

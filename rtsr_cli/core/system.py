@@ -108,6 +108,7 @@ class Learning:
         loss: (config, inputs, outputs, goal) -> its terms, weighted, each averaged over a batch;
             their sum is minimised.
         unroll: successive frames of a training sample, state carried from one to the next.
+        beside: names of further radiance that `goal` reads where it was captured.
         judge: of whole frames; None judges a picture by PSNR, SSIM and FLIP.
         keep_goals: keep the goals of samples that come again unchanged: small, and slow to make.
         defaults: settings of the training that differ from `TrainingConfig`'s.
@@ -118,6 +119,7 @@ class Learning:
     goal: Callable[[Any, Window, Frame], Tensors]
     loss: Callable[[Any, Tensors, Tensors, Tensors], Tensors]
     unroll: int = 1
+    beside: tuple[str, ...] = ()
     judge: Judge | None = None
     keep_goals: bool = False
     defaults: Mapping[str, Any] = field(default_factory=dict)

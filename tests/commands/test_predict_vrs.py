@@ -99,6 +99,30 @@ def test_true_errors_of_chosen_rates_are_those_of_captured_ones(
     assert emulated["mae"] != black["mae"]
 
 
+def test_a_network_learns_from_captured_rates_where_there_are_any(
+    rtsr: Run, small_capture: Path, with_folders: Path, tmp_path: Path
+) -> None:
+    """Trained from the command line, cropped, brightened and used; black rates are other labels."""
+    few = {
+        "steps": 2, "batch": 2, "crop": 64, "log_every": 1, "validate_every": 2,
+        "precision": '"fp32"', "augmentation.turns": "true", "augmentation.exposure_stops": 1,
+        "augmentation.material_share": 1,
+    }  # fmt: skip
+    given = [part for key, v in few.items() for part in ("--set", f"training.{key}={v}")]
+    given += ["--set", 'network.rates=["1x2", "2x1", "2x2"]', "--set", "network.mean=0.3"]
+    losses = []
+    for name, folder in (("a", small_capture), ("b", with_folders)):
+        run = tmp_path / name
+        result = rtsr("train", "rt-percept", folder, "--out", run, *given)
+        assert result.exit_code == 0, result.output
+        assert ("output_2x2" in result.output) is (folder == with_folders)
+        losses.append((run / "log.csv").read_text(encoding="utf-8").splitlines()[1])
+    assert losses[0].split(",")[:2] != losses[1].split(",")[:2]
+    out = tmp_path / "out"
+    used = rtsr("predict-vrs", with_folders, out, "--weights", tmp_path / "b" / "last.safetensors")
+    assert used.exit_code == 0, used.output
+
+
 def test_a_folder_of_captured_rates_that_lacks_a_frame_is_refused(
     rtsr: Run, with_folders: Path, tmp_path: Path
 ) -> None:
@@ -310,6 +334,29 @@ def test_a_threshold_that_no_prediction_reaches_is_refused(
     result = rtsr(*common, "--threshold", "1")
     assert result.exit_code == 3
     assert "errors up to 1 (jnflip)" in result.output
+
+
+def test_weights_say_the_default_threshold(rtsr: Run, small_capture: Path, tmp_path: Path) -> None:
+    own = random_weights(tmp_path / "own.safetensors", threshold=0.4)
+    common = ("predict-vrs", small_capture, tmp_path / "out", "--dry-run", "--weights")
+    assert "jnflip below 0.4" in rtsr(*common, own).output
+    usual = random_weights(tmp_path / "usual.safetensors")
+    assert "jnflip below 0.25" in rtsr(*common, usual).output
+
+
+def test_labels_by_width_are_the_published_codes(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    found = []
+    for ppd in ("width", "67.0206"):
+        out = tmp_path / ppd
+        result = rtsr("label", small_capture, out, "--kind", "vrs", "--ppd", ppd)
+        assert result.exit_code == 0, result.output
+        found.append(read_channels(exrs(out)[0], ["error.2x2"])["error.2x2"])
+    assert not np.allclose(*found)
+    wrong = rtsr("label", small_capture, tmp_path, "--kind", "vrs", "--ppd", "wide")
+    assert wrong.exit_code == 2
+    assert "wide" in wrong.output
 
 
 def test_missing_normals_are_one_message(

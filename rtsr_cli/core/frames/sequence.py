@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import torch
 
 from rtsr_cli.core.frames.buffers import GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.shapes import Color, Size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +23,8 @@ class Frame:
         view: which part of the image plane the buffers show.
         lighting_scale: k of the whole frame, `exp(mean(log(lighting + 1e-3)))` over divided
             pixels; 1 where there is no lighting. Crops and tiles keep the frame's value.
+        beside: further radiance of the moment by name, at a reduced rate for example; there where
+            it is what training compares with.
     """
 
     number: int
@@ -30,6 +32,7 @@ class Frame:
     camera: CameraMetadata
     view: View
     lighting_scale: float = 1.0
+    beside: Mapping[str, Color] = field(default_factory=dict)
 
     @property
     def size(self) -> Size:

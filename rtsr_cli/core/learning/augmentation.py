@@ -178,10 +178,16 @@ def random_gain(config: AugmentationConfig, rng: np.random.Generator) -> tuple[f
     return tuple(float(g) for g in 2.0 ** (exposure + tint))
 
 
-def relit(planes: Mapping[str, Tensor], gain: tuple[float, ...]) -> dict[str, Tensor]:
-    """Multiply all light."""
+def relit(
+    planes: Mapping[str, Tensor],
+    gain: tuple[float, ...],
+    *,
+    beside: frozenset[str] = frozenset(),
+) -> dict[str, Tensor]:
+    """Multiply all light, planes named by `beside` included."""
+    lights = LIGHTS | beside
     return {
-        name: plane * plane.new_tensor(gain).view(1, 3, 1, 1) if name in LIGHTS else plane
+        name: plane * plane.new_tensor(gain).view(1, 3, 1, 1) if name in lights else plane
         for name, plane in planes.items()
     }
 

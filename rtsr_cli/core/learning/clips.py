@@ -47,6 +47,7 @@ class ClipFacts:
         lr_scale: HR pixels per pixel of its LR planes; 0 = LR frames are made by decimation.
         jitters_px: of the LR frames, in LR pixels.
         lighting_scales: k of the whole frame, of each frame.
+        pre_exposures: what each frame's radiance was multiplied by; empty = 1.
         validation: True if it is judged on and never trained on.
         group: samples are drawn from each group alike.
     """
@@ -60,6 +61,7 @@ class ClipFacts:
     lr_scale: int = 0
     jitters_px: tuple[Jitter, ...] = ()
     lighting_scales: tuple[float, ...] = ()
+    pre_exposures: tuple[float, ...] = ()
     validation: bool = False
     group: int = 0
 

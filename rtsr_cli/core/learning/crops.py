@@ -162,8 +162,9 @@ class _Maker:
     """Cuts, changes and derives the frames of one sample; each LR frame is made once."""
 
     def __init__(self, clip: Clip, region: Region, choices: Choices, task: Task) -> None:
-        if clip.facts.lr_scale and MATERIAL_GAIN not in clip.lr:
-            # LR and HR change their materials together or not at all
+        self._beside = frozenset(task.learning.beside) & clip.hr.keys()
+        if self._beside or (clip.facts.lr_scale and MATERIAL_GAIN not in clip.lr):
+            # all that a sample holds changes its materials, or nothing does
             choices = replace(choices, swap=None)
         self._clip, self._region, self._choices, self._task = clip, region, choices, task
         self._lr: dict[int, Frame] = {}
@@ -179,7 +180,7 @@ class _Maker:
         swap = SWAP_PLANES if self._choices.swap is not None else frozenset()
         return (
             _stored(lr, clip.lr if clip.facts.lr_scale else clip.hr, self._derivation) | swap,
-            _stored(hr, clip.hr, self._derivation) | swap,
+            _stored(hr, clip.hr, self._derivation) | swap | self._beside,
         )
 
     def step(self, position: int) -> Step:
@@ -198,7 +199,9 @@ class _Maker:
         return Window(lr=lr, hr=self._hr_frame(position), scale=self._task.scale)
 
     def reference(self, position: int) -> Frame:
-        return self._derived(self._hr_planes(position), self._task.learning.reference, position)
+        planes = self._hr_planes(position)
+        frame = self._derived(planes, self._task.learning.reference, position)
+        return replace(frame, beside={name: planes[name] for name in self._beside})
 
     def _hr_frame(self, position: int) -> Frame:
         system = self._task.system
@@ -230,7 +233,10 @@ class _Maker:
         frame = Frame(
             number=facts.numbers[position],
             gbuffer=GBuffer(buffers, f"{facts.name}, frame {facts.numbers[position]}"),
-            camera=CameraMetadata(jitter_px=self._jitter(position) if scale > 1 else (0.0, 0.0)),
+            camera=CameraMetadata(
+                jitter_px=self._jitter(position) if scale > 1 else (0.0, 0.0),
+                pre_exposure=facts.pre_exposures[position] if facts.pre_exposures else 1.0,
+            ),
             view=View(display=(height // scale, width // scale)),
         )
         k = facts.lighting_scales[position] * choices.mean_gain
@@ -309,7 +315,7 @@ class _Maker:
         """Turn, relight and swap materials; pixels move as halves, and change as floats."""
         choices = self._choices
         changed = {name: choices.turn.plane(name, plane).float() for name, plane in planes.items()}
-        changed = relit(changed, choices.gain)
+        changed = relit(changed, choices.gain, beside=self._beside)
         return changed if choices.swap is None else swapped(changed, choices.swap)
 
 

@@ -12,6 +12,7 @@ from rtsr_cli import __version__
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.io.beside import Beside, find_beside
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import ReadOptions, declared, open_pair, open_set, shots_of
 from rtsr_cli.core.io.pairs import PairSource
@@ -199,7 +200,11 @@ def recorded_clips(chosen: ChosenShot, how: Gathering) -> list[Path]:
         hr=shot.hr if real else None,
         simulation=None if real else Simulation(scale=how.wanted.scale),
     )
-    captured = Captured(source, _reference(shot, folder, source, how) if real else None)
+    captured = Captured(
+        source,
+        _reference(shot, folder, source, how) if real else None,
+        () if real else _beside(source, how),
+    )
     for reader in captured.readers:
         for text in reader.warnings:
             how.said(f"Warning: {reader.frames.root}: {text}")
@@ -235,15 +240,20 @@ def _reference(shot: Shot, folder: Path, source: PairSource, how: Gathering) -> 
     return reader
 
 
+def _beside(source: PairSource, how: Gathering) -> tuple[Beside, ...]:
+    """Further radiance that was captured."""
+    return find_beside(source, how.wanted.beside, source.reader.numbers, how.options, how.policy)
+
+
 def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
 def _signature(shot: Shot, folder: Path, how: Gathering) -> str:
     """Hash of names, sizes and times of a shot's files, and of everything declared about it."""
-    beside = shot.root / REFERENCE_FOLDER
-    apart = frame_set(beside, ()) if beside.is_dir() else None
-    sets = [frames for frames in (shot.frames, shot.hr, apart) if frames is not None]
+    folders = [shot.root / name for name in (REFERENCE_FOLDER, *how.wanted.beside)]
+    apart = [frame_set(beside, ()) for beside in folders if beside.is_dir()]
+    sets = [frames for frames in (shot.frames, shot.hr, *apart) if frames is not None]
     return digest(
         config_digest("shot", __version__, asdict(how.wanted), how.policy.value, how.options),
         str(declared(shot, folder, how.options)),

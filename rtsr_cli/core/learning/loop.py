@@ -240,6 +240,7 @@ class Trainer:
             nn.utils.clip_grad_norm_(self.network.parameters(), config.clip_norm)
         self.scaler.step(self.optimiser)
         self.scaler.update()
+        run.ranks.average_buffers(self.network)
         self.step += 1
         if self.average:
             ramp = (1.0 + self.step) / (EMA_RAMP + self.step)

@@ -50,8 +50,8 @@ def pack(
         whole = Region(
             position=position, top=0, left=0, size=(height // task.scale, width // task.scale)
         )
-        first = 0 if task.system.recurrent else history
-        packed.append(cut(clip, whole, task.scale, first or position, 1))
+        before = position if task.system.recurrent else history
+        packed.append(cut(clip, whole, task.scale, before, 1))
     about = {"system": task.system.name, "scale": task.scale, "crop": config.crop}
     write_clips(path, packed, about)
     return len(packed)
@@ -77,6 +77,7 @@ def cut(clip: Clip, region: Region, scale: int, history: int, unroll: int) -> Cl
             left=facts.left + region.left,
             jitters_px=facts.jitters_px[first:last],
             lighting_scales=facts.lighting_scales[first:last],
+            pre_exposures=facts.pre_exposures[first:last],
         ),
         hr,
         lr,

@@ -2,8 +2,9 @@
 
 `torchrun` starts them and says by RANK, WORLD_SIZE and LOCAL_RANK which is which. Every process
 computes the gradient of its own samples; their mean is everyone's, so that weights stay equal and
-N processes with batch B make the step of one with batch N B. Batch statistics are each process'
-own. The first process alone writes files and talks.
+N processes with batch B make the step of one with batch N B. Batches are normalised by each
+process' own statistics; the running ones, like all buffers, are the mean of everyone's. The first
+process alone writes files and talks.
 """
 
 from __future__ import annotations
@@ -55,6 +56,19 @@ class Ranks:
                     parameter.grad = torch.zeros_like(parameter)
                 dist.all_reduce(parameter.grad)
                 parameter.grad /= self.count
+
+    def average_buffers(self, network: nn.Module) -> None:
+        """Replace every statistic that is no parameter by its mean over the processes."""
+        found = [buffer for buffer in network.buffers() if buffer.is_floating_point()]
+        if self.count == 1 or not found:
+            return
+        together = torch.cat([buffer.detach().flatten().float() for buffer in found])
+        dist.all_reduce(together)
+        together /= self.count
+        start = 0
+        for buffer in found:
+            buffer.copy_(together[start : start + buffer.numel()].view_as(buffer))
+            start += buffer.numel()
 
     def any(self, here: bool, device: torch.device) -> bool:
         """Tell whether something is true of any process."""

@@ -16,6 +16,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.imaging.color import MAX_HALF
 from rtsr_cli.core.imaging.demodulation import DemodulationMode, lighting_scale
+from rtsr_cli.core.io.beside import Beside
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
@@ -55,7 +56,9 @@ class Wanted:
         lr_optional, hr_optional: those that it uses where they are there.
         derivation: what divides radiance.
         scale: S of the LR frames.
-        history: frames that go before a target, or follow it in an unrolled sample.
+        history: frames that go before a target.
+        unroll: successive targets of a sample.
+        beside: names of further radiance, recorded where it was captured.
     """
 
     lr: tuple[Buffer, ...]
@@ -65,6 +68,8 @@ class Wanted:
     derivation: DerivationConfig
     scale: int
     history: int
+    unroll: int = 1
+    beside: tuple[str, ...] = ()
 
 
 def wanted_by(system: System, config: object, scale: int) -> Wanted:
@@ -79,7 +84,9 @@ def wanted_by(system: System, config: object, scale: int) -> Wanted:
         hr_optional=tuple(dict.fromkeys((*system.hr_optional, Buffer.ALBEDO))),
         derivation=system.derivation(config),
         scale=scale,
-        history=system.history_frames + system.learning.unroll - 1,
+        history=system.history_frames,
+        unroll=system.learning.unroll,
+        beside=system.learning.beside,
     )
 
 
@@ -118,16 +125,18 @@ class Captured:
     Attributes:
         source: LR/HR pairs, or captures that LR frames are made from.
         reference: radiance at the target size, where it lies apart from the HR frames.
+        beside: further radiance at the target size.
     """
 
     source: PairSource
     reference: FrameReader | None = None
+    beside: tuple[Beside, ...] = ()
 
     @property
     def readers(self) -> tuple[FrameReader, ...]:
         """Every reader behind it."""
         apart = () if self.reference is None else (self.reference,)
-        return (*self.source.readers, *apart)
+        return (*self.source.readers, *apart, *(part.reader for part in self.beside))
 
 
 def record(
@@ -166,7 +175,8 @@ def record(
     for i, (numbers, targets) in enumerate(_parts(source, wanted)):
         path = cache / f"{key}-{i:04d}{SUFFIX}"
         if not path.exists():
-            said(f"recording {root}, frames {ranges(numbers)}")
+            also = "".join(f", {part.name}" for part in shot.beside)
+            said(f"recording {root}, frames {ranges(numbers)}{also}")
             clip = _clip(shot, wanted, policy, numbers, targets)
             write_clips(path, [clip], {"frames": ranges(numbers)})
         paths.append(path)
@@ -185,6 +195,7 @@ def _key(shot: Captured, wanted: Wanted, policy: NonfinitePolicy) -> str:
     if shot.reference is not None:
         apart = shot.reference
         files += [p for n in apart.numbers for p in apart.files(n, (Buffer.COLOR,))]
+    files += [p for part in shot.beside for n in source.reader.numbers for p in part.files(n)]
     declarations = [reader.declaration for reader in shot.readers]
     return digest(
         config_digest("clips", asdict(wanted), policy.value, declarations),
@@ -193,9 +204,10 @@ def _key(shot: Captured, wanted: Wanted, policy: NonfinitePolicy) -> str:
 
 
 def _parts(source: PairSource, wanted: Wanted) -> Iterator[tuple[Sequence[int], int]]:
-    """Cut unbroken runs into parts that overlap by the history of their first target.
+    """Cut unbroken runs into parts; what a sample holds lies in one of them, with its history.
 
-    Yields numbers and the position of the first target.
+    Parts overlap by history and all but one target of a sample. Yields numbers and the position of
+    the first target.
     """
     reader = source.reader
     sequence = FrameSequence(
@@ -203,11 +215,12 @@ def _parts(source: PairSource, wanted: Wanted) -> Iterator[tuple[Sequence[int], 
     )
     height, width = source.readers[-1].size
     length = CLIP_BYTES // (height * width * HALF_BYTES * MAX_CHANNELS)
-    length = max(wanted.history + 1, min(MAX_CLIP_FRAMES, length))
+    overlap = wanted.history + wanted.unroll - 1
+    length = max(overlap + 1, min(MAX_CLIP_FRAMES, length))
     for run in sequence.runs():
         for start in range(0, len(run), length):
-            first = max(0, start - wanted.history)
-            yield run[first : start + length], start - first
+            first = max(0, start - overlap)
+            yield run[first : start + length], max(0, start - first - wanted.unroll + 1)
 
 
 def _unused(number: int) -> Frame:
@@ -235,6 +248,8 @@ def _clip(
     gains = [_material_gain(hr_reader, n, hr, wanted.derivation) for n in numbers]
     if all(gain is not None for gain in gains):
         planes[MATERIAL_GAIN] = _stacked(gain for gain in gains if gain is not None)
+    for part in shot.beside:
+        planes[part.name] = _stacked(part.image(n) for n in numbers)
     lr_planes: dict[str, Tensor] = {}
     if real:
         lr = recorded_buffers(wanted.lr, wanted.lr_optional, lr_reader, wanted.derivation)
@@ -253,6 +268,7 @@ def _clip(
         lr_scale=source.scale if real else 0,
         jitters_px=tuple(frame.camera.jitter_px for frame in lr_frames) if real else (),
         lighting_scales=tuple(_scale(frame, wanted.derivation) for frame in lr_frames),
+        pre_exposures=tuple(frame.camera.pre_exposure for frame in lr_frames),
     )
     return Clip(facts, _without_empty(planes), _without_empty(lr_planes))
 

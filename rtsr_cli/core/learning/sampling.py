@@ -65,18 +65,22 @@ class Sampler:
         config: TrainingConfig,
         ranks: Ranks = ALONE,
     ) -> None:
-        """Sort clips into groups.
+        """Sort clips into groups; those that are too short for a sample are left out.
 
         Raises:
             FrameFolderError: there is nothing to train on.
         """
         self._task, self._config, self._ranks = task, config, ranks
+        unroll = task.learning.unroll
         groups: dict[int, list[Clip]] = {}
         for clip in clips:
-            if not clip.facts.validation and len(clip.target_positions):
+            if not clip.facts.validation and len(clip.target_positions) >= unroll:
                 groups.setdefault(clip.facts.group, []).append(clip)
         if not groups:
-            raise FrameFolderError("no frames to train on are left; look at [data] exclude")
+            raise FrameFolderError(
+                f"no shots to train on are left that have {unroll} successive frames; look at "
+                "[data] exclude"
+            )
         self._groups = [groups[key] for key in sorted(groups)]
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
         self._goals: dict[tuple[int, Region], list[Tensors]] = {}

@@ -64,7 +64,7 @@ class HdrFlip:
 
 def _check(test: Color, ref: Color, name: str) -> None:
     """Raise for what FLIP cannot compare; a NaN would spread over its whole surroundings."""
-    check_pair(test, ref)
+    check_pair(test, ref.expand(len(test), -1, -1, -1) if len(ref) == 1 else ref)
     if test.shape[1] != RGB_CHANNELS:
         raise ShapeMismatchError(f"{name} compares RGB images, not {test.shape[1]} channel(s)")
     for role, image in (("test", test), ("reference", ref)):
@@ -79,7 +79,7 @@ def ldr_flip(test: Color, ref: Color, ppd: float = DEFAULT_PPD) -> PixelMap:
 
     Args:
         test: sRGB display-encoded, 0..1; values outside are clipped.
-        ref: the same.
+        ref: the same; one image may stand against many, and is looked at once.
         ppd: pixels per degree of the visual field (`pixels_per_degree`).
 
     Returns:

@@ -8,7 +8,7 @@ environment: Weber's law. Images are display-encoded, 0..1; luma is that of Rec.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -16,7 +16,7 @@ from functools import cache
 import torch
 
 from rtsr_cli.core.metrics.fidelity import squared_error_map
-from rtsr_cli.core.metrics.flip import DEFAULT_PPD, ldr_flip
+from rtsr_cli.core.metrics.flip import DEFAULT_PPD, ldr_flip, pixels_per_degree
 from rtsr_cli.core.metrics.lpips import Lpips
 from rtsr_cli.core.shapes import Color, Plane, TileMap
 from rtsr_cli.core.vrs.tiles import Pool, pooled, tile_mean
@@ -43,6 +43,19 @@ class VrsMetric(StrEnum):
     LPIPS = "lpips"
 
 
+JUST_NOTICED: Mapping[VrsMetric, float] = {
+    VrsMetric.JNFLIP: 0.25,
+    VrsMetric.FLIP: 0.1,
+    VrsMetric.JNYANG: 0.2,
+    VrsMetric.PSNR: 35.0,
+    VrsMetric.LPIPS: 0.1,
+}
+"""Errors that are just not noticed; JNFLIP's is the published one."""
+
+PPD_BY_WIDTH = 0.0
+"""Stands for the published code's rule: a monitor as wide as it is far away shows the image."""
+
+
 def luma(image: Color) -> Plane:
     """Rec. 601 luma of a display-encoded image."""
     weights = image.new_tensor(REC601).view(1, 3, 1, 1)
@@ -66,7 +79,8 @@ class ErrorConfig:
         tile: side of a tile, pixels.
         pool: of pixels into tiles; PSNR always takes the mean of its squared errors.
         env_luminance: l of Weber's law.
-        ppd: pixels per degree, for FLIP.
+        ppd: pixels per degree, for FLIP; 0 = width pi / 180, of the image or crop that is looked at
+            [rt-percept, code].
     """
 
     metric: VrsMetric = VrsMetric.JNFLIP
@@ -75,9 +89,13 @@ class ErrorConfig:
     env_luminance: float = PUBLISHED_ENV_LUMINANCE
     ppd: float = DEFAULT_PPD
 
+    def ppd_at(self, width_px: int) -> float:
+        """Pixels per degree of an image."""
+        return self.ppd if self.ppd != PPD_BY_WIDTH else pixels_per_degree(1.0, width_px, 1.0)
+
 
 def _flip(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
-    return ldr_flip(coarse, full, config.ppd).unsqueeze(1)
+    return ldr_flip(coarse, full, config.ppd_at(full.shape[-1])).unsqueeze(1)
 
 
 def _just_noticeable_flip(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
@@ -91,7 +109,7 @@ def _just_noticeable_luma(coarse: Color, full: Color, config: ErrorConfig) -> Pl
 
 def _squared(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
     del config
-    return squared_error_map(coarse, full).unsqueeze(1)
+    return squared_error_map(coarse, full.expand_as(coarse)).unsqueeze(1)
 
 
 @cache
@@ -101,7 +119,7 @@ def _lpips_on(device: torch.device) -> Lpips:
 
 def _lpips(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
     del config
-    return _lpips_on(full.device).map(coarse, full).unsqueeze(1)
+    return _lpips_on(full.device).map(coarse, full.expand_as(coarse)).unsqueeze(1)
 
 
 _PIXEL_ERRORS: dict[VrsMetric, Callable[[Color, Color, ErrorConfig], Plane]] = {
@@ -117,8 +135,8 @@ def pixel_errors(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
     """Error at every pixel; of PSNR the squared one.
 
     Args:
-        coarse: display-encoded image at a reduced rate.
-        full: the same at full rate.
+        coarse: display-encoded images at reduced rates.
+        full: the same at full rate, one of each or one of all.
         config: metric and its settings.
 
     Raises:

@@ -8,10 +8,18 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.history import brightening, sample_motion
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
-from rtsr_cli.core.imaging.disocclusion import SurfaceBuffers, disocclusion_mask
+from rtsr_cli.core.imaging.disocclusion import (
+    DisocclusionThresholds,
+    SurfaceBuffers,
+    disocclusion_mask,
+)
 from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.shapes import Color, Mask
 from rtsr_cli.core.system import Window
+
+SAME_SURFACE = DisocclusionThresholds(depth_relative=0.1, normal_cosine=0.5)
+"""Wider than what is blended with the present may be: a normal map's detail, half a pixel off, is
+no other surface, and what would be left out is just what is hard to shade."""
 
 
 def displayed(color: Color) -> Color:
@@ -30,7 +38,10 @@ def reprojected(window: Window) -> tuple[Color, Mask]:
         return nothing, nothing[:, :1]
     before = window.lr[1]
     motion = sample_motion(now, before)
-    seen = 1.0 - disocclusion_mask(motion, current=_surfaces(now), previous=_surfaces(before))
+    hidden = disocclusion_mask(
+        motion, current=_surfaces(now), previous=_surfaces(before), thresholds=SAME_SURFACE
+    )
+    seen = 1.0 - hidden
     return moved_picture(window) * seen, seen
 
 

@@ -114,7 +114,8 @@ def history_inputs(window: Window, preset: Preset) -> dict[str, Tensor]:
 
 def prepare(config: FuseSRConfig, window: Window) -> Tensors:
     """Inputs of either network."""
-    inputs = lighting_inputs(window, config.preset, config.base)
+    apart = derivation(config).has_emission
+    inputs = lighting_inputs(window, config.preset, config.base, emission_apart=apart)
     inputs["frame_0"] = frame_features(window.current, config.preset)
     inputs["hr"] = hr_features(window, config)
     if config.history:

@@ -12,8 +12,9 @@ Departs from the publication in the preset `rtsr`: the network sees and predicts
 the current frame, past frames included; depth is 1 / (1 + metres); its output is added to an
 enlargement of the lighting along HR surfaces; of the last output it sees the difference from that,
 where reliable; warps are pixel-centred and scaled, motion to t-2 is chained, the LSTM's state moves
-with the surfaces; emission is added and sky enlarged on its own. `paper` keeps the published
-choices around the same layers, and replaces radiance by emission where there is any.
+with the surfaces, a whole number of pixels a frame; emission is added and sky enlarged on its own.
+`paper` keeps the published choices around the same layers, and replaces radiance by emission where
+there is any.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ PREROLL_FRAMES = 8
 
 def derivation(config: NSRDConfig) -> DerivationConfig:
     """What divides the radiance of a config."""
-    return DerivationConfig(mode=config.demodulation, lut=config.lut)
+    return config.derivation
 
 
 def compose(config: NSRDConfig, window: Window, inputs: Tensors, outputs: Tensors) -> Prediction:
@@ -83,8 +84,8 @@ def loss(config: NSRDConfig, inputs: Tensors, outputs: Tensors, target: Tensors)
 
     smooth L1(p, g) + (1 - SSIM(p, g)) + smooth L1(m p', m p)         [NSRD, code]
 
-    p' is the prediction before, moved, and m where it is reliable; the first frame of a clip has
-    none, and its first term is not taken twice.
+    p' is the prediction before, moved, and m where it is reliable and, in `rtsr`, was divided; the
+    first frame of a clip has none, and its first term is not taken twice.
     """
     weights, predicted = config.loss_weights, outputs["predicted"].float()
     terms: dict[str, Tensor] = {}
@@ -99,6 +100,8 @@ def loss(config: NSRDConfig, inputs: Tensors, outputs: Tensors, target: Tensors)
     if weights.temporal:
         previous = outputs.get("previous", predicted)
         reliable = 1.0 - inputs["unreliable_hr"]
+        if config.preset is Preset.RTSR:
+            reliable = reliable * target["divided_mask"]
         change = F.smooth_l1_loss(reliable * predicted, reliable * previous)
         terms["temporal"] = weights.temporal * change
     return terms

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.lighting import Base, LossWeights, Preset
@@ -53,7 +54,8 @@ class NSRDConfig:
         lstm: whether the LSTM's state is kept.
         warp_state: whether it moves with the surfaces; in `paper` it stays where it is.
         base: what the output is added to; none in `paper`.
-        gradient_frames: frames that a gradient flows through, its own among them.
+        gradient_frames: a gradient flows through so many successive frames, counted from a
+            sample's first; then the next ones begin.
         loss: weights of its terms; `paper` has its own.
     """
 
@@ -67,6 +69,11 @@ class NSRDConfig:
     gradient_frames: int = 1
     base: Base = Base.GUIDED
     loss: NSRDLossWeights = field(default_factory=NSRDLossWeights)
+
+    @property
+    def derivation(self) -> DerivationConfig:
+        """What divides the radiance."""
+        return DerivationConfig(mode=self.demodulation, lut=self.lut)
 
     @property
     def loss_weights(self) -> NSRDLossWeights:

@@ -151,5 +151,6 @@ def prepare(config: NSRDConfig, window: Window) -> Tensors:
     """Inputs of the network."""
     now = window.current
     current = frame_features(now, now, config.preset)
-    inputs = lighting_inputs(window, config.preset, config.base)
+    apart = config.derivation.has_emission
+    inputs = lighting_inputs(window, config.preset, config.base, emission_apart=apart)
     return inputs | {"frame_0": current} | history_inputs(config, window, current)

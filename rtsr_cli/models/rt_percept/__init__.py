@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import torch
 
-from rtsr_cli.core.captured_rates import true_errors
+from rtsr_cli.core.captured_rates import CAPTURED_NAMES, true_errors
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import decode_reinhard, decode_srgb
@@ -54,12 +54,18 @@ def goal(config: RtPerceptConfig, window: Window, reference: Frame) -> Tensors:
     if config.reuse:
         return {"errors": reuse_errors(window, color, config.error)}
     ids = reference.gbuffer.buffers.get(Buffer.OBJECT_ID) if config.keep_edges else None
-    errors = true_errors(color, config.error, object_id=ids, rates=config.predicted)
+    errors = true_errors(
+        color,
+        config.error,
+        captured=reference.beside,
+        object_id=ids,
+        rates=config.predicted,
+    )
     return {"errors": torch.cat(list(errors.values()), dim=1)}
 
 
 def loss(config: RtPerceptConfig, inputs: Tensors, outputs: Tensors, target: Tensors) -> Tensors:
-    """Mean absolute difference in transformed space; keeps the running mean of the errors.
+    """|d| + s d^2 of differences d in transformed space; keeps the running mean of the errors.
 
     Like the statistics of a batch norm, the mean belongs to the network and changes in training.
     """
@@ -71,6 +77,7 @@ def loss(config: RtPerceptConfig, inputs: Tensors, outputs: Tensors, target: Ten
             mean.copy_(torch.where(mean > 0, torch.lerp(batch, mean, MEAN_MEMORY), batch))
     wanted = transformed(errors, mean, config)
     difference = (outputs["predicted"].float() - wanted).abs()
+    difference = difference + config.squared * difference.square()
     weight = torch.ones_like(difference[:, :1])
     if config.unseen_weight != 1.0:
         unseen = tile_mean(1.0 - inputs["mask"], config.error.tile)
@@ -144,6 +151,7 @@ RT_PERCEPT = System(
         reference=(Buffer.COLOR,),
         goal=goal,
         loss=loss,
+        beside=CAPTURED_NAMES,
         keep_goals=True,
         defaults={
             "scale": 1,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from rtsr_cli.core.errors import ConfigError
-from rtsr_cli.core.vrs.errors import ErrorConfig
+from rtsr_cli.core.vrs.errors import JUST_NOTICED, ErrorConfig
 from rtsr_cli.core.vrs.rates import REDUCED, Rate
 
 WIDTH = 16
@@ -58,6 +58,10 @@ class RtPerceptConfig:
         transform: of errors to what is predicted.
         mean: mu, the mean error of the training set; 0 = a running mean of what was seen.
         margin: added to predictions before they are transformed back.
+        threshold: error that a rate must stay below where users say nothing, in the metric's unit;
+            0 = what is just not noticed by the metric.
+        squared: weight of the squared difference beside the absolute one in the loss; brings
+            predictions from the median of what is likely to its mean.
         unseen_weight: of tiles that the frame before does not show, in the loss.
         reuse: predict the error of keeping the frame before, not of rates: one output.
         keep_edges: reduced rates keep pixels of other objects than the sample's.
@@ -70,6 +74,8 @@ class RtPerceptConfig:
     transform: Transform = Transform.CLAMPED
     mean: float = 0.0
     margin: float = 0.0
+    threshold: float = 0.0
+    squared: float = 0.0
     unseen_weight: float = 1.0
     reuse: bool = False
     keep_edges: bool = False
@@ -96,6 +102,11 @@ class RtPerceptConfig:
     def label(self) -> str:
         """What weights for metric and tile are called."""
         return f"{self.error.metric}-{self.error.tile}" + ("-reuse" if self.reuse else "")
+
+    @property
+    def limit(self) -> float:
+        """Error that a rate must stay below where users say nothing."""
+        return self.threshold or JUST_NOTICED[self.error.metric]
 
     @property
     def channels(self) -> tuple[str, ...]:

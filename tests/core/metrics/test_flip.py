@@ -231,3 +231,12 @@ def test_a_run_in_inference_mode_does_not_spoil_later_gradients() -> None:
     test = (0.9 * ref).requires_grad_()
     ldr_flip(test, ref).mean().backward()
     assert test.grad is not None
+
+
+def test_one_reference_may_stand_against_many(ldr_pair: Pair) -> None:
+    test, ref = ldr_pair
+    many = torch.cat([test, ref, test.flip(-1)])
+    each = torch.cat([ldr_flip(image, ref) for image in many.split(1)])
+    assert torch.allclose(ldr_flip(many, ref), each, atol=1e-6)
+    with pytest.raises(ShapeMismatchError):
+        ldr_flip(many, many[:2])

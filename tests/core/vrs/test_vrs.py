@@ -22,6 +22,7 @@ from rtsr_cli.core.vrs.adaptive import (
 )
 from rtsr_cli.core.vrs.coarse import coarse_shading
 from rtsr_cli.core.vrs.errors import (
+    PPD_BY_WIDTH,
     ErrorConfig,
     VrsMetric,
     amplitude,
@@ -236,3 +237,16 @@ def test_darkness_is_what_env_luminance_bounds() -> None:
     lit = pixel_errors(coarse, full, ErrorConfig(metric=VrsMetric.JNYANG, env_luminance=0.1))
     assert float(bare.max()) == pytest.approx(10.0, rel=1e-3)
     assert float(lit.max()) == pytest.approx(0.01, rel=2e-2)
+
+
+def test_pixels_per_degree_may_follow_the_width() -> None:
+    by_width = ErrorConfig(metric=VrsMetric.FLIP, ppd=PPD_BY_WIDTH)
+    assert by_width.ppd_at(1920) == pytest.approx(33.51, abs=0.01)  # [rt-percept, code]
+    full = torch.rand(1, 3, 64, 96, generator=torch.Generator().manual_seed(3))
+    coarse = coarse_shading(full, Rate.HALF)
+    same = ErrorConfig(metric=VrsMetric.FLIP, ppd=by_width.ppd_at(96))
+    assert torch.equal(tile_errors(coarse, full, by_width), tile_errors(coarse, full, same))
+    assert not torch.equal(
+        tile_errors(coarse, full, by_width),
+        tile_errors(coarse, full, ErrorConfig(metric=VrsMetric.FLIP)),
+    )

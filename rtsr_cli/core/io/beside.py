@@ -1,0 +1,147 @@
+"""Further radiance of a shot's frames, captured beside their own: at a reduced rate, for example.
+
+Channels `<name>.R/G/B` beside those of the frame, or frames of the same numbers in a folder
+`<name>/` beside them; both are stored as the frame's radiance is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.exr import Plane, read_header
+from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
+from rtsr_cli.core.io.opening import ReadOptions, open_single
+from rtsr_cli.core.io.pairs import PairSource
+from rtsr_cli.core.io.passing import Passed, resized
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.shapes import Color, Size
+
+COMPONENTS = "RGB"
+
+
+def channels_of(name: str) -> tuple[str, ...]:
+    """Channels that radiance of a name lies in."""
+    return tuple(f"{name}.{component}" for component in COMPONENTS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beside(Passed):
+    """Radiance of a name: read as the reader's own radiance is.
+
+    Attributes:
+        name: of it.
+        policy: for NaN and Inf.
+    """
+
+    name: str
+    policy: NonfinitePolicy
+
+    def image(self, number: int) -> Color:
+        """Read the radiance of a frame.
+
+        Raises:
+            FrameFolderError: a file is damaged, or holds NaN or Inf that are errors.
+        """
+        frame, _ = checked(self.reader.read(number, (Buffer.COLOR,)), self.policy)
+        return frame.gbuffer[Buffer.COLOR]
+
+    def read(self, number: int, size: Size) -> dict[str, Plane]:
+        """Read its planes by channel, errors as of `image`."""
+        planes = self.image(number)[0].numpy()
+        named = zip(channels_of(self.name), planes, strict=True)
+        return {name: resized(plane, size) for name, plane in named}
+
+
+def find_beside(
+    source: PairSource,
+    names: Iterable[str],
+    numbers: Collection[int],
+    options: ReadOptions,
+    policy: NonfinitePolicy,
+) -> tuple[Beside, ...]:
+    """Find what was captured beside a shot's frames.
+
+    Args:
+        source: the frames.
+        names: of radiance that may be there.
+        numbers: frames that are wanted.
+        options: how to read.
+        policy: for NaN and Inf.
+
+    Raises:
+        FrameFolderError: something is there in part only, or at another size.
+        RtsrError: its frames cannot be understood.
+    """
+    found = []
+    for name in names:
+        reader = _folder(source, name, numbers, options) or _channels(source.reader, name)
+        if reader is not None:
+            places = tuple((c.stream, c.channel) for c in reader.binding[Buffer.COLOR])
+            found.append(
+                Beside(reader=reader, channels=places, stands_in={}, name=name, policy=policy)
+            )
+    return tuple(found)
+
+
+def images_of(planes: Mapping[str, Plane], names: Iterable[str]) -> dict[str, Color]:
+    """Put the planes of `Beside.read` together: name -> 1 3 h w."""
+    found = {}
+    for name in names:
+        parts = [planes[channel] for channel in channels_of(name) if channel in planes]
+        if len(parts) == len(COMPONENTS):
+            found[name] = torch.from_numpy(np.stack(parts).astype(np.float32))[None]
+    return found
+
+
+def _channels(reader: FrameReader, name: str) -> FrameReader | None:
+    """Read the channels of a name as if they were the frame's radiance; None without any."""
+    components = reader.binding.get(Buffer.COLOR, ())
+    if not components:
+        return None
+    number = reader.numbers[0]
+    there = read_header(reader.path(number, components[0].stream)).channels
+    lacking = [channel for channel in channels_of(name) if channel not in there]
+    if len(lacking) == len(COMPONENTS):
+        return None
+    if lacking:
+        raise FrameFolderError(
+            f"{reader.where(number)}: channel {lacking[0]} is missing beside the others of "
+            f"{name}; capture R, G and B, or none"
+        )
+    named = zip(components, channels_of(name), strict=True)
+    places = tuple(replace(component, channel=channel) for component, channel in named)
+    return replace(reader, binding={**reader.binding, Buffer.COLOR: places})
+
+
+def _folder(
+    source: PairSource, name: str, numbers: Collection[int], options: ReadOptions
+) -> FrameReader | None:
+    """Survey the folder of a name; None if there is none."""
+    own = source.reader
+    folder = own.frames.root / name
+    if not folder.is_dir():
+        return None
+    shots = list(open_single(folder, options))
+    if len(shots) != 1 or Buffer.COLOR not in shots[0][1].reader.stored:
+        raise FrameFolderError(
+            f"{folder}: expected the frames of the folder above, as {name}, with their radiance, "
+            "and no folders below; move them here"
+        )
+    reader = shots[0][1].reader
+    if reader.size != own.size:
+        raise FrameFolderError(
+            f"{folder}: {reader.size[1]} x {reader.size[0]} pixels, the frames beside it are "
+            f"{own.size[1]} x {own.size[0]}; capture both at one size"
+        )
+    lacking = sorted(set(numbers) - set(reader.numbers))
+    if lacking:
+        raise FrameFolderError(
+            f"{folder}: frame {lacking[0]} is missing; capture it, or choose --frames without"
+        )
+    return reader
