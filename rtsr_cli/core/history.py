@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
+
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.disocclusion import bounded_depth
@@ -16,7 +18,11 @@ from rtsr_cli.core.imaging.splatting import (
     forward_motion_by_splat,
     unreliable_mask,
 )
+from rtsr_cli.core.imaging.warping import fetch_nearest
 from rtsr_cli.core.shapes import Image, Mask, MotionPx
+
+IN_FRONT = 0.8
+"""Share of a surface's depth below which what was seen in its place lay in front of it."""
 
 
 def jittered(vectors_px: Image, now: Frame, then: Frame) -> Image:
@@ -61,13 +67,17 @@ class DualMotion:
 def dual_motion_between(now: Frame, before: Frame) -> DualMotion:
     """Dual motion by the forward vectors of the frame before, by a splat where it has none.
 
-    A surface lands on the pixel that it is fetched from, so that holes of the splat are no matter.
+    A splat is of what this frame shows: a surface that left the frame, or is itself hidden now, has
+    no vector. Where it lay in front it is told by its depth, and taken to move on as it came.
     """
     motion = sample_motion(now, before)
-    known = None
     if Buffer.FORWARD in before.gbuffer:
         forward = jittered(before.gbuffer[Buffer.FORWARD], before, now)
     else:
         depth = bounded_depth(now.gbuffer[Buffer.DEPTH])
-        forward, known = forward_motion_by_splat(motion, depth)
-    return DualMotion(motion, *dual_motion(motion, forward, known_prev_mask=known))
+        forward, landed = forward_motion_by_splat(motion, depth)
+        dual, known = dual_motion(motion, forward, known_prev_mask=landed)
+        seen = fetch_nearest(bounded_depth(before.gbuffer[Buffer.DEPTH]), motion)
+        came = jittered(fetch_nearest(before.gbuffer[Buffer.MOTION], motion), now, before)
+        return DualMotion(motion, torch.where(seen < IN_FRONT * depth, came, dual), known)
+    return DualMotion(motion, *dual_motion(motion, forward))

@@ -12,6 +12,7 @@ from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.history import brightening, dual_motion_between, sample_motion
+from rtsr_cli.core.imaging.splatting import UNRELIABLE_PX
 from rtsr_cli.core.imaging.warping import inside_frame
 from rtsr_cli.core.synth import random_scene, render_frame
 from rtsr_cli.core.synth.motion import motion_px
@@ -60,12 +61,12 @@ def separation_px(shot: Shot, motion: Tensor, offset: tuple[float, float]) -> Te
 
 
 def true_visibility(scene: Scene, motion: Tensor) -> tuple[Tensor, Tensor]:
-    """Pixels that the whole, or nothing, of the fetched pixel's area hides by > 1 px of motion."""
+    """Pixels whose fetched area is hidden as a whole, by > 1 px of motion, or not at all."""
     shot = prepare(scene, 5, SIZE)
     offsets = [(x, y) for x in (-0.5, 0.0, 0.5) for y in (-0.5, 0.0, 0.5)]
-    apart = torch.stack([separation_px(shot, motion, offset) for offset in offsets]) > CONTRAST_PX
+    apart = torch.stack([separation_px(shot, motion, offset) for offset in offsets])
     inside = inside_frame(motion[None])[0, 0] > 0
-    return apart.all(0) & inside, ~apart.any(0) & inside
+    return (apart > CONTRAST_PX).all(0) & inside, (apart < UNRELIABLE_PX).all(0) & inside
 
 
 @pytest.mark.parametrize("forward", [True, False], ids=["forward vectors", "splat"])
@@ -85,6 +86,19 @@ def test_unreliable_pixels_are_the_disocclusions(forward: bool) -> None:
     assert found > 300
     assert found / (found + missed) >= 0.9
     assert found / (found + wrong) >= 0.9
+
+
+def test_what_lay_in_front_and_left_the_frame_is_marked() -> None:
+    """A bar leaves to the left, the wall behind stays: no vector of this frame is the bar's."""
+    base = frames_of(random_scene(2), forward=True)[0]
+    wall, still = torch.full((1, 1, 4, 8), 5.0), torch.zeros(1, 2, 4, 8)
+    with_bar, moving = wall.clone(), still.clone()
+    with_bar[..., :2], moving[:, 0, :, :2] = 1.0, 3.0
+    now = replace(base, gbuffer=GBuffer({Buffer.DEPTH: wall, Buffer.MOTION: still}, "now"))
+    before = replace(base, gbuffer=GBuffer({Buffer.DEPTH: with_bar, Buffer.MOTION: moving}, "then"))
+    unreliable = dual_motion_between(now, before).unreliable[0, 0] > 0
+    assert unreliable[:, :2].all()
+    assert not unreliable[:, 2:].any()
 
 
 def jittered_frame(jitter_px: tuple[float, float], motion: float, exposure: float = 1.0) -> Frame:
