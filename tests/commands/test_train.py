@@ -52,6 +52,17 @@ def captures(tmp_path_factory: pytest.TempPathFactory, small_capture: Path) -> P
 
 
 @pytest.fixture(scope="session")
+def clips_of_four(tmp_path_factory: pytest.TempPathFactory, small_capture: Path) -> Path:
+    """Two shots of four frames, for what trains on clips."""
+    root = tmp_path_factory.mktemp("clips")
+    for name in ("one", "two"):
+        (root / name).mkdir()
+        for number in (1, 2, 3, 4):
+            shutil.copy(small_capture / f"frame.{number:04d}.exr", root / name)
+    return root
+
+
+@pytest.fixture(scope="session")
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Frames are decoded once for all tests."""
     return tmp_path_factory.mktemp("cache")
@@ -90,6 +101,26 @@ def test_trained_weights_upscale(rtsr: Run, captures: Path, cache: Path, tmp_pat
         "upscale", captures / "one", tmp_path / "out", "--simulate-lr", "4", "--weights", weights
     )
     assert "0 written, 2 kept" in again.output
+
+
+def test_a_recurrent_network_trains_goes_on_and_upscales(
+    rtsr: Run, clips_of_four: Path, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    few = settings(training__steps=2, training__validate_every=2)
+    run = ["train", "nsrd", clips_of_four, "--out", tmp_path / "run", "--cache", cache]
+    assert rtsr(*run, *few).exit_code == 0
+    kept = (tmp_path / "run" / "last.safetensors").read_bytes()
+    assert rtsr(*run, *few).exit_code == 0
+    assert (tmp_path / "run" / "last.safetensors").read_bytes() == kept
+    result = rtsr(
+        "upscale", clips_of_four / "one", tmp_path / "out", "--simulate-lr", "4",
+        "--weights", tmp_path / "run" / "best.safetensors",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert "system nsrd" in result.output
+    refused = rtsr("train", "nsrd", captures, "--out", tmp_path / "short", "--cache", cache, *few)
+    assert refused.exit_code == 3
+    assert "4 successive frames" in refused.output
 
 
 def test_a_run_starts_from_weights_that_are_there(
@@ -260,20 +291,18 @@ def test_a_killed_run_ends_as_one_that_was_not(captures: Path, cache: Path, tmp_
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("system", ["fusesr-fast", "nsrd"])
 def test_two_processes_make_the_steps_of_one_with_twice_the_batch(
-    captures: Path, cache: Path, tmp_path: Path
+    captures: Path, clips_of_four: Path, cache: Path, tmp_path: Path, system: str
 ) -> None:
-    def trained(out: Path, launcher: list[str], batch: int, *more: str) -> dict[str, Tensor]:
-        # batch statistics and means over masked pixels are each process' own
+    data = clips_of_four if system == "nsrd" else captures
+
+    def trained(out: Path, launcher: list[str], batch: int) -> dict[str, Tensor]:
+        # batches are normalised by each process' own statistics
         changed = settings(
-            training__batch=batch,
-            training__freeze_statistics=0.0,
-            network__loss__log=0.0,
-            network__loss__tonemapped=0.0,
-            network__loss__radiance=1.0,
-            training__save_every=2,
+            training__batch=batch, training__freeze_statistics=0.0, training__save_every=2
         )
-        command = [*launcher, "train", "fusesr-fast", captures, "--out", out, "--cache", cache]
+        command = [*launcher, "train", system, data, "--out", out, "--cache", cache]
         done = subprocess.run(
             [*map(str, command), *changed], cwd=ROOT, capture_output=True, text=True, check=False
         )

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.lighting import Base, Preset, encode_lighting
 from rtsr_cli.core.metrics.ssim import SsimConvention, ssim
 from rtsr_cli.core.system import Window
@@ -295,6 +296,18 @@ def test_a_fresh_network_is_its_base(make_windows: MakeWindows, base: Base, name
     assert theirs is not None
     inner = (..., slice(4, -4), slice(4, -4))
     assert torch.allclose(ours[inner], theirs[inner], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("mode", list(DemodulationMode))
+def test_emission_is_added_where_it_was_taken_out(
+    make_windows: MakeWindows, mode: DemodulationMode
+) -> None:
+    window = make_windows(NSRD, 4, optional=True)[-1]
+    assert window.hr is not None
+    assert window.hr.gbuffer[Buffer.EMISSION].any()
+    inputs = prepare(replace(CONFIG, demodulation=mode), window)
+    apart = mode not in (DemodulationMode.SOFTPLUS, DemodulationMode.NONE)
+    assert bool(inputs["emission"].any()) == apart
 
 
 def reference(window: Window) -> Frame:

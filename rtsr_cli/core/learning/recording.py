@@ -204,23 +204,31 @@ def _key(shot: Captured, wanted: Wanted, policy: NonfinitePolicy) -> str:
 
 
 def _parts(source: PairSource, wanted: Wanted) -> Iterator[tuple[Sequence[int], int]]:
-    """Cut unbroken runs into parts; what a sample holds lies in one of them, with its history.
-
-    Parts overlap by history and all but one target of a sample. Yields numbers and the position of
-    the first target.
-    """
+    """Cut unbroken runs into parts; yields numbers and the position of the first target."""
     reader = source.reader
     sequence = FrameSequence(
         numbers=reader.numbers, load_frame=_unused, step=reader.step, cuts=reader.resets
     )
     height, width = source.readers[-1].size
     length = CLIP_BYTES // (height * width * HALF_BYTES * MAX_CHANNELS)
-    overlap = wanted.history + wanted.unroll - 1
-    length = max(overlap + 1, min(MAX_CLIP_FRAMES, length))
     for run in sequence.runs():
-        for start in range(0, len(run), length):
-            first = max(0, start - overlap)
-            yield run[first : start + length], max(0, start - first - wanted.unroll + 1)
+        yield from parts_of(run, min(MAX_CLIP_FRAMES, length), wanted)
+
+
+def parts_of(
+    run: Sequence[int], length: int, wanted: Wanted
+) -> Iterator[tuple[Sequence[int], int]]:
+    """Cut one unbroken run into parts of about `length` frames.
+
+    Parts overlap by history and all but one target of a sample, so that every sample lies in
+    exactly one, with the history that there is. Yields numbers and the position of the first
+    target.
+    """
+    overlap = wanted.history + wanted.unroll - 1
+    length = max(overlap + 1, length)
+    for start in range(0, len(run), length):
+        first = max(0, start - overlap)
+        yield run[first : start + length], max(0, start - first - wanted.unroll + 1)
 
 
 def _unused(number: int) -> Frame:

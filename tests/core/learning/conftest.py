@@ -64,7 +64,7 @@ def clip() -> Clip:
     return make_clip()
 
 
-@pytest.fixture(params=["fusesr", "fusesr-fast"])
+@pytest.fixture(params=["fusesr", "fusesr-fast", "nsrd"])
 def task(request: pytest.FixtureRequest) -> Task:
     system = load_system(request.param)
     return Task(system=system, config=system.config(), scale=4)

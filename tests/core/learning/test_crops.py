@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.learning.augmentation import NO_AUGMENTATION, AugmentationConfig, Swap, Turn
 from rtsr_cli.core.learning.clips import Clip
@@ -23,13 +24,19 @@ from rtsr_cli.core.learning.crops import (
 REGION = Region(position=3, top=4, left=8, size=(8, 10))
 
 
+def depth_of(frame: Tensor, task: Task) -> Tensor:
+    """Depth among what a network sees of a frame: behind lighting, and NSRD's behind normals."""
+    first = 6 if task.system.name == "nsrd" else 3
+    return frame[:, first : first + 1]
+
+
 def test_an_unchanged_sample_holds_the_captures_pixels(clip: Clip, task: Task) -> None:
     step = sample_steps(clip, REGION, Choices(), task)[0]
     color = clip.hr["color"][3:4, :, 4:36, 8:48].float()
     assert torch.equal(step.goal["color"], color)
     depth = clip.hr["depth"][3:4, :, 6:36:4, 10:48:4].float()
     sky = (depth >= 65504).float()
-    assert torch.allclose(step.inputs["frame_0"][:, 3:4], (1 - sky) / (1 + depth))
+    assert torch.allclose(depth_of(step.inputs["frame_0"], task), (1 - sky) / (1 + depth))
 
 
 def test_a_sample_is_a_function_of_its_draws(clip: Clip, task: Task) -> None:
@@ -118,7 +125,7 @@ def test_real_lr_frames_are_cropped_with_their_jitter(clip: Clip, task: Task) ->
     step = sample_steps(real, Region(position=3, top=4, left=8, size=(8, 9)), Choices(), task)[0]
     depth = clip.hr["depth"][3:4, :, 5:36:4, 11:44:4].float()
     sky = (depth >= 65504).float()
-    assert torch.allclose(step.inputs["frame_0"][:, 3:4], (1 - sky) / (1 + depth))
+    assert torch.allclose(depth_of(step.inputs["frame_0"], task), (1 - sky) / (1 + depth))
     # sample (3, 1) of a block comes to lie at (2, 2): the goal moves by (1, -1)
     color = clip.hr["color"][3:4, :, 4:36, 8:44].float()
     assert torch.equal(step.goal["color"][..., 1:, :-1], color[..., :-1, 1:])

@@ -2,13 +2,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 import torch
 
+from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.learning.clips import read_clips
 from rtsr_cli.core.learning.config import TrainingConfig
 from rtsr_cli.core.learning.crops import Choices, Region, Task, sample_steps
 from rtsr_cli.core.learning.packing import cut, pack
 from rtsr_cli.core.learning.sampling import Sampler
+from rtsr_cli.models import load_system
 from tests.core.learning.conftest import make_clip
 
 
@@ -35,3 +38,14 @@ def test_a_pack_trains_and_validates_alone(tmp_path: Path, task: Task) -> None:
     assert all(c.size == (20, 20) for c in found[:5])
     sample = Sampler(found, task, config).make(0)
     assert sample.steps[0].goal["color"].shape[-2:] == (16, 16)
+
+
+def test_clips_too_short_for_a_sample_are_left_out_or_refused() -> None:
+    system = load_system("nsrd")
+    task = Task(system=system, config=system.config(), scale=4)
+    config = TrainingConfig(crop=4)
+    short, long = make_clip(frames=3, name="a/short"), make_clip(frames=4, name="a/long")
+    sampler = Sampler([short, long], task, config)
+    assert {sampler.make(i).clip.facts.name for i in range(8)} == {"a/long"}
+    with pytest.raises(FrameFolderError, match="4 successive frames"):
+        Sampler([short], task, config)
