@@ -24,6 +24,7 @@ from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.beside import find_beside
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_single
+from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import Inputs
 from rtsr_cli.core.labelling import VRS_LABELS, LabelConfig, Labeller
 from rtsr_cli.core.planning import UpscaleOptions
@@ -48,6 +49,7 @@ def run_label(chosen: Mapping[str, Any]) -> int:
         overwrite=chosen["overwrite"],
         selection=selection(chosen),
         command="label",
+        pictures=(PREVIEW_SUFFIX,) if chosen["previews"] else (),
     )
     base = Inputs(lr=(), on_nonfinite=NonfinitePolicy(chosen["on_nonfinite"]))
     inputs = planning.system_inputs(VRS_LABELS, base, config)
@@ -66,7 +68,7 @@ def run_label(chosen: Mapping[str, Any]) -> int:
             inputs=inputs,
             folder=chosen["out_folder"] / name,
             options=options,
-            config=[asdict(config), chosen["previews"], policy],
+            config=[asdict(config), policy],
             beside=captured,
         )
         for name, source, captured in opened

@@ -32,7 +32,7 @@ from rtsr_cli.core.io.opening import ReadOptions, open_single
 from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.networks import Loaded, load_network, shipped_weights
 from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
-from rtsr_cli.core.shading_files import Decide, Writer, figures_of, summary
+from rtsr_cli.core.shading_files import OVERLAY_SUFFIX, Decide, Writer, figures_of, summary
 from rtsr_cli.core.shading_rates import RateDecider, ReuseDecider
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import NoNetwork, Prediction, System
@@ -41,6 +41,7 @@ from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, amplitude
 from rtsr_cli.core.vrs.estimating import Estimator, VrsOptions
 from rtsr_cli.core.weights import SHIPPED, read_weights
 from rtsr_cli.models import load_system
+from rtsr_cli.models.rt_percept.config import RtPerceptConfig
 from rtsr_cli.models.rt_percept.transforms import restored, transformed
 
 COMMAND = "predict-vrs"
@@ -91,12 +92,11 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
             system,
             inputs=inputs,
             folder=chosen["out_folder"] / name,
-            options=run,
+            options=_with_pictures(run, source, loaded.config, overlays=chosen["overlays"]),
             config=[
                 asdict(options),
                 asdict(loaded.config),
                 loaded.digest,
-                chosen["overlays"],
                 policy,
             ],
             beside=captured,
@@ -113,7 +113,7 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
     writer = Writer(
         decide=_decider(options, loaded),
         tile=error.tile,
-        suffix=REUSE_SUFFIX if loaded.config.reuse else RATE_SUFFIX,
+        suffix=_codes_suffix(loaded.config),
         overlays=chosen["overlays"],
     )
     events = until_stopped(
@@ -123,6 +123,20 @@ def run_predict_vrs(chosen: Mapping[str, Any]) -> int:
         code = follow(chosen, events, sum(len(plan.pending) for plan in plans))
     _summarise(chosen, plans, options)
     return code
+
+
+def _codes_suffix(config: RtPerceptConfig) -> str:
+    """Suffix of the images for engines."""
+    return REUSE_SUFFIX if config.reuse else RATE_SUFFIX
+
+
+def _with_pictures(
+    run: UpscaleOptions, source: PairSource, config: RtPerceptConfig, *, overlays: bool
+) -> UpscaleOptions:
+    """Name the PNGs that each frame of a shot gets: overlays lie over its radiance."""
+    shown = overlays and Buffer.COLOR in source.reader.stored
+    pictures = (_codes_suffix(config), OVERLAY_SUFFIX) if shown else (_codes_suffix(config),)
+    return replace(run, pictures=pictures)
 
 
 def _analytic_alone(chosen: Mapping[str, Any], system: System) -> tuple[System, Loaded]:

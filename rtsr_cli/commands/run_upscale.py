@@ -23,6 +23,7 @@ from rtsr_cli.core import planning, tiling, upscaling
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_pairs
+from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.io.simulation import JitterMode, Simulation
 from rtsr_cli.core.networks import Loaded, has_weights, load_network
@@ -43,7 +44,7 @@ def run_upscale(chosen: Mapping[str, Any]) -> int:
         jobs=chosen["jobs"],
         tile=chosen["tile"],
         overwrite=chosen["overwrite"],
-        previews=chosen["previews"],
+        pictures=(PREVIEW_SUFFIX,) if chosen["previews"] else (),
         debug=chosen["debug_buffers"],
         selection=selection(chosen),
     )

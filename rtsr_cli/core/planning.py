@@ -17,7 +17,6 @@ from rtsr_cli.core.io.outputs import (
     FLOAT_BYTES,
     HALF_BYTES,
     HEADER_BYTES,
-    PREVIEW_SUFFIX,
     OutputState,
     debug_path,
     output_name,
@@ -48,7 +47,7 @@ class UpscaleOptions:
         jobs: threads that read, and threads that write.
         tile: side of tiles in LR pixels; 0 = never, None = by the frame's size.
         overwrite: replace files that are stale or foreign.
-        previews: PNG beside each EXR.
+        pictures: suffixes of the PNGs beside each EXR; a frame that lacks one is not done.
         debug: EXR of what the system saw and decided.
         selection: which frames are written.
         command: that runs.
@@ -59,7 +58,7 @@ class UpscaleOptions:
     jobs: int = 2
     tile: int | None = None
     overwrite: bool = False
-    previews: bool = False
+    pictures: tuple[str, ...] = ()
     debug: bool = False
     selection: Selection = field(default_factory=Selection)
     command: str = "upscale"
@@ -124,7 +123,7 @@ class ShotPlan:
         height, width = self.output_size
         layers = len("RGBA" if Buffer.ALPHA in self.source.reader.stored else "RGB")
         passed = sum(len(part.channels) for part in self.passed)
-        picture = len("RGB") if options.previews else 0
+        picture = len("RGB") * len(options.pictures)
         a_pixel = layers * HALF_BYTES + passed * FLOAT_BYTES + picture
         return len(self.pending) * (height * width * a_pixel + HEADER_BYTES)
 
@@ -255,9 +254,9 @@ def _states(plan: ShotPlan, options: UpscaleOptions) -> dict[int, OutputState]:
             continue
         stamp = stamps.of(number)
         state = output_state(path, stamp)
-        lacks_preview = options.previews and not path.with_suffix(PREVIEW_SUFFIX).exists()
+        lacks_picture = not all(path.with_suffix(suffix).exists() for suffix in options.pictures)
         lacks_debug = options.debug and output_state(debug_path(path), stamp) is not state
-        absent = state is OutputState.DONE and (lacks_preview or lacks_debug)
+        absent = state is OutputState.DONE and (lacks_picture or lacks_debug)
         states[number] = OutputState.ABSENT if absent else state
     return states
 

@@ -24,7 +24,7 @@ from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
 from rtsr_cli.core.io.atomic import remove_leftovers
 from rtsr_cli.core.io.exr import Plane, read_header
-from rtsr_cli.core.io.outputs import OutputFrame
+from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX, OutputFrame
 from rtsr_cli.core.io.pairs import FramePair
 from rtsr_cli.core.io.provenance import color_tag, provenance
 from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch, read_ahead
@@ -279,7 +279,7 @@ def picture(made: Made) -> Callable[[], None]:
         windows=plan.source.output_window,
         colorspace=plan.source.reader.conventions.colorspace,
         passed=made.passed,
-        previews=made.options.previews,
+        previews=PREVIEW_SUFFIX in made.options.pictures,
         debug=_debug(pair, prediction) if made.options.debug else None,
     )
     return frame.write

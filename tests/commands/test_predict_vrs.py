@@ -251,6 +251,25 @@ def test_a_run_that_goes_on_counts_what_was_there(
     assert json.loads((out / "summary.json").read_text(encoding="utf-8")) == whole
 
 
+def test_pictures_that_are_asked_for_later_or_were_deleted_are_made(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    out, labelled = tmp_path / "out", tmp_path / "labels"
+    command = ["predict-vrs", small_capture, out, "--estimator", "analytic"]
+    count = len(exrs(small_capture))
+    assert rtsr(*command).exit_code == 0
+    assert f"{count} written, 0 kept" in rtsr(*command, "--overlay").output
+    assert f"0 written, {count} kept" in rtsr(*command, "--overlay").output
+    codes = exrs(out)[1].with_suffix(".rate.png")
+    codes.unlink()
+    assert f"1 written, {count - 1} kept" in rtsr(*command).output
+    assert codes.is_file()
+    label = ["label", small_capture, labelled, "--kind", "vrs", "--metric", "psnr"]
+    assert rtsr(*label).exit_code == 0
+    assert f"{count} written" in rtsr(*label, "--preview").output
+    assert len(list(labelled.glob("*.png"))) == count
+
+
 def test_the_first_frame_is_shaded_in_full_by_what_knows_the_past_alone(
     rtsr: Run, small_capture: Path, tmp_path: Path
 ) -> None:

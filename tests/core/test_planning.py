@@ -16,6 +16,7 @@ from rtsr_cli.core.errors import FrameFolderError, OutputError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.io.exr import read_channels, write_exr
+from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import Inputs, PairSource, real_pairs
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard
@@ -196,9 +197,9 @@ def test_a_foreign_file_is_in_the_way_until_it_may_be_replaced(
 def test_a_lost_preview_is_written_again(
     source: Callable[..., PairSource], plan: Plan, tmp_path: Path
 ) -> None:
-    run(plan(source(), previews=True), previews=True)
+    run(plan(source(), pictures=(PREVIEW_SUFFIX,)), pictures=(PREVIEW_SUFFIX,))
     (tmp_path / "out" / "frame.0004.png").unlink()
-    assert plan(source(), previews=True).pending == {4}
+    assert plan(source(), pictures=(PREVIEW_SUFFIX,)).pending == {4}
     assert plan(source()).pending == frozenset()
 
 
