@@ -103,7 +103,7 @@ def show_profile(run: Run) -> None:
 
 
 @click.command()
-@click.option("--system", "names", multiple=True, default=("fusesr", "fusesr-fast"))
+@click.option("--system", "names", multiple=True, default=("fusesr", "fusesr-fast", "nsrd"))
 @click.option("--size", default="480x270", show_default=True, help="LR width and height.")
 @click.option("--scale", default=4, show_default=True)
 @click.option("--pairs", default=7, show_default=True, type=click.IntRange(1))

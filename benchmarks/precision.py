@@ -1,6 +1,6 @@
 """What bf16 layers cost in quality: PSNR of the shipped networks against fp32.
 
-    python benchmarks/precision.py DATA [--system fusesr --system fusesr-fast]
+    python benchmarks/precision.py DATA [--system fusesr --system fusesr-fast --system nsrd]
 
 Upscales the `val` and `test` sequences of DATA at 4x in both precisions and judges them as
 `benchmarks/results.py` does.
@@ -22,7 +22,7 @@ PRECISIONS = ("fp32", "bf16")
 
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--system", "systems", multiple=True, default=("fusesr", "fusesr-fast"))
+@click.option("--system", "systems", multiple=True, default=("fusesr", "fusesr-fast", "nsrd"))
 def main(*, data: Path, systems: tuple[str, ...]) -> None:
     """Print PSNR a precision and sequence, and the differences."""
     with tempfile.TemporaryDirectory() as name:
