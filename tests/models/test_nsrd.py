@@ -298,6 +298,20 @@ def test_a_fresh_network_is_its_base(make_windows: MakeWindows, base: Base, name
     assert torch.allclose(ours[inner], theirs[inner], rtol=1e-5, atol=1e-5)
 
 
+def test_debug_pictures_say_where_the_last_output_was_not_used(make_windows: MakeWindows) -> None:
+    windows = make_windows(NSRD, 4, optional=True)
+    network, state = scrambled(CONFIG, 4), None
+    shares = []
+    for window in windows[:2]:
+        with torch.inference_mode():
+            prediction = NSRD.predict(network, window, state)
+        state = prediction.state
+        shares.append(float(prediction.debug["unreliable"].mean()))
+        assert prediction.debug["unreliable"].shape[-2:] == (64, 96)
+    assert shares[0] == 1.0
+    assert 0.0 < shares[1] < 0.5
+
+
 @pytest.mark.parametrize("mode", list(DemodulationMode))
 def test_emission_is_added_where_it_was_taken_out(
     make_windows: MakeWindows, mode: DemodulationMode

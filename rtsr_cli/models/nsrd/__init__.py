@@ -38,6 +38,7 @@ from rtsr_cli.core.lighting import (
     hr_frame,
     lighting_goal,
     lighting_loss,
+    unaligned,
     with_sky,
 )
 from rtsr_cli.core.metrics.ssim import SsimConvention, ssim
@@ -59,16 +60,17 @@ def derivation(config: NSRDConfig) -> DerivationConfig:
 
 
 def compose(config: NSRDConfig, window: Window, inputs: Tensors, outputs: Tensors) -> Prediction:
-    """Radiance from predicted lighting."""
+    """Radiance from predicted lighting; of what was decided, where the last output was used."""
     prediction = compose_lighting(config.preset, window, inputs, outputs["predicted"].clamp(min=0))
-    if config.preset is Preset.RTSR or prediction.image is None:
-        return prediction
     image = prediction.image
+    debug = {**prediction.debug, "unreliable": unaligned(window, inputs["unreliable_hr"])}
+    if config.preset is Preset.RTSR or image is None:
+        return Prediction(image=image, debug=debug)
     emission = hr_frame(window).gbuffer.buffers.get(Buffer.EMISSION)
     if emission is not None:
         shines = (emission.abs() >= EMISSIVE).any(dim=1, keepdim=True)
         image = torch.where(shines, emission, image)
-    return Prediction(image=with_sky(window, image), debug=prediction.debug)
+    return Prediction(image=with_sky(window, image), debug=debug)
 
 
 def goal(config: NSRDConfig, window: Window, reference: Frame) -> Tensors:
