@@ -49,6 +49,7 @@ from rtsr_cli.core.vrs.rates import Rate, extrapolated, shaded_share
 from rtsr_cli.core.vrs.reprojection import moved_picture
 from rtsr_cli.core.weights import SHIPPED
 from rtsr_cli.models import load_system
+from rtsr_cli.models.rt_percept.config import RtPerceptConfig
 from rtsr_cli.models.rt_percept.transforms import restored, transformed
 
 SYSTEM = "rt-percept"
@@ -74,7 +75,6 @@ class Known:
     window: Window
     true: Mapping[Rate, Tensor]
     predicted: Tensor
-    transformed: Tensor
     proxy: Mapping[Rate, Tensor]
     seen: Tensor
 
@@ -103,7 +103,6 @@ def frames_of(folder: Path, loaded: Loaded) -> Iterator[Known]:
                     window=window,
                     true=true_errors(color, config.error),
                     predicted=prediction.tiles,
-                    transformed=prediction.debug["transformed"],
                     proxy=proxy_errors(window, config.predicted, config.error),
                     seen=seen,
                 )
@@ -128,15 +127,17 @@ def frames_of(folder: Path, loaded: Loaded) -> Iterator[Known]:
     yield from found
 
 
-def tallies(frame: Known, loaded: Loaded) -> dict[str, dict[str, Tally]]:
-    """Kind of prediction and of tile -> rate -> sums."""
-    config = loaded.config
+def tallies(
+    frame: Known, loaded: Loaded, space: RtPerceptConfig | None = None
+) -> dict[str, dict[str, Tally]]:
+    """Kind of prediction and of tile -> rate -> sums, in the weights' own space or another one."""
+    config = space or loaded.config
     mean = loaded.network.get_buffer("mean")
     each: dict[str, dict[str, Tally]] = defaultdict(dict)
     unseen = 1.0 - frame.seen
     for index, rate in enumerate(config.predicted):
         wanted = transformed(frame.true[rate], mean, config)
-        predicted = frame.transformed[:, index : index + 1]
+        predicted = transformed(frame.predicted[:, index : index + 1], mean, config)
         proxy = transformed(frame.proxy[rate], mean, config)
         each["network"][rate.label] = tally(predicted, wanted)
         each["network, seen"][rate.label] = tally(predicted, wanted, frame.seen)

@@ -23,6 +23,7 @@ from vrs import SYSTEM, frames_of, tallies
 from rtsr_cli.core.networks import load_network
 from rtsr_cli.core.vrs.accuracy import accuracy, together
 from rtsr_cli.models import load_system
+from rtsr_cli.models.rt_percept.config import Transform
 
 ROWS: dict[str, tuple[str, ...]] = {
     "JNFLIP, 4 inputs, clamped": (),
@@ -47,8 +48,9 @@ HEAD = (
 
 `rt-percept`, tiles of 16, after {steps} steps of {batch} frames, one choice changed a row, the
 same seed and frames in each. Short trainings: rows compare with each other, not with the shipped
-weights. Means over the `val` and `test` sequences, in transformed space; the last columns hold 2x2
-and 4x4 by eq. 10, or as predicted, against true ones.
+weights. Means over the `val` and `test` sequences, all in the clamped space (a network that learned
+logistic values is held against the same errors as the others); the last columns hold 2x2 and 4x4
+by eq. 10, or as predicted, against true ones.
 
 | | R2 | MAE | seen R2 | MAE | unseen R2 | MAE | proxy R2 | MAE | 2x2, 4x4 R2 | MAE |
 | --- |"""
@@ -61,10 +63,11 @@ def line(title: str, data: Path, weights: Path) -> str:
     loaded = load_network(load_system(SYSTEM), 1, "cpu", weights)
     loaded.network.config = replace(loaded.config, margin=0.0)
     manifest = json.loads((data / "manifest.json").read_text(encoding="utf-8"))
+    space = replace(loaded.config, transform=Transform.CLAMPED)
     rows = []
     for shot in (s for s in manifest["sequences"] if s["split"] != "train"):
         folder = data / shot["scene"] / shot["sequence"]
-        each = [tallies(frame, loaded) for frame in frames_of(folder, loaded)]
+        each = [tallies(frame, loaded, space) for frame in frames_of(folder, loaded)]
         rows.append({k: accuracy(together(one.get(k, {}) for one in each)) for k in KINDS})
     cells = []
     for kind in KINDS:

@@ -48,14 +48,15 @@ def reprojected(window: Window) -> tuple[Color, Mask]:
 def moved_picture(window: Window) -> Color:
     """The frame before where each pixel was, seen or not, at this frame's exposure.
 
-    What lies outside is the nearest pixel inside; without a frame before, black.
+    Whole pixels are fetched: a blend of neighbours would take off the contrast that errors are
+    made of. What lies outside is the nearest pixel inside; without a frame before, black.
     """
     now = window.current
     if len(window.lr) == 1:
         return torch.zeros_like(now.gbuffer[Buffer.NORMAL])
     before = window.lr[1]
     color = before.gbuffer[Buffer.COLOR] * brightening(now, before)
-    picture, _ = backward_warp(displayed(color), sample_motion(now, before))
+    picture, _ = backward_warp(displayed(color), sample_motion(now, before), mode="nearest")
     return picture
 
 

@@ -19,6 +19,9 @@ class Inputs(StrEnum):
     """Which buffers the network sees, by the number of their channels."""
 
     FOUR = "4"
+    """The published choice."""
+    LUMA = "luma"
+    """The same four, luma instead of red: what errors are measured on."""
     THREE = "3"
     SIXTEEN = "16"
     NINETEEN = "19"
@@ -68,7 +71,7 @@ class RtPerceptConfig:
         error: what is predicted.
     """
 
-    inputs: Inputs = Inputs.FOUR
+    inputs: Inputs = Inputs.LUMA
     rates: tuple[str, ...] = ("1x2", "2x1", "2x4", "4x2")
     groups: Groups = Groups.CODE
     transform: Transform = Transform.CLAMPED

@@ -15,6 +15,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.shapes import Color, Image, Mask
 from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.vrs.errors import luma
 from rtsr_cli.core.vrs.reprojection import displayed, reprojected
 from rtsr_cli.models.rt_percept.config import Inputs, RtPerceptConfig
 
@@ -22,7 +23,7 @@ DIELECTRIC_F0 = 0.04
 
 ALWAYS = (Buffer.COLOR, Buffer.MOTION, Buffer.DEPTH, Buffer.NORMAL, Buffer.VIEW_NORMAL)
 BUFFERS = (*ALWAYS, Buffer.ALBEDO)
-"""Of the recommended four channels; the larger sets see more where it is there."""
+"""Of the four channels; the larger sets see more where it is there."""
 
 OPTIONAL = (Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV, Buffer.EMISSION, Buffer.OBJECT_ID)
 
@@ -55,6 +56,12 @@ def _four(frame: Frame, picture: Color, seen: Mask) -> Image:
     """Reprojected red, mask, diffuse red, z of the normal."""
     normal_z = _view_normal(frame)[:, 2:]
     return torch.cat([picture[:, :1], seen, _diffuse(frame)[:, :1], normal_z], dim=1)
+
+
+def _luma(frame: Frame, picture: Color, seen: Mask) -> Image:
+    """Luma of the reprojected picture, mask, luma of the diffuse colour, z of the normal."""
+    normal_z = _view_normal(frame)[:, 2:]
+    return torch.cat([luma(picture), seen, luma(_diffuse(frame)), normal_z], dim=1)
 
 
 def _reuse(frame: Frame, picture: Color, seen: Mask) -> Image:
@@ -99,6 +106,7 @@ def _nineteen(frame: Frame, picture: Color, seen: Mask) -> Image:
 
 SETS: dict[Inputs, tuple[int, Channels]] = {
     Inputs.FOUR: (4, _four),
+    Inputs.LUMA: (4, _luma),
     Inputs.THREE: (3, _three),
     Inputs.SIXTEEN: (16, _sixteen),
     Inputs.NINETEEN: (19, _nineteen),
