@@ -45,8 +45,9 @@ from rtsr_cli.core.vrs.estimating import (
     chosen_errors,
     estimate,
 )
-from rtsr_cli.core.vrs.rates import Rate, extrapolated, shaded_share
+from rtsr_cli.core.vrs.rates import Rate, extrapolated, rate_shares, shaded_share
 from rtsr_cli.core.vrs.reprojection import moved_picture
+from rtsr_cli.core.vrs.tiles import pixel_shares
 from rtsr_cli.core.weights import SHIPPED
 from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
@@ -172,7 +173,9 @@ def decided(
     for frame in frames:
         found = estimate(frame.window, frame.predicted, config.predicted, options)
         worst = chosen_errors(frame.true, found.codes, config.error.metric)
-        each.append((float(worst.mean()), 1.0 - shaded_share(found.codes)))
+        pixels = pixel_shares(frame.window.current.gbuffer.size, config.error.tile, found.codes)
+        shares = rate_shares(found.codes, pixels)
+        each.append((float(worst.mean()), 1.0 - shaded_share(shares)))
     error, saved = (statistics.fmean(column) for column in zip(*each, strict=True))
     return error, 100.0 * saved
 

@@ -30,7 +30,7 @@ MODES = ("brdf", "softplus", "albedo", "glossy-albedo")
 )
 @click.option(
     "--epsilon",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
+    type=opt.FiniteRange(0.0, 1.0, min_open=True),
     default=4e-3,
     show_default=True,
     help="Smallest divisor; below it a pixel is left undivided.",

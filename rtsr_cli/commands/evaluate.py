@@ -139,7 +139,7 @@ def _demanded(chosen: dict[str, Any]) -> tuple[Any, ...]:
     type=opt.Named("SSIM convention", SSIM_CONVENTIONS),
     help="In place of the protocol's: " + ", ".join(SSIM_CONVENTIONS) + ".",
 )
-@click.option("--ppd", type=click.FloatRange(1.0, 1000.0), help="Pixels per degree, for FLIP.")
+@click.option("--ppd", type=opt.FiniteRange(1.0, 1000.0), help="Pixels per degree, for FLIP.")
 @click.option(
     "--border",
     type=click.IntRange(0),

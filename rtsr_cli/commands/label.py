@@ -25,7 +25,7 @@ from rtsr_cli.commands.predict_vrs import METRICS
 )
 @click.option(
     "--env-luminance",
-    type=click.FloatRange(0.0),
+    type=opt.FiniteRange(0.0),
     default=1e-10,
     show_default=True,
     help="Of the surroundings, in Weber's law: JN = E / (L + l).",

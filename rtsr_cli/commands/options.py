@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -108,6 +109,19 @@ class TileSide(click.ParamType[int]):
         return int(side)
 
 
+class FiniteRange(click.FloatRange):
+    """A number of a range: no NaN, which passes every comparison, and no infinity."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Parse."""
+        found = float(super().convert(value, param, ctx))
+        if not math.isfinite(found):
+            self.fail(f"{value} is no number", param, ctx)
+        return found
+
+
 class RateTile(click.ParamType[int]):
     """Side of a tile of one shading rate: a power of two from 1 to 64."""
 
@@ -133,8 +147,7 @@ class PixelsPerDegree(click.ParamType[float]):
         """Parse."""
         if value == "width":
             return 0.0
-        found = click.FloatRange(1.0, 1000.0).convert(value, param, ctx)
-        return float(found)
+        return FiniteRange(1.0, 1000.0).convert(value, param, ctx)
 
 
 FOLDER = click.Path(path_type=Path)

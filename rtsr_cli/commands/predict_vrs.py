@@ -20,12 +20,12 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 )
 @click.option(
     "--threshold",
-    type=click.FloatRange(0.0, min_open=True),
+    type=opt.FiniteRange(0.0, min_open=True),
     help="Error that a rate must stay below, in the metric's unit.  [default: that of the weights]",
 )
 @click.option(
     "--analytic-threshold",
-    type=click.FloatRange(0.0, min_open=True),
+    type=opt.FiniteRange(0.0, min_open=True),
     help="The same for the analytic estimate, in its own unit.  [default: 0.07]",
 )
 @click.option(
@@ -45,7 +45,7 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 )
 @click.option(
     "--margin",
-    type=click.FloatRange(0.0, 1.0),
+    type=opt.FiniteRange(0.0, 1.0),
     help="Added to predictions, 0..1; the underestimation on validation by default.",
 )
 @click.option(

@@ -151,6 +151,7 @@ def _analytic_alone(chosen: Mapping[str, Any], system: System) -> tuple[System, 
     config = system.config(error=error)
     nothing = replace(
         system,
+        name=Estimator.ANALYTIC.value,
         lr_inputs=ANALYTIC_INPUTS,
         lr_optional=(Buffer.OBJECT_ID,),
         predict=lambda network, window, state: Prediction(),
@@ -285,8 +286,9 @@ def _announce(
         "read_bytes": plan.read_bytes,
         "write_bytes_at_most": plan.write_bytes(run),
     }
+    side = "above" if options.error.metric is VrsMetric.PSNR else "below"
     limits = {
-        Estimator.NETWORK: f"{options.error.metric} below {options.threshold:g}",
+        Estimator.NETWORK: f"{options.error.metric} {side} {options.threshold:g}",
         Estimator.ANALYTIC: f"analytic estimate below {options.analytic.threshold:g}",
     }
     if options.estimator is Estimator.HYBRID:
@@ -327,7 +329,7 @@ def _summarise(chosen: Mapping[str, Any], plans: list[ShotPlan], options: VrsOpt
     LOG.info("shading invocations saved %.1f %% (%s)", 100 * total["invocations_saved"], shares)
     if "true_error" in total:
         LOG.info(
-            "true error %.4f on average; %.2f %% of the tiles reach %s %g",
+            "true error %.4f on average; %.2f %% of the tiles miss %s %g",
             total["true_error"],
             100 * total["missed"],
             options.error.metric,

@@ -81,8 +81,8 @@ def load_network(system: System, scale: int, device: str, path: Path | None = No
 def _check(weights: Weights, system: System, scale: int) -> None:
     if weights.system != system.name:
         raise CheckpointError(
-            f"{weights.path}: weights of '{weights.system}', not of '{system.name}'; choose "
-            f"--system {weights.system}"
+            f"{weights.path}: weights of '{weights.system}', not of '{system.name}'; give others, "
+            f"or choose --system {weights.system} where the command has that option"
         )
     if weights.scale != scale:
         raise CheckpointError(

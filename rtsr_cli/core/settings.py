@@ -89,9 +89,11 @@ def _converted(hint: Any, value: object) -> Any:
         return tuple(_converted(get_args(hint)[0], item) for item in value)
     if isinstance(hint, type) and issubclass(hint, StrEnum):
         names = [member.value for member in hint]
-        if value not in names:
+        # TOML and `--set` read a name of digits as a number
+        text = str(value) if type(value) is int else value
+        if text not in names:
             raise ValueError(f"not one of {', '.join(names)}")
-        return hint(value)
+        return hint(text)
     return _number(hint, value)
 
 

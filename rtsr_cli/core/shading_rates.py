@@ -17,17 +17,18 @@ from rtsr_cli.core.shading_files import TALLIES, Decision, Transform
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.upscaling import Made
 from rtsr_cli.core.vrs.accuracy import tally, to_plain
-from rtsr_cli.core.vrs.errors import amplitude
+from rtsr_cli.core.vrs.errors import amplitude, from_amplitude
 from rtsr_cli.core.vrs.estimating import (
     MOSTLY,
     WORST,
+    Estimator,
     VrsOptions,
     chosen_errors,
     estimate,
-    rate_shares,
 )
-from rtsr_cli.core.vrs.rates import Rate, shaded_share
+from rtsr_cli.core.vrs.rates import Rate, rate_shares, shaded_share
 from rtsr_cli.core.vrs.reuse import reuse_errors, seen_share
+from rtsr_cli.core.vrs.tiles import pixel_shares
 
 COLORS: Mapping[Rate, tuple[int, int, int]] = {
     Rate.FULL: (220, 50, 47),
@@ -60,14 +61,24 @@ def tinted(codes: TileMap, colors: Mapping[int, tuple[int, int, int]]) -> TileMa
     return tint
 
 
+def _pixels(made: Made, tiles: TileMap, options: VrsOptions) -> TileMap:
+    """Share of the frame's pixels in each tile."""
+    return pixel_shares(made.window.current.gbuffer.size, options.error.tile, tiles)
+
+
 def _limit(options: VrsOptions) -> float:
     return float(amplitude(torch.tensor(options.threshold), options.error.metric))
 
 
+def _mean_error(amplitudes: TileMap, options: VrsOptions) -> float:
+    """Mean over tiles, in the metric's unit."""
+    return float(from_amplitude(amplitudes.mean(), options.error.metric))
+
+
 def _missed(worst: TileMap, options: VrsOptions) -> dict[str, float]:
-    """Mean amplitude of the true error, and share of the tiles that reach the threshold."""
-    reached = (worst >= _limit(options)).float()
-    return {"true_error": float(worst.mean()), "missed": float(reached.mean())}
+    """Mean of the true error, and share of the tiles that miss the threshold."""
+    missed = (worst >= _limit(options)).float()
+    return {"true_error": _mean_error(worst, options), "missed": float(missed.mean())}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,14 +99,16 @@ class RateDecider:
         """Estimate, and measure where the frame has radiance."""
         options, metric = self.options, self.options.error.metric
         found = estimate(made.window, made.prediction.tiles, self.rates, options)
+        shares = rate_shares(found.codes, _pixels(made, found.codes, options))
         facts: dict[str, Any] = {
-            "shares": rate_shares(found.codes),
-            "shaded": shaded_share(found.codes),
+            "shares": shares,
+            "shaded": shaded_share(shares),
             "seen": float(found.seen.mean()),
         }
-        if self.transform is not None:
+        # what the analytic estimate decides, it decides in another unit
+        if options.estimator is Estimator.NETWORK:
             predicted = chosen_errors(found.errors, found.codes, metric)
-            facts["predicted_error"] = float(predicted.mean())
+            facts["predicted_error"] = _mean_error(predicted, options)
         held = made.pair.lr.gbuffer.buffers
         color = held.get(Buffer.COLOR)
         if color is not None and options.compare:
@@ -111,7 +124,9 @@ class RateDecider:
                 facts[TALLIES] = to_plain(tallies)
         errors = {rate.label: values for rate, values in found.errors.items()}
         return Decision(
-            channels=error_channels(errors) | image_channels("rate", found.codes, ""),
+            channels=error_channels(errors)
+            | image_channels("rate", found.codes, "")
+            | image_channels("seen", found.seen, ""),
             codes=found.codes,
             colors=tinted(found.codes, {rate.code: rgb for rate, rgb in COLORS.items()}),
             facts=facts,
@@ -140,12 +155,12 @@ class ReuseDecider:
         shown = seen_share(made.window, options.error.tile)
         below = amplitude(predicted, metric) < _limit(options)
         keep = (below & (shown >= MOSTLY)).to(shown.dtype)
-        share = float((keep * shown).mean())
+        share = float((keep * shown * _pixels(made, keep, options)).sum())
         facts: dict[str, Any] = {
             "shares": {"kept": share, "shaded": 1.0 - share},
             "shaded": 1.0 - share,
             "seen": float(shown.mean()),
-            "predicted_error": float((amplitude(predicted, metric) * keep).mean()),
+            "predicted_error": _mean_error(amplitude(predicted, metric) * keep, options),
         }
         color = made.pair.lr.gbuffer.buffers.get(Buffer.COLOR)
         if color is not None and options.compare:

@@ -24,6 +24,11 @@ class Colour(StrEnum):
     BLUE = "blue"
 
 
+class Channels(StrEnum):
+    ONE = "1"
+    THREE = "3"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Inner:
     rate: float = 0.5
@@ -35,6 +40,7 @@ class Outer:
     count: int = 3
     flag: bool = False
     colour: Colour = Colour.RED
+    channels: Channels = Channels.ONE
     names: tuple[str, ...] = ()
     limit: int | None = None
     inner: Inner = field(default_factory=Inner)
@@ -51,6 +57,10 @@ def test_a_later_source_wins_and_tables_merge() -> None:
     assert resolved == Outer(
         count=4, colour=Colour.BLUE, names=("a", "b"), inner=Inner(rate=0.25, name="y")
     )
+
+
+def test_a_name_of_digits_may_be_read_as_a_number() -> None:
+    assert resolve(Outer, parse_assignments(["channels=3"])).channels is Channels.THREE
 
 
 def test_a_whole_number_serves_as_a_number() -> None:

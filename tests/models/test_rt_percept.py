@@ -39,10 +39,11 @@ MakeWindows = Callable[..., list[Window]]
         (CONFIG, 5_388),
         (RtPerceptConfig(groups=Groups.TABLE_3), 4_524),
         (RtPerceptConfig(rates=("1x2", "2x1")), 5_094),
+        (RtPerceptConfig(inputs=Inputs.FOUR), 5_388),
         (RtPerceptConfig(inputs=Inputs.SIXTEEN), 7_116),
         (RtPerceptConfig(inputs=Inputs.NINETEEN), 7_548),
     ],
-    ids=["4", "table 3", "two rates", "16", "19"],
+    ids=["luma", "table 3", "two rates", "4", "16", "19"],
 )
 def test_a_network_has_the_published_size(config: RtPerceptConfig, parameters: int) -> None:
     assert count_parameters(SYSTEM.build(config, 1)) == parameters
@@ -88,10 +89,19 @@ def test_other_tiles_are_refused(tile: int) -> None:
         RtPerceptConfig(error=ErrorConfig(tile=tile))
 
 
-@pytest.mark.parametrize("rates", [("1x2",), ("1x2", "2x1", "3x3"), ("2x2", "4x4")])
+@pytest.mark.parametrize(
+    "rates", [("1x2",), ("1x2", "2x1", "3x3"), ("2x2", "4x4"), ("1x2", "1x2", "2x1")]
+)
 def test_rates_that_others_do_not_follow_from_are_refused(rates: tuple[str, ...]) -> None:
     with pytest.raises(ConfigError, match="1x2 and 2x1"):
         RtPerceptConfig(rates=rates)
+
+
+@pytest.mark.parametrize("name", ["mean", "margin", "threshold", "squared", "unseen_weight"])
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+def test_numbers_below_zero_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=f"network.{name}"):
+        RtPerceptConfig(**{name: value})
 
 
 def mean_of(value: float) -> Tensor:
@@ -117,10 +127,11 @@ def test_the_logistic_transform_is_its_equation() -> None:
 
 @pytest.mark.parametrize("kind", list(Transform))
 @pytest.mark.parametrize("metric", [VrsMetric.FLIP, VrsMetric.PSNR])
-def test_transforms_are_undone(kind: Transform, metric: VrsMetric) -> None:
+@pytest.mark.parametrize("level", [0.5, 2.0])
+def test_transforms_are_undone(kind: Transform, metric: VrsMetric, level: float) -> None:
     config = replace(CONFIG, transform=kind, error=ErrorConfig(metric=metric))
-    errors = torch.linspace(0.02, 0.9, 20) * (60.0 if metric is VrsMetric.PSNR else 1.0)
-    mean = mean_of(0.5)
+    errors = torch.linspace(0.0, 0.9, 20) * (60.0 if metric is VrsMetric.PSNR else 1.0)
+    mean = mean_of(level)
     back = restored(transformed(errors, mean, config), mean, config)
     assert torch.allclose(back.flatten(), errors, atol=1e-4, rtol=1e-4)
     for edge in (0.0, 1.0):

@@ -1,12 +1,13 @@
 """Further radiance of a shot's frames, captured beside their own: at a reduced rate, for example.
 
 Channels `<name>.R/G/B` beside those of the frame, or frames of the same numbers in a folder
-`<name>/` beside them; both are stored as the frame's radiance is.
+`<name>/` beside them; both are stored as the frame's radiance is, unless the folder has a
+capture.toml of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ import torch
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.capture import CAPTURE_FILE
 from rtsr_cli.core.io.exr import Plane, read_header
 from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
 from rtsr_cli.core.io.opening import ReadOptions, open_single
@@ -79,8 +81,9 @@ def find_beside(
         RtsrError: its frames cannot be understood.
     """
     found = []
+    held = _held_channels(source.reader, numbers)
     for name in names:
-        reader = _folder(source, name, numbers, options) or _channels(source.reader, name)
+        reader = _folder(source, name, numbers, options) or _channels(source.reader, name, held)
         if reader is not None:
             places = tuple((c.stream, c.channel) for c in reader.binding[Buffer.COLOR])
             found.append(
@@ -99,21 +102,27 @@ def images_of(planes: Mapping[str, Plane], names: Iterable[str]) -> dict[str, Co
     return found
 
 
-def _channels(reader: FrameReader, name: str) -> FrameReader | None:
-    """Read the channels of a name as if they were the frame's radiance; None without any."""
+def _held_channels(reader: FrameReader, numbers: Collection[int]) -> dict[int, Set[str]]:
+    """Channels of the files that hold the frames' radiance."""
     components = reader.binding.get(Buffer.COLOR, ())
     if not components:
+        return {}
+    stream = components[0].stream
+    return {n: read_header(reader.path(n, stream)).channels for n in sorted(numbers)}
+
+
+def _channels(reader: FrameReader, name: str, held: Mapping[int, Set[str]]) -> FrameReader | None:
+    """Read the channels of a name as if they were the frame's radiance; None without any."""
+    wanted = set(channels_of(name))
+    if not any(wanted & there for there in held.values()):
         return None
-    number = reader.numbers[0]
-    there = read_header(reader.path(number, components[0].stream)).channels
-    lacking = [channel for channel in channels_of(name) if channel not in there]
-    if len(lacking) == len(COMPONENTS):
-        return None
-    if lacking:
-        raise FrameFolderError(
-            f"{reader.where(number)}: channel {lacking[0]} is missing beside the others of "
-            f"{name}; capture R, G and B, or none"
-        )
+    for number, there in held.items():
+        if lacking := sorted(wanted - there):
+            raise FrameFolderError(
+                f"{reader.where(number)}: channel {lacking[0]} is missing, others of {name} are "
+                "in these frames; capture R, G and B of every frame, or choose --frames without"
+            )
+    components = reader.binding[Buffer.COLOR]
     named = zip(components, channels_of(name), strict=True)
     places = tuple(replace(component, channel=channel) for component, channel in named)
     return replace(reader, binding={**reader.binding, Buffer.COLOR: places})
@@ -144,4 +153,20 @@ def _folder(
         raise FrameFolderError(
             f"{folder}: frame {lacking[0]} is missing; capture it, or choose --frames without"
         )
-    return reader
+    return reader if (folder / CAPTURE_FILE).is_file() else _stored_alike(reader, own)
+
+
+def _stored_alike(reader: FrameReader, own: FrameReader) -> FrameReader:
+    """Read radiance by what is known of that of other frames: factors, colour space, exposure."""
+    theirs, known = reader.binding[Buffer.COLOR], own.binding.get(Buffer.COLOR, ())
+    if len(theirs) == len(known):
+        theirs = tuple(
+            replace(component, factor=same.factor, offset=same.offset)
+            for component, same in zip(theirs, known, strict=True)
+        )
+    return replace(
+        reader,
+        binding={**reader.binding, Buffer.COLOR: theirs},
+        conventions=own.conventions,
+        cameras={n: own.cameras.get(n, camera) for n, camera in reader.cameras.items()},
+    )

@@ -8,6 +8,7 @@ environment: Weber's law. Images are display-encoded, 0..1; luma is that of Rec.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,6 +16,7 @@ from functools import cache
 
 import torch
 
+from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.metrics.fidelity import squared_error_map
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD, ldr_flip, pixels_per_degree
 from rtsr_cli.core.metrics.lpips import Lpips
@@ -89,6 +91,17 @@ class ErrorConfig:
     env_luminance: float = PUBLISHED_ENV_LUMINANCE
     ppd: float = DEFAULT_PPD
 
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ConfigError: one is below 0, or none.
+        """
+        for name in ("env_luminance", "ppd"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ConfigError(f"error.{name} = {value}: a number from 0 on")
+
     def ppd_at(self, width_px: int) -> float:
         """Pixels per degree of an image."""
         return self.ppd if self.ppd != PPD_BY_WIDTH else pixels_per_degree(1.0, width_px, 1.0)
@@ -98,13 +111,18 @@ def _flip(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
     return ldr_flip(coarse, full, config.ppd_at(full.shape[-1])).unsqueeze(1)
 
 
+def _adaptation(full: Color, config: ErrorConfig) -> Plane:
+    """L + l, never 0."""
+    return (block_luma(full) + config.env_luminance).clamp(min=PUBLISHED_ENV_LUMINANCE)
+
+
 def _just_noticeable_flip(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
-    return _flip(coarse, full, config) / (block_luma(full) + config.env_luminance)
+    return _flip(coarse, full, config) / _adaptation(full, config)
 
 
 def _just_noticeable_luma(coarse: Color, full: Color, config: ErrorConfig) -> Plane:
     difference = (luma(full) - luma(coarse)).abs()
-    return difference / (block_luma(full) + config.env_luminance)
+    return difference / _adaptation(full, config)
 
 
 def _squared(coarse: Color, full: Color, config: ErrorConfig) -> Plane:

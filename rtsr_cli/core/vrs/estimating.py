@@ -25,6 +25,9 @@ from rtsr_cli.core.vrs.tiles import tile_mean
 MOSTLY = 0.5
 """Share of a tile's pixels that the frame before shows, from which the tile counts as seen."""
 
+WORST = 10.0
+"""Larger errors count as that: by Weber's law those of dark tiles know no bound."""
+
 
 class Estimator(StrEnum):
     """What decides rates."""
@@ -61,7 +64,8 @@ class Estimate:
     """What was decided for a frame.
 
     Attributes:
-        errors: of every reduced rate, in the metric's unit; of `analytic` in its own.
+        errors: of every reduced rate, in the metric's unit, of `hybrid` those of the network; of
+            `analytic` in its own, `WORST` where nothing is known.
         codes: of the chosen rates.
         seen: 1 = the frame before shows the tile.
     """
@@ -127,11 +131,8 @@ def analytic_estimate(window: Window, seen: Mask, config: AdaptiveConfig) -> Est
         Rate.QUARTER: torch.maximum(quarter_x, quarter_y),
     }
     codes = torch.where(seen > 0, codes, Rate.FULL.code)
-    return Estimate(errors={rate: errors[rate] for rate in REDUCED}, codes=codes, seen=seen)
-
-
-WORST = 10.0
-"""Larger errors count as that: by Weber's law those of dark tiles know no bound."""
+    known = {rate: torch.where(seen > 0, errors[rate], WORST) for rate in REDUCED}
+    return Estimate(errors=known, codes=codes, seen=seen)
 
 
 def chosen_errors(errors: Errors, codes: TileMap, metric: VrsMetric) -> TileMap:
@@ -140,8 +141,3 @@ def chosen_errors(errors: Errors, codes: TileMap, metric: VrsMetric) -> TileMap:
     for rate, values in errors.items():
         found = torch.where(codes == rate.code, amplitude(values, metric), found)
     return found.clamp(max=WORST)
-
-
-def rate_shares(codes: TileMap) -> dict[str, float]:
-    """Share of the tiles at each rate."""
-    return {rate.label: float((codes == rate.code).float().mean()) for rate in Rate}

@@ -116,7 +116,16 @@ def rate_of(code: int) -> Rate:
     return next(rate for rate in Rate if rate.code == code)
 
 
-def shaded_share(codes: TileMap) -> float:
-    """Samples that are shaded, as a share of those at full rate; tiles count alike."""
-    total = sum(float((codes == rate.code).sum()) * rate.samples for rate in Rate)
-    return total / codes.numel()
+def rate_shares(codes: TileMap, pixels: TileMap) -> dict[str, float]:
+    """Share of the frame's pixels at each rate.
+
+    Args:
+        codes: of the tiles' rates.
+        pixels: share of the frame's pixels in each tile.
+    """
+    return {rate.label: float(pixels[codes == rate.code].sum()) for rate in Rate}
+
+
+def shaded_share(shares: Mapping[str, float]) -> float:
+    """Samples that are shaded, as a share of those at full rate."""
+    return sum(shares[rate.label] * rate.samples for rate in Rate)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 import torch.nn.functional as F
+from torch import Tensor
 
 from rtsr_cli.core.shapes import Image, Size, TileMap
 
@@ -37,6 +38,12 @@ def tile_mean(image: Image, side: int) -> TileMap:
     total = F.avg_pool2d(padded(image, side), side)
     share = F.avg_pool2d(padded(image.new_ones(1, 1, *image.shape[-2:]), side), side)
     return total / share
+
+
+def pixel_shares(size: Size, side: int, like: Tensor) -> TileMap:
+    """Share of the frame's pixels that each tile holds: those at the border may hold fewer."""
+    inside = F.avg_pool2d(padded(like.new_ones(1, 1, *size), side), side)
+    return inside / inside.sum()
 
 
 def pooled(image: Image, side: int, pool: Pool) -> TileMap:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -88,18 +89,24 @@ class RtPerceptConfig:
         """Check tile and rates.
 
         Raises:
-            ConfigError: the tile is no power of two up to 64, or a rate is unknown or missing.
+            ConfigError: the tile is no power of two up to 64, a rate is unknown, missing or there
+                twice, or a number is below 0.
         """
         tile = self.error.tile
         if not 1 <= tile <= MAX_TILE or tile & (tile - 1):
             raise ConfigError(f"network.error.tile = {tile}: a power of two from 1 to {MAX_TILE}")
         known = {rate.label for rate in REDUCED}
         wrong = [name for name in self.rates if name not in known]
-        if wrong or not {"1x2", "2x1"} <= set(self.rates):
+        twice = len(set(self.rates)) < len(self.rates)
+        if wrong or twice or not {"1x2", "2x1"} <= set(self.rates):
             raise ConfigError(
                 f"network.rates = {list(self.rates)}: 1x2 and 2x1, and any of "
-                f"{', '.join(sorted(known - {'1x2', '2x1'}))}"
+                f"{', '.join(sorted(known - {'1x2', '2x1'}))}, each once"
             )
+        for name in ("mean", "margin", "threshold", "squared", "unseen_weight"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ConfigError(f"network.{name} = {value}: a number from 0 on")
 
     @property
     def label(self) -> str:

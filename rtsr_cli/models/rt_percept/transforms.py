@@ -21,9 +21,6 @@ STEEPNESS = 10.0
 DECIBEL = 0.015
 """What a decibel takes off."""
 
-EDGE = 1e-4
-"""What the logistic inverse keeps away from 0 and 1, where it has no value."""
-
 
 def _curve(errors: Tensor, mean: Tensor) -> Tensor:
     return torch.sigmoid(STEEPNESS * (errors - mean))
@@ -47,5 +44,6 @@ def restored(values: Tensor, mean: Tensor, config: RtPerceptConfig) -> Tensor:
     if config.transform is Transform.CLAMPED:
         return values * (2.0 * mean)
     low, high = _curve(torch.zeros_like(mean), mean), _curve(torch.ones_like(mean), mean)
-    share = (values * (high - low) + low).clamp(EDGE, 1.0 - EDGE)
+    # rounding may leave the range, beyond which there are errors below 0 or above 1
+    share = (values * (high - low) + low).clamp(low, high)
     return (torch.logit(share) / STEEPNESS + mean).clamp(min=0.0)

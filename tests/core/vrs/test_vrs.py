@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import runpy
 from collections import Counter
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.vrs.adaptive import (
     AdaptiveConfig,
     adaptive_codes,
@@ -37,9 +39,10 @@ from rtsr_cli.core.vrs.rates import (
     chosen_codes,
     extrapolated,
     rate_of,
+    rate_shares,
     shaded_share,
 )
-from rtsr_cli.core.vrs.tiles import Pool, tile_grid, tile_max, tile_mean
+from rtsr_cli.core.vrs.tiles import Pool, pixel_shares, tile_grid, tile_max, tile_mean
 
 METRICS = Path(__file__).parents[1] / "metrics"
 ORACLE = json.loads((Path(__file__).parent / "vrs_tiles.json").read_text(encoding="utf-8"))
@@ -177,7 +180,8 @@ def test_the_cheapest_rate_below_the_threshold_is_chosen() -> None:
     codes = chosen_codes(errors, 0.2)
     assert codes.flatten().tolist() == [10, 6, 5, 4, 0, 0]
     expected_share = (1 / 16 + 1 / 8 + 1 / 4 + 1 / 2 + 2) / 6
-    assert shaded_share(codes) == pytest.approx(expected_share)
+    shares = rate_shares(codes, torch.full_like(codes, 1 / codes.numel()))
+    assert shaded_share(shares) == pytest.approx(expected_share)
 
 
 @pytest.mark.parametrize("rate", REDUCED, ids=[rate.label for rate in REDUCED])
@@ -219,6 +223,15 @@ def test_no_tile_is_lost(size: tuple[int, int]) -> None:
             assert float(mean[0, 0, row, column]) == pytest.approx(float(part.mean()), rel=1e-5)
 
 
+def test_tiles_at_the_border_count_by_their_pixels() -> None:
+    codes = torch.tensor([[[[Rate.QUARTER.code, Rate.FULL.code]]]], dtype=torch.float32)
+    pixels = pixel_shares((10, 20), 16, codes)
+    assert pixels.flatten().tolist() == pytest.approx([0.8, 0.2])
+    shares = rate_shares(codes, pixels)
+    assert shares["4x4"] == pytest.approx(0.8)
+    assert shaded_share(shares) == pytest.approx(0.8 / 16 + 0.2)
+
+
 def test_psnr_is_of_the_mean_squared_error_of_a_tile() -> None:
     full = torch.zeros(1, 3, 32, 16)
     coarse = full.clone()
@@ -237,6 +250,20 @@ def test_darkness_is_what_env_luminance_bounds() -> None:
     lit = pixel_errors(coarse, full, ErrorConfig(metric=VrsMetric.JNYANG, env_luminance=0.1))
     assert float(bare.max()) == pytest.approx(10.0, rel=1e-3)
     assert float(lit.max()) == pytest.approx(0.01, rel=2e-2)
+
+
+@pytest.mark.parametrize("metric", [VrsMetric.JNFLIP, VrsMetric.JNYANG])
+def test_black_is_no_division_by_zero(metric: VrsMetric) -> None:
+    full = torch.zeros(1, 3, 16, 32)
+    config = ErrorConfig(metric=metric, env_luminance=0.0)
+    assert float(tile_errors(full, full, config).max()) == 0.0
+    assert 1e6 < float(tile_errors(full + 0.5, full, config).min()) < math.inf
+
+
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+def test_numbers_below_zero_are_refused(value: float) -> None:
+    with pytest.raises(ConfigError, match="env_luminance"):
+        ErrorConfig(env_luminance=value)
 
 
 def test_pixels_per_degree_may_follow_the_width() -> None:
