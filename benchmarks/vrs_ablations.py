@@ -26,7 +26,8 @@ from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept.config import Transform
 
 ROWS: dict[str, tuple[str, ...]] = {
-    "JNFLIP, 4 inputs, clamped": (),
+    "JNFLIP, 4 inputs with luma, clamped": (),
+    "4 inputs with red, as published": ("network.inputs=4",),
     "3 inputs (reprojected colour)": ("network.inputs=3",),
     "16 inputs (no reprojected colour)": ("network.inputs=16",),
     "19 inputs": ("network.inputs=19",),
