@@ -253,7 +253,10 @@ def _first_network(chosen: Mapping[str, Any], task: Task, training: TrainingConf
                 f"{weights.path}: weights of '{weights.system}', not of '{task.system.name}'; give "
                 "others as --init"
             )
+        begun = {name: network.get_buffer(name).clone() for name in task.learning.measured}
         load_into(network, weights)
+        for name, value in begun.items():
+            network.get_buffer(name).copy_(value)
     return network
 
 

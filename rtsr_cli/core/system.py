@@ -110,6 +110,8 @@ class Learning:
         unroll: successive frames of a training sample, state carried from one to the next.
         beside: names of further radiance that `goal` reads where it was captured.
         judge: of whole frames; None judges a picture by PSNR, SSIM and FLIP.
+        measured: statistics of the network that are of its labels: weights to start from may have
+            been trained on others, so that these begin anew.
         keep_goals: keep the goals of samples that come again unchanged: small, and slow to make.
         defaults: settings of the training that differ from `TrainingConfig`'s.
     """
@@ -121,6 +123,7 @@ class Learning:
     unroll: int = 1
     beside: tuple[str, ...] = ()
     judge: Judge | None = None
+    measured: tuple[str, ...] = ()
     keep_goals: bool = False
     defaults: Mapping[str, Any] = field(default_factory=dict)
 

@@ -17,7 +17,7 @@ from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
 from rtsr_cli.core.vrs.rates import REDUCED, Rate
-from rtsr_cli.core.weights import save_weights
+from rtsr_cli.core.weights import read_weights, save_weights
 from rtsr_cli.models import load_system
 
 Run = Callable[..., Result]
@@ -37,7 +37,7 @@ def rgb(path: Path, names: str = "RGB") -> torch.Tensor:
 def random_weights(path: Path, **settings: object) -> Path:
     """Random weights of the network, with an underestimation on validation."""
     system = load_system("rt-percept")
-    config = system.config(mean=0.5, **settings)
+    config = system.config(**{"mean": 0.5, **settings})
     torch.manual_seed(2)
     save_weights(
         path,
@@ -121,6 +121,23 @@ def test_a_network_learns_from_captured_rates_where_there_are_any(
     out = tmp_path / "out"
     used = rtsr("predict-vrs", with_folders, out, "--weights", tmp_path / "b" / "last.safetensors")
     assert used.exit_code == 0, used.output
+
+
+def test_weights_to_start_from_do_not_say_how_large_other_errors_are(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    """mu of JNFLIP is several times that of FLIP: it is measured anew."""
+    few = {
+        "steps": 1, "batch": 1, "crop": 64, "validate_every": 1, "log_every": 1,
+        "precision": '"fp32"',
+    }  # fmt: skip
+    given = [part for key, v in few.items() for part in ("--set", f"training.{key}={v}")]
+    start = random_weights(tmp_path / "jnflip.safetensors", mean=7.0)
+    common = ("train", "rt-percept", small_capture, "--out", tmp_path / "run", "--init", start)
+    result = rtsr(*common, *given, "--set", "network.error.metric=flip")
+    assert result.exit_code == 0, result.output
+    weights = read_weights(tmp_path / "run" / "last.safetensors")
+    assert 0.0 < float(weights.tensors["mean"]) < 1.0
 
 
 def test_a_folder_of_captured_rates_that_lacks_a_frame_is_refused(

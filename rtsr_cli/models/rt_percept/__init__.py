@@ -152,6 +152,7 @@ RT_PERCEPT = System(
         goal=goal,
         loss=loss,
         beside=CAPTURED_NAMES,
+        measured=("mean",),
         keep_goals=True,
         defaults={
             "scale": 1,
