@@ -11,12 +11,13 @@ that the LR sample is pixel (S//2, S//2) of its block.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer, sky_mask
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shifted_jitter
@@ -24,6 +25,7 @@ from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.demodulation import remodulate
 from rtsr_cli.core.imaging.enlarging import enlarge_log_lighting, enlarge_where
 from rtsr_cli.core.imaging.guiding import Surfaces, guided_upsample
+from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane, Vector3
 from rtsr_cli.core.system import Prediction, Tensors, Window
 
@@ -72,6 +74,17 @@ class LossWeights:
     tonemapped: float = 1.0
     tonemapped_squared: float = 0.0
     radiance: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the weights.
+
+        Raises:
+            ConfigError: one is below 0 or no number, or nothing weighs anything.
+        """
+        names = [field.name for field in fields(self)]
+        check_numbers(self, "network.loss", dict.fromkeys(names, 0.0))
+        if not any(getattr(self, name) for name in names):
+            raise ConfigError(f"network.loss: one of {', '.join(names)} has to be above 0")
 
 
 PAPER_LOSS = LossWeights(log=0.0, tonemapped=0.0, radiance=1.0)

@@ -60,6 +60,9 @@ def load_network(system: System, scale: int, device: str, path: Path | None = No
         config = system.config()
         return Loaded(network=system.build(config, scale).eval().to(device), config=config)
     chosen = path or shipped_weights(system, scale)
+    if chosen is None and system.scales and scale not in system.scales:
+        made = ", ".join(f"{s}x" for s in system.scales)
+        raise CheckpointError(f"system '{system.name}' is made for {made}, not {scale}x")
     if chosen is None:
         raise CheckpointError(
             f"system '{system.name}' comes without weights for {scale}x: train them (rtsr train "

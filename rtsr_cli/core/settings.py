@@ -7,6 +7,7 @@ Runs without the libraries that `capture.toml` is checked with, as training has 
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 import types
 from collections.abc import Mapping, Sequence
@@ -108,6 +109,26 @@ def _number(hint: Any, value: object) -> Any:
         return value
     names = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
     raise ValueError(f"{names.get(hint, hint)} is wanted")
+
+
+def check_numbers(config: Any, table: str, least: Mapping[str, float]) -> None:
+    """Hold numbers of settings to be finite, and no smaller than they may be.
+
+    Args:
+        config: a dataclass.
+        table: what its settings are below, for messages.
+        least: name -> smallest value.
+
+    Raises:
+        ConfigError: some are not; lists them all.
+    """
+    wrong = [
+        f"{table}.{name} = {value:g}: a number from {smallest:g} on"
+        for name, smallest in least.items()
+        if not smallest <= (value := getattr(config, name)) < math.inf
+    ]
+    if wrong:
+        raise ConfigError("; ".join(wrong))
 
 
 def read_toml(path: Path) -> Source:

@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from rtsr_cli.core.learning.augmentation import AugmentationConfig
 from rtsr_cli.core.precision import Precision
+from rtsr_cli.core.settings import check_numbers
 
 
 class Optimiser(StrEnum):
@@ -81,6 +82,22 @@ class TrainingConfig:
     validation_frames: int = 12
     picture_side: int = 192
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ConfigError: one is too small, or none.
+        """
+        counts = (
+            "scale", "steps", "batch", "accumulate", "crop", "validate_every", "save_every",
+            "log_every", "picture_side",
+        )  # fmt: skip
+        shares = (
+            "learning_rate", "weight_decay", "decay", "warmup", "final_rate", "ema", "clip_norm",
+            "freeze_statistics", "validation_frames",
+        )  # fmt: skip
+        check_numbers(self, "training", dict.fromkeys(counts, 1) | dict.fromkeys(shares, 0))
 
 
 @dataclass(frozen=True, kw_only=True)

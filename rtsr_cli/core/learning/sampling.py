@@ -78,8 +78,8 @@ class Sampler:
                 groups.setdefault(clip.facts.group, []).append(clip)
         if not groups:
             raise FrameFolderError(
-                f"no shots to train on are left that have {unroll} successive frames; look at "
-                "[data] exclude"
+                f"no shots to train on are left that have {unroll} successive frames; give "
+                "longer ones, or look at [data] exclude and validation"
             )
         self._groups = [groups[key] for key in sorted(groups)]
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]

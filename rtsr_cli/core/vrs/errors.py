@@ -8,7 +8,6 @@ environment: Weber's law. Images are display-encoded, 0..1; luma is that of Rec.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,10 +15,10 @@ from functools import cache
 
 import torch
 
-from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.metrics.fidelity import squared_error_map
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD, ldr_flip, pixels_per_degree
 from rtsr_cli.core.metrics.lpips import Lpips
+from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Plane, TileMap
 from rtsr_cli.core.vrs.tiles import Pool, pooled, tile_mean
 
@@ -97,10 +96,7 @@ class ErrorConfig:
         Raises:
             ConfigError: one is below 0, or none.
         """
-        for name in ("env_luminance", "ppd"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ConfigError(f"error.{name} = {value}: a number from 0 on")
+        check_numbers(self, "error", {"env_luminance": 0.0, "ppd": 0.0})
 
     def ppd_at(self, width_px: int) -> float:
         """Pixels per degree of an image."""

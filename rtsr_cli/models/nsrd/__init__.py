@@ -51,7 +51,8 @@ EMISSIVE = 1e-4
 """Emission from which, in any channel, `paper` shows it instead of the prediction [NSRD, code]."""
 
 PREROLL_FRAMES = 8
-"""After these a shard's frames are the whole run's but for less than a display shows."""
+"""What a shard replays. Its first frame was then 58 to 67 dB from the whole run's where that was
+measured (`benchmarks/shards.py` and a moving scene), and each later one nearer."""
 
 
 def derivation(config: NSRDConfig) -> DerivationConfig:

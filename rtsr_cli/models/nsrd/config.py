@@ -8,6 +8,7 @@ from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.imaging.brdf_lut import LutConvention
 from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.lighting import Base, LossWeights, Preset
+from rtsr_cli.core.settings import check_numbers
 
 HISTORY_FRAMES = 2
 
@@ -69,6 +70,14 @@ class NSRDConfig:
     gradient_frames: int = 1
     base: Base = Base.GUIDED
     loss: NSRDLossWeights = field(default_factory=NSRDLossWeights)
+
+    def __post_init__(self) -> None:
+        """Check the frames.
+
+        Raises:
+            ConfigError: a gradient flows through none.
+        """
+        check_numbers(self, "network", {"gradient_frames": 1})
 
     @property
     def derivation(self) -> DerivationConfig:

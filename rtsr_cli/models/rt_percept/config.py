@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.vrs.errors import JUST_NOTICED, ErrorConfig
 from rtsr_cli.core.vrs.rates import REDUCED, Rate
 
@@ -103,10 +103,8 @@ class RtPerceptConfig:
                 f"network.rates = {list(self.rates)}: 1x2 and 2x1, and any of "
                 f"{', '.join(sorted(known - {'1x2', '2x1'}))}, each once"
             )
-        for name in ("mean", "margin", "threshold", "squared", "unseen_weight"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise ConfigError(f"network.{name} = {value}: a number from 0 on")
+        numbers = ("mean", "margin", "threshold", "squared", "unseen_weight")
+        check_numbers(self, "network", dict.fromkeys(numbers, 0.0))
 
     @property
     def label(self) -> str:
