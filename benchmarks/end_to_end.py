@@ -28,7 +28,8 @@ import torch
 from network_speed import seconds, ways
 from results import rtsr
 
-from rtsr_cli.core.precision import Precision, settled
+from rtsr_cli.core.choices import Precision
+from rtsr_cli.core.precision import settled
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.weights import save_weights
 from rtsr_cli.models import load_system

@@ -17,12 +17,8 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from rtsr_cli.core.imaging.brdf_lut import (
-    LutConvention,
-    integrate_lut,
-    integrate_split_sum,
-    lobe_parameters,
-)
+from rtsr_cli.core.choices import LutConvention
+from rtsr_cli.core.imaging.brdf_lut import integrate_lut, integrate_split_sum, lobe_parameters
 
 MIN_NOV = 0.01
 Array = NDArray[np.float64]

@@ -29,6 +29,7 @@ from torch import Tensor
 
 from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.captured_rates import true_errors
+from rtsr_cli.core.choices import Estimator, VrsMetric
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.opening import ReadOptions, open_single
 from rtsr_cli.core.io.pairs import Inputs
@@ -38,13 +39,8 @@ from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.accuracy import Tally, accuracy, tally, together
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
 from rtsr_cli.core.vrs.coarse import coarse_shading
-from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, amplitude, tile_errors
-from rtsr_cli.core.vrs.estimating import (
-    Estimator,
-    VrsOptions,
-    chosen_errors,
-    estimate,
-)
+from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, tile_errors
+from rtsr_cli.core.vrs.estimating import VrsOptions, chosen_errors, estimate
 from rtsr_cli.core.vrs.rates import Rate, extrapolated, rate_shares, shaded_share
 from rtsr_cli.core.vrs.reprojection import moved_picture
 from rtsr_cli.core.vrs.tiles import pixel_shares

@@ -14,7 +14,7 @@ import click
 
 from rtsr_cli import __version__
 from rtsr_cli.commands.stopping import INTERRUPTED, SIGNALLED, STOPPING, leave
-from rtsr_cli.core.errors import RtsrError, did_you_mean
+from rtsr_cli.core.errors import RequestError, RtsrError, did_you_mean
 
 COMMANDS = {
     "inspect": "Say what a folder of frames holds, and find out how its motion is stored.",
@@ -73,6 +73,8 @@ class LazyGroup(click.Group):
         """Run a command; what a user can cause ends in one message and an exit code."""
         try:
             return super().invoke(ctx)
+        except RequestError as error:
+            raise click.UsageError(str(error), ctx) from error
         except RtsrError as error:
             click.echo(f"Error: {error}", err=True)
             _emit_error(ctx, error)

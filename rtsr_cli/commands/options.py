@@ -9,7 +9,9 @@ import json
 import logging
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, fields
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,6 +21,8 @@ from rtsr_cli.core.errors import did_you_mean
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 
 F = TypeVar("F", bound=Callable[..., Any])
+E = TypeVar("E", bound=StrEnum)
+R = TypeVar("R")
 
 DOTS = re.compile(r"(?<=\d)\.\.(?=-?\d)")
 """Between the bounds of a range, as `ranges` writes them where one is negative."""
@@ -81,6 +85,21 @@ class Named(click.ParamType[str]):
             hint = did_you_mean(value, self._known)
             self.fail(f"no {self._kind} is called '{value}'{hint}", param, ctx)
         return str(value)
+
+
+class Member(click.Choice[E]):
+    """A member of an enum, by its value."""
+
+    def __init__(self, kind: type[E], *, without: Iterable[E] = ()) -> None:
+        """Offer the members but those of `without`."""
+        left_out = frozenset(without)
+        super().__init__([member for member in kind if member not in left_out])
+        self._kind = kind
+
+    def normalize_choice(self, choice: object, ctx: click.Context | None) -> str:
+        """Match values, where click would match the names of members."""
+        del ctx
+        return str(choice)
 
 
 class LayoutChoice(Named):
@@ -261,3 +280,27 @@ def reads_frames(function: F) -> F:
 def emit(event: dict[str, Any]) -> None:
     """Print one JSON event."""
     click.echo(json.dumps(event, sort_keys=True, default=str))
+
+
+def defaults_of(request: type) -> Callable[[click.Command], click.Command]:
+    """Give a command's options the defaults of a request's fields of the same names."""
+    values = {field.name: field.default for field in fields(request)}
+
+    def set_defaults(command: click.Command) -> click.Command:
+        for param in command.params:
+            value = values.get(param.name or "", MISSING)
+            if value is not MISSING and value is not None and not param.multiple:
+                param.default = value
+        return command
+
+    return set_defaults
+
+
+def request_from(request: type[R], chosen: Mapping[str, Any]) -> R:
+    """Make a request of options of the same names as its fields.
+
+    Raises:
+        RequestError: they do not go together.
+    """
+    named = {field.name for field in fields(request)}  # type: ignore[arg-type]
+    return request(**{name: value for name, value in chosen.items() if name in named})

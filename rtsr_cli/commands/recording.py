@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.commands.basics import LOG
+from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.io.atomic import check_writable
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import ReadOptions
-from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.config import DataConfig
 from rtsr_cli.core.learning.crops import Task

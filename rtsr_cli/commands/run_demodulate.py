@@ -23,12 +23,10 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import demodulating
+from rtsr_cli.core.choices import DemodulationMode, LutConvention, NonfinitePolicy
 from rtsr_cli.core.demodulating import DemodulateOptions, DemodulatePlan, FrameReport
 from rtsr_cli.core.derive import DerivationConfig
-from rtsr_cli.core.imaging.brdf_lut import LutConvention
-from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.io.atomic import check_writable
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_radiance
 
 

@@ -15,6 +15,7 @@ from rtsr_cli.commands.basics import LOG, device_named
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import FAILED, selection
 from rtsr_cli.commands.stopping import unwinding
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import (
     ConfigError,
     FrameFolderError,
@@ -37,7 +38,6 @@ from rtsr_cli.core.evaluation.running import RunOptions
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.selection import Selection, ranges
-from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD
 from rtsr_cli.core.metrics.lpips import Lpips
 from rtsr_cli.core.metrics.ssim import SsimConvention

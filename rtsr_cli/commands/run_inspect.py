@@ -15,6 +15,7 @@ from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.inspection_text import report
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.stopping import unwinding
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.geometry_finder import DepthFinding
@@ -31,7 +32,6 @@ from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture
 from rtsr_cli.core.io.capture_writing import capture_toml
 from rtsr_cli.core.io.opening import ReadOptions, declared, shots_of
 from rtsr_cli.core.io.shots import Shot
-from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.pixel_survey import Statistics
 from rtsr_cli.core.readiness import Gravity
 from rtsr_cli.models import load_system, system_names

@@ -19,18 +19,17 @@ from rtsr_cli.commands.running import (
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels, told
+from rtsr_cli.core.choices import NonfinitePolicy, Pool, VrsMetric
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import check_writable
 from rtsr_cli.core.io.beside import find_beside
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_single
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import Inputs
 from rtsr_cli.core.labelling import VRS_LABELS, LabelConfig, Labeller
 from rtsr_cli.core.planning import UpscaleOptions
 from rtsr_cli.core.system import NoNetwork
-from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
-from rtsr_cli.core.vrs.tiles import Pool
+from rtsr_cli.core.vrs.errors import ErrorConfig
 
 
 def run_label(chosen: Mapping[str, Any]) -> int:

@@ -8,7 +8,8 @@ import numpy as np
 
 from rtsr_cli import __version__
 from rtsr_cli.commands.stopping import unwinding
-from rtsr_cli.core.imaging.brdf_lut import LutConvention, integrate_lut
+from rtsr_cli.core.choices import LutConvention
+from rtsr_cli.core.imaging.brdf_lut import integrate_lut
 from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.png import write_png
 

@@ -23,11 +23,11 @@ from rtsr_cli.commands.running import (
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels, told
+from rtsr_cli.core.choices import Estimator, NonfinitePolicy, VrsMetric
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.io.beside import Beside, find_beside
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import ReadOptions, open_single
 from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.networks import Loaded, load_network, shipped_weights
@@ -37,8 +37,8 @@ from rtsr_cli.core.shading_rates import RateDecider, ReuseDecider
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import NoNetwork, Prediction, System
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
-from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, amplitude
-from rtsr_cli.core.vrs.estimating import Estimator, VrsOptions
+from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude
+from rtsr_cli.core.vrs.estimating import VrsOptions
 from rtsr_cli.core.weights import SHIPPED, read_weights
 from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig

@@ -20,15 +20,15 @@ from rtsr_cli.commands.running import (
 )
 from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core import planning, tiling, upscaling
+from rtsr_cli.core.choices import JitterMode, NonfinitePolicy, Precision
 from rtsr_cli.core.io.atomic import check_writable
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import open_pairs
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import Inputs, PairSource
-from rtsr_cli.core.io.simulation import JitterMode, Simulation
+from rtsr_cli.core.io.simulation import Simulation
 from rtsr_cli.core.networks import Loaded, has_weights, load_network
 from rtsr_cli.core.planning import ShotPlan, UpscaleOptions
-from rtsr_cli.core.precision import Precision, settled
+from rtsr_cli.core.precision import settled
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import System
 from rtsr_cli.core.weights import read_weights

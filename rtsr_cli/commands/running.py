@@ -7,11 +7,11 @@ from typing import Any, Protocol, TypeVar
 
 from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.options import emit
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, OutputBlockedError
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard, ranges
-from rtsr_cli.core.io.survey import MissingPolicy
 
 MIB = 1 << 20
 MAX_LISTED = 10

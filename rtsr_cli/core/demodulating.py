@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.derive import DerivationConfig, needs
 from rtsr_cli.core.dividing import divided, recomposed
 from rtsr_cli.core.errors import FrameFolderError, OutputBlockedError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import remove_leftovers
 from rtsr_cli.core.io.exr import read_header, write_exr
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
+from rtsr_cli.core.io.nonfinite import checked
 from rtsr_cli.core.io.outputs import (
     FLOAT_BYTES,
     HALF_BYTES,

@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import torch
 
+from rtsr_cli.core.choices import DemodulationMode, LutConvention
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer, sky_mask
 from rtsr_cli.core.frames.camera import (
@@ -22,7 +23,7 @@ from rtsr_cli.core.frames.camera import (
 )
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
-from rtsr_cli.core.imaging.brdf_lut import LutConvention, lut_for
+from rtsr_cli.core.imaging.brdf_lut import lut_for
 from rtsr_cli.core.shapes import Color, Mask, Plane, Vector3
 
 STRIP_PIXELS = 1 << 16
@@ -42,14 +43,14 @@ class DerivationConfig:
         epsilon: smallest divisor of masked demodulation.
     """
 
-    mode: dm.DemodulationMode = dm.DemodulationMode.BRDF
+    mode: DemodulationMode = DemodulationMode.BRDF
     lut: LutConvention = LutConvention.KARIS
     epsilon: float = dm.MATERIAL_EPSILON
 
     @property
     def has_emission(self) -> bool:
         """Tell whether emission is taken out of the radiance before it is divided."""
-        return self.mode not in (dm.DemodulationMode.SOFTPLUS, dm.DemodulationMode.NONE)
+        return self.mode not in (DemodulationMode.SOFTPLUS, DemodulationMode.NONE)
 
 
 Alternatives = tuple[tuple[Buffer | str, ...], ...]
@@ -58,12 +59,12 @@ _BRDF_PARTS: tuple[Buffer, ...] = (Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHN
 
 _F0_PARTS: tuple[Buffer, ...] = (Buffer.ALBEDO, Buffer.SPECULAR, Buffer.ROUGHNESS, Buffer.NOV)
 
-_MATERIAL_PARTS: dict[dm.DemodulationMode, Alternatives] = {
-    dm.DemodulationMode.BRDF: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
-    dm.DemodulationMode.SOFTPLUS: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
-    dm.DemodulationMode.ALBEDO: ((Buffer.ALBEDO,),),
-    dm.DemodulationMode.GLOSSY_ALBEDO: ((Buffer.ALBEDO, Buffer.METALLIC),),
-    dm.DemodulationMode.NONE: ((),),
+_MATERIAL_PARTS: dict[DemodulationMode, Alternatives] = {
+    DemodulationMode.BRDF: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
+    DemodulationMode.SOFTPLUS: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
+    DemodulationMode.ALBEDO: ((Buffer.ALBEDO,),),
+    DemodulationMode.GLOSSY_ALBEDO: ((Buffer.ALBEDO, Buffer.METALLIC),),
+    DemodulationMode.NONE: ((),),
 }
 
 _LIGHTING_PARTS: Alternatives = (
@@ -91,7 +92,7 @@ def alternatives(buffer: Buffer, config: DerivationConfig) -> Alternatives:
         Buffer.VIEW_NORMAL: ((Buffer.VIEW_NORMAL,), (Buffer.NORMAL, CAMERA)),
         Buffer.SKY: ((),),
         Buffer.MATERIAL: _MATERIAL_PARTS[config.mode],
-        Buffer.LIGHTING: _LIGHTING_PARTS[config.mode is dm.DemodulationMode.NONE :],
+        Buffer.LIGHTING: _LIGHTING_PARTS[config.mode is DemodulationMode.NONE :],
         Buffer.LIGHTING_MASK: ((Buffer.LIGHTING,),),
     }
     return parts.get(buffer, ())
@@ -237,16 +238,16 @@ def derive_material(frame: Frame, config: DerivationConfig) -> Color:
 
 def _material(frame: Frame, config: DerivationConfig) -> Color:
     gbuffer = frame.gbuffer
-    if config.mode is dm.DemodulationMode.NONE:
+    if config.mode is DemodulationMode.NONE:
         return torch.ones(1, 3, *gbuffer.size, device=gbuffer.device)
-    if config.mode is dm.DemodulationMode.ALBEDO:
+    if config.mode is DemodulationMode.ALBEDO:
         return dm.floored(gbuffer[Buffer.ALBEDO])
-    if config.mode is dm.DemodulationMode.GLOSSY_ALBEDO:
+    if config.mode is DemodulationMode.GLOSSY_ALBEDO:
         f0 = _f0(gbuffer)
         glossy = dm.glossy_albedo(gbuffer[Buffer.ALBEDO], f0, gbuffer[Buffer.METALLIC])
         return dm.floored(glossy)
     material = _brdf(frame, config)
-    return dm.soften(material) if config.mode is dm.DemodulationMode.SOFTPLUS else material
+    return dm.soften(material) if config.mode is DemodulationMode.SOFTPLUS else material
 
 
 def _f0(gbuffer: GBuffer) -> Color:
@@ -288,7 +289,7 @@ def derive_lighting(frame: Frame, config: DerivationConfig) -> dm.Demodulated:
     """Divide a frame's radiance; lighting that the file already holds is taken as it is."""
     gbuffer = frame.gbuffer
     material = derive_material(frame, config)
-    softplus = config.mode is dm.DemodulationMode.SOFTPLUS
+    softplus = config.mode is DemodulationMode.SOFTPLUS
     sky = torch.zeros_like(material[:, :1]) if softplus else derive_sky(gbuffer)
     emission = gbuffer.buffers.get(Buffer.EMISSION) if config.has_emission else None
     if Buffer.LIGHTING in gbuffer:

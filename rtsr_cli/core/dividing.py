@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.derive import STRIP_PIXELS, DerivationConfig, derive_material, derive_sky
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -92,7 +93,7 @@ def divide(
         config: the divisor.
         put: stores a layer and returns what is stored.
     """
-    softplus = config.mode is dm.DemodulationMode.SOFTPLUS
+    softplus = config.mode is DemodulationMode.SOFTPLUS
     material = put(Buffer.MATERIAL, derive_material(frame, config))
     sky: Mask = torch.zeros_like(material[:, :1]) if softplus else derive_sky(frame.gbuffer)
     emission = frame.gbuffer.buffers.get(Buffer.EMISSION) if config.has_emission else None

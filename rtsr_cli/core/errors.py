@@ -13,6 +13,10 @@ class RtsrError(Exception):
     """Base of every error with a message for the user: what, where, and what to do."""
 
 
+class RequestError(RtsrError):
+    """Choices that do not go together; on the command line a usage error."""
+
+
 class FrameFolderError(RtsrError):
     """A folder, sequence or file that cannot be used as it is."""
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import FrameSequence
@@ -29,7 +30,6 @@ from rtsr_cli.core.io.passing import Passed, find_passed
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection
-from rtsr_cli.core.precision import Precision
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import System, Task
 

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from rtsr_cli.core.captured_rates import CAPTURED_NAMES, true_errors
+from rtsr_cli.core.choices import Estimator
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.beside import images_of
 from rtsr_cli.core.io.outputs import image_channels
@@ -18,14 +19,7 @@ from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.upscaling import Made
 from rtsr_cli.core.vrs.accuracy import tally, to_plain
 from rtsr_cli.core.vrs.errors import amplitude, from_amplitude
-from rtsr_cli.core.vrs.estimating import (
-    MOSTLY,
-    WORST,
-    Estimator,
-    VrsOptions,
-    chosen_errors,
-    estimate,
-)
+from rtsr_cli.core.vrs.estimating import MOSTLY, WORST, VrsOptions, chosen_errors, estimate
 from rtsr_cli.core.vrs.rates import Rate, rate_shares, shaded_share
 from rtsr_cli.core.vrs.reuse import reuse_errors, seen_share
 from rtsr_cli.core.vrs.tiles import pixel_shares

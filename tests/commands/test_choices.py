@@ -6,14 +6,18 @@ import click
 import pytest
 
 from rtsr_cli.commands import demodulate, options, precompute_lut, upscale
+from rtsr_cli.core.choices import (
+    DemodulationMode,
+    JitterMode,
+    LutConvention,
+    MissingPolicy,
+    NonfinitePolicy,
+    Precision,
+)
 from rtsr_cli.core.imaging import brdf_lut
-from rtsr_cli.core.imaging.demodulation import MATERIAL_EPSILON, DemodulationMode
+from rtsr_cli.core.imaging.demodulation import MATERIAL_EPSILON
 from rtsr_cli.core.imaging.resampling import PIXEL_FILTERS
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.presets import LAYOUTS
-from rtsr_cli.core.io.simulation import JitterMode
-from rtsr_cli.core.io.survey import MissingPolicy
-from rtsr_cli.core.precision import Precision
 
 
 def option(command: click.Command, name: str) -> click.Parameter:
@@ -27,8 +31,8 @@ DIVISORS = [mode for mode in DemodulationMode if mode is not DemodulationMode.NO
     ("command", "name", "values"),
     [
         (demodulate.command, "mode", DIVISORS),
-        (demodulate.command, "convention", brdf_lut.LutConvention),
-        (precompute_lut.command, "convention", brdf_lut.LutConvention),
+        (demodulate.command, "convention", LutConvention),
+        (precompute_lut.command, "convention", LutConvention),
         (upscale.command, "jitter", JitterMode),
         (upscale.command, "lr_filter", ["none", *PIXEL_FILTERS]),
         (upscale.command, "precision", Precision),

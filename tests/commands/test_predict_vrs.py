@@ -13,9 +13,10 @@ import torch
 from click.testing import Result
 
 from rtsr_cli.core.captured_rates import true_errors
+from rtsr_cli.core.choices import VrsMetric
 from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.settings import to_plain
-from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric
+from rtsr_cli.core.vrs.errors import ErrorConfig
 from rtsr_cli.core.vrs.rates import REDUCED, Rate
 from rtsr_cli.core.weights import read_weights, save_weights
 from rtsr_cli.models import load_system

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from rtsr_cli.core.choices import DemodulationMode, LutConvention
 from rtsr_cli.core.derive import (
     CAMERA,
     DerivationConfig,
@@ -19,8 +20,7 @@ from rtsr_cli.core.derive import (
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.brdf_lut import LutConvention, integrate_lut, sample_lut
-from rtsr_cli.core.imaging.demodulation import DemodulationMode
+from rtsr_cli.core.imaging.brdf_lut import integrate_lut, sample_lut
 
 BRDF = DerivationConfig()
 ALBEDO = DerivationConfig(mode=DemodulationMode.ALBEDO)

@@ -12,6 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, OutputError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import upsample_nearest
@@ -20,7 +21,6 @@ from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import Inputs, PairSource, real_pairs
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard
-from rtsr_cli.core.io.survey import MissingPolicy
 from rtsr_cli.core.planning import ShotPlan, UpscaleOptions, plan_shot, system_inputs
 from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
 from rtsr_cli.core.upscaling import Status, run_shot

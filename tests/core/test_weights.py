@@ -8,9 +8,10 @@ from safetensors.torch import save_file
 from torch import nn
 
 from rtsr_cli.core.acceleration import accelerated
+from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.errors import CheckpointError
 from rtsr_cli.core.networks import load_network
-from rtsr_cli.core.precision import Precision, settled
+from rtsr_cli.core.precision import settled
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.weights import load_into, read_weights, save_weights, shipped
 from rtsr_cli.models import load_system

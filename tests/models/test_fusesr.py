@@ -11,12 +11,12 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
 from rtsr_cli.core.lighting import Base, Preset
 from rtsr_cli.core.settings import Source, resolve

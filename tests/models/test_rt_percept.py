@@ -12,12 +12,13 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.acceleration import accelerated
+from rtsr_cli.core.choices import VrsMetric
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.system import Window
-from rtsr_cli.core.vrs.errors import ErrorConfig, VrsMetric, tile_errors
+from rtsr_cli.core.vrs.errors import ErrorConfig, tile_errors
 from rtsr_cli.core.vrs.rates import Rate
 from rtsr_cli.core.vrs.reprojection import displayed, reprojected
 from rtsr_cli.models import load_system

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.exr import read_header
@@ -18,7 +19,7 @@ from rtsr_cli.core.io.provenance import is_predicted
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, ranges
 from rtsr_cli.core.io.shots import Shot, frame_set
-from rtsr_cli.core.io.survey import MissingPolicy, open_frames
+from rtsr_cli.core.io.survey import open_frames
 from rtsr_cli.core.shapes import Size
 
 REFERENCE_FOLDERS = ("reference", "hr", "")

@@ -26,13 +26,13 @@ from __future__ import annotations
 import functools
 import math
 import threading
-from enum import StrEnum
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
+from rtsr_cli.core.choices import LutConvention
 from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.shapes import Image, Plane
 
@@ -64,16 +64,6 @@ two threads of a busy machine far slower: the threads wait for each other after 
 
 _TABLE_LOCK = threading.Lock()
 """Readers of several frames ask for the table at once; one makes it."""
-
-
-class LutConvention(StrEnum):
-    """How a roughness becomes the width `alpha` of GGX and the `k` of Smith-Schlick."""
-
-    KARIS = "karis"
-    """alpha = roughness^2, k = alpha / 2: perceptual roughness, image-based lighting."""
-
-    SEED = "seed"
-    """alpha = roughness, k = (alpha + 1)^2 / 8: as the NSRD supplementary text has it."""
 
 
 def lobe_parameters(roughness: Array, convention: LutConvention) -> tuple[Array, Array]:

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.capture import CAPTURE_FILE
 from rtsr_cli.core.io.exr import Plane, read_header
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
+from rtsr_cli.core.io.nonfinite import checked
 from rtsr_cli.core.io.opening import ReadOptions, open_single
 from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.passing import Passed, resized

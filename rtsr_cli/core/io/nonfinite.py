@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from enum import StrEnum
 
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -15,14 +15,6 @@ from rtsr_cli.core.imaging.resampling import grow_valid
 
 INPAINT_STEPS = 16
 """Non-finite regions are filled from their rim this many pixels deep, then with 0."""
-
-
-class NonfinitePolicy(StrEnum):
-    """What NaN and Inf in an input mean for the frame."""
-
-    ERROR = "error"
-    ZERO = "zero"
-    INPAINT = "inpaint"
 
 
 def checked(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:

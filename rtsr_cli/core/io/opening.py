@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture, read_capture
@@ -28,7 +29,7 @@ from rtsr_cli.core.io.shots import (
 )
 from rtsr_cli.core.io.side_cars import CameraRow, read_cameras, with_reversed
 from rtsr_cli.core.io.simulation import Simulation
-from rtsr_cli.core.io.survey import Headers, MissingPolicy, open_frames
+from rtsr_cli.core.io.survey import Headers, open_frames
 
 
 @dataclass(frozen=True, kw_only=True)

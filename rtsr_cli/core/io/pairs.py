@@ -12,12 +12,13 @@ from typing import Protocol
 
 import torch
 
+from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.derive import DerivationConfig, Needs, derive, needs
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.exr import Window
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
+from rtsr_cli.core.io.nonfinite import checked
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.simulation import Simulation, averaged, decimated

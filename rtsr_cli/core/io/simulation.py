@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 from torch import Tensor
 
+from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.frames.buffers import (
     BUFFER_SPECS,
     NORMAL_BUFFERS,
@@ -29,13 +29,6 @@ from rtsr_cli.core.imaging.resampling import (
     halton_offset,
     sample_jitter,
 )
-
-
-class JitterMode(StrEnum):
-    """Which sample of a block a simulated LR frame keeps."""
-
-    NONE = "none"
-    HALTON = "halton"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from enum import StrEnum
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
@@ -32,14 +32,6 @@ MATRIX_RANK = 4
 
 SURVEY_THREADS = 4
 """Headers are small: a few threads hide the latency of a network drive."""
-
-
-class MissingPolicy(StrEnum):
-    """What a hole in the numbering means for the run."""
-
-    ERROR = "error"
-    SKIP = "skip"
-    HOLD = "hold"
 
 
 Headers = Mapping[str, Mapping[int, ExrHeader]]

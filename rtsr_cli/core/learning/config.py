@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.learning.augmentation import AugmentationConfig
-from rtsr_cli.core.precision import Precision
 from rtsr_cli.core.settings import check_numbers
 
 

@@ -9,11 +9,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from rtsr_cli import __version__
+from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.beside import Beside, find_beside
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.opening import ReadOptions, declared, open_pair, open_set, shots_of
 from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.provenance import config_digest, digest

@@ -10,14 +10,15 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import DemodulationMode, NonfinitePolicy
 from rtsr_cli.core.derive import DerivationConfig, derive, derive_material, needs
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.imaging.color import MAX_HALF
-from rtsr_cli.core.imaging.demodulation import DemodulationMode, lighting_scale
+from rtsr_cli.core.imaging.demodulation import lighting_scale
 from rtsr_cli.core.io.beside import Beside
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy, checked
+from rtsr_cli.core.io.nonfinite import checked
 from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import Pool
 from rtsr_cli.core.shapes import Plane, TileMap
 from rtsr_cli.core.vrs.rates import DOUBLING, Rate
-from rtsr_cli.core.vrs.tiles import Pool, tile_max, tile_mean
+from rtsr_cli.core.vrs.tiles import tile_max, tile_mean
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,17 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cache
 
 import torch
 
+from rtsr_cli.core.choices import Pool, VrsMetric
 from rtsr_cli.core.metrics.fidelity import squared_error_map
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD, ldr_flip, pixels_per_degree
 from rtsr_cli.core.metrics.lpips import Lpips
 from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Plane, TileMap
-from rtsr_cli.core.vrs.tiles import Pool, pooled, tile_mean
+from rtsr_cli.core.vrs.tiles import pooled, tile_mean
 
 REC601 = (0.299, 0.587, 0.114)
 
@@ -32,16 +32,6 @@ PUBLISHED_ENV_LUMINANCE = 1e-10
 
 MIN_MSE = 1e-10
 """Mean squared error that stands for none: 100 dB."""
-
-
-class VrsMetric(StrEnum):
-    """What an error is measured by."""
-
-    FLIP = "flip"
-    JNFLIP = "jnflip"
-    JNYANG = "jnyang"
-    PSNR = "psnr"
-    LPIPS = "lpips"
 
 
 JUST_NOTICED: Mapping[VrsMetric, float] = {

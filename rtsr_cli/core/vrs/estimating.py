@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 import torch
 
+from rtsr_cli.core.choices import Estimator, VrsMetric
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.shapes import Mask, TileMap
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig, adaptive_codes, axis_errors, scaled_errors
-from rtsr_cli.core.vrs.errors import (
-    ErrorConfig,
-    VrsMetric,
-    amplitude,
-    from_amplitude,
-    luma,
-)
+from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, from_amplitude, luma
 from rtsr_cli.core.vrs.rates import REDUCED, Errors, Rate, chosen_codes, extrapolated
 from rtsr_cli.core.vrs.reprojection import moved_picture, reprojected
 from rtsr_cli.core.vrs.tiles import tile_mean
@@ -27,15 +21,6 @@ MOSTLY = 0.5
 
 WORST = 10.0
 """Larger errors count as that: by Weber's law those of dark tiles know no bound."""
-
-
-class Estimator(StrEnum):
-    """What decides rates."""
-
-    NETWORK = "network"
-    ANALYTIC = "analytic"
-    HYBRID = "hybrid"
-    """Analytic on tiles that the frame before shows, the network on the others."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 import torch.nn.functional as F
 from torch import Tensor
 
+from rtsr_cli.core.choices import Pool
 from rtsr_cli.core.shapes import Image, Size, TileMap
-
-
-class Pool(StrEnum):
-    """What a tile's value is of its pixels."""
-
-    MAX = "max"
-    MEAN = "mean"
 
 
 def tile_grid(size: Size, side: int) -> Size:

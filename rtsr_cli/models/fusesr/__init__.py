@@ -21,11 +21,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.history import sample_motion
-from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.imaging.warping import compose_motion
 from rtsr_cli.core.lighting import (
     GUIDES,

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar
 
+from rtsr_cli.core.choices import DemodulationMode, LutConvention
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.imaging.brdf_lut import LutConvention
-from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.lighting import (
     PAPER_LOSS,
     Base,

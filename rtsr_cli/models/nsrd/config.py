@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from rtsr_cli.core.choices import DemodulationMode, LutConvention
 from rtsr_cli.core.derive import DerivationConfig
-from rtsr_cli.core.imaging.brdf_lut import LutConvention
-from rtsr_cli.core.imaging.demodulation import DemodulationMode
 from rtsr_cli.core.lighting import Base, LossWeights, Preset
 from rtsr_cli.core.settings import check_numbers
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.vrs.errors import VrsMetric
+from rtsr_cli.core.choices import VrsMetric
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig, Transform
 
 STEEPNESS = 10.0

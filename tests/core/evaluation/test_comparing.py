@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.evaluation.comparing import CompareOptions, method_names, open_comparisons
 from rtsr_cli.core.io.exr import Window, write_exr
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.selection import Selection, Shard
-from rtsr_cli.core.io.survey import MissingPolicy
 
 HEIGHT, WIDTH = 16, 24
 

@@ -8,9 +8,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from rtsr_cli.core.choices import LutConvention
 from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.imaging.brdf_lut import (
-    LutConvention,
     integrate_lut,
     integrate_split_sum,
     lobe_parameters,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import check_writable
@@ -22,7 +23,6 @@ from rtsr_cli.core.io.outputs import (
 )
 from rtsr_cli.core.io.provenance import STAMP
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.survey import MissingPolicy
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
+from rtsr_cli.core.choices import JitterMode, NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
-from rtsr_cli.core.io.nonfinite import NonfinitePolicy
 from rtsr_cli.core.io.pairs import FramePair, Inputs, RealPairs, real_pairs, simulated_pairs
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.simulation import JitterMode, Simulation
+from rtsr_cli.core.io.simulation import Simulation
 
 Write = Callable[..., Path]
 Open = Callable[..., FrameReader]

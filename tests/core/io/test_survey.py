@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.io.capture import Capture
@@ -18,7 +19,7 @@ from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.shots import frame_set
 from rtsr_cli.core.io.side_cars import CameraRow
-from rtsr_cli.core.io.survey import MissingPolicy, open_frames, read_headers
+from rtsr_cli.core.io.survey import open_frames, read_headers
 
 Write = Callable[..., Path]
 Open = Callable[..., FrameReader]

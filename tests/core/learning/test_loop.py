@@ -10,13 +10,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.errors import CheckpointError, TrainingError
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.config import Optimiser, Schedule, TrainingConfig
 from rtsr_cli.core.learning.crops import Task
 from rtsr_cli.core.learning.loop import Progress, Run, Trainer, learning_rate, train
 from rtsr_cli.core.learning.sampling import Sampler
-from rtsr_cli.core.precision import Precision
 from tests.core.learning.conftest import make_clip
 
 CONFIG = TrainingConfig(

@@ -14,6 +14,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import Pool, VrsMetric
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.vrs.adaptive import (
     AdaptiveConfig,
@@ -26,7 +27,6 @@ from rtsr_cli.core.vrs.coarse import coarse_shading
 from rtsr_cli.core.vrs.errors import (
     PPD_BY_WIDTH,
     ErrorConfig,
-    VrsMetric,
     amplitude,
     from_amplitude,
     luma,
@@ -42,7 +42,7 @@ from rtsr_cli.core.vrs.rates import (
     rate_shares,
     shaded_share,
 )
-from rtsr_cli.core.vrs.tiles import Pool, pixel_shares, tile_grid, tile_max, tile_mean
+from rtsr_cli.core.vrs.tiles import pixel_shares, tile_grid, tile_max, tile_mean
 
 METRICS = Path(__file__).parents[1] / "metrics"
 ORACLE = json.loads((Path(__file__).parent / "vrs_tiles.json").read_text(encoding="utf-8"))

@@ -1,0 +1,83 @@
+"""What users choose by name, each an enum; imports nothing, so that help is instant."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class MissingPolicy(StrEnum):
+    """What a hole in the numbering means for the run."""
+
+    ERROR = "error"
+    SKIP = "skip"
+    HOLD = "hold"
+
+
+class NonfinitePolicy(StrEnum):
+    """What NaN and Inf in an input mean for the frame."""
+
+    ERROR = "error"
+    ZERO = "zero"
+    INPAINT = "inpaint"
+
+
+class JitterMode(StrEnum):
+    """Which sample of a block a simulated LR frame keeps."""
+
+    NONE = "none"
+    HALTON = "halton"
+
+
+class DemodulationMode(StrEnum):
+    """What radiance is divided by."""
+
+    BRDF = "brdf"
+    SOFTPLUS = "softplus"
+    ALBEDO = "albedo"
+    GLOSSY_ALBEDO = "glossy-albedo"
+    NONE = "none"
+
+
+class LutConvention(StrEnum):
+    """How a roughness becomes the width `alpha` of GGX and the `k` of Smith-Schlick."""
+
+    KARIS = "karis"
+    """alpha = roughness^2, k = alpha / 2: perceptual roughness, image-based lighting."""
+
+    SEED = "seed"
+    """alpha = roughness, k = (alpha + 1)^2 / 8: as the NSRD supplementary text has it."""
+
+
+class VrsMetric(StrEnum):
+    """What an error is measured by."""
+
+    FLIP = "flip"
+    JNFLIP = "jnflip"
+    JNYANG = "jnyang"
+    PSNR = "psnr"
+    LPIPS = "lpips"
+
+
+class Pool(StrEnum):
+    """What a tile's value is of its pixels."""
+
+    MAX = "max"
+    MEAN = "mean"
+
+
+class Estimator(StrEnum):
+    """What decides rates."""
+
+    NETWORK = "network"
+    ANALYTIC = "analytic"
+    HYBRID = "hybrid"
+    """Analytic on tiles that the frame before shows, the network on the others."""
+
+
+class Precision(StrEnum):
+    """Number format of network layers."""
+
+    AUTO = "auto"
+    FP32 = "fp32"
+    BF16 = "bf16"
+    FP16 = "fp16"
