@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from typing import Any
-
-import torch
 
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.evaluation.comparing import Comparison
@@ -16,6 +14,7 @@ from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.results import FrameScores
 from rtsr_cli.core.evaluation.scoring import score_frame
+from rtsr_cli.core.io.streaming import worker_pool
 from rtsr_cli.core.memory import release_freed
 
 
@@ -109,9 +108,7 @@ def score_shot(comparison: Comparison, options: RunOptions) -> Iterator[ScoredFr
     through. A frame that cannot be read fails, and is no history for the next one.
     """
     pending: deque[Future[ScoredFrame]] = deque()
-    with ThreadPoolExecutor(
-        options.jobs, "rtsr-judge", initializer=torch.set_num_threads, initargs=(1,)
-    ) as pool:
+    with worker_pool(options.jobs, "rtsr-judge") as pool:
         frames = _Frames(comparison, options, pool)
         try:
             for place, number in enumerate(comparison.numbers, start=1):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from threading import Barrier, Lock, Thread, local
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
@@ -23,6 +24,45 @@ Loaded = tuple[K, Future[V]]
 """An item and its finished future; asking the future raises what loading raised."""
 
 
+_STARTING = Lock()
+"""Held while the number that new threads compute with is another one."""
+
+_OWNER = local()
+"""Of a pool's thread: `count`, the torch threads of whoever started the pool."""
+
+
+def _set_for_new_threads(count: int) -> None:
+    """Set what threads get that never asked for their number; those that did keep theirs."""
+    setting = Thread(target=torch.set_num_threads, args=(count,))
+    setting.start()
+    setting.join()
+
+
+def worker_pool(workers: int, name: str) -> ThreadPoolExecutor:
+    """Return a started pool whose threads compute with one torch thread each.
+
+    More would fight the network's for the same cores, and stall on every small operation. The
+    caller's number stays what it is: torch's number is that of a thread, and a thread that never
+    asked for it takes the one that was set last, by whomever.
+    """
+    count: int = getattr(_OWNER, "count", None) or torch.get_num_threads()
+    pool = ThreadPoolExecutor(workers, name)
+    barrier = Barrier(workers + 1)
+
+    def start() -> None:
+        torch.get_num_threads()
+        _OWNER.count = count
+        barrier.wait()
+
+    with _STARTING:
+        _set_for_new_threads(1)
+        for _ in range(workers):
+            pool.submit(start)
+        barrier.wait()
+        _set_for_new_threads(count)
+    return pool
+
+
 def read_ahead(jobs: int, frame_bytes: int) -> int:
     """Frames to read at a time: `jobs`, or as many as the memory for it holds."""
     return max(1, min(jobs, READ_AHEAD_BYTES // max(1, frame_bytes)))
@@ -39,10 +79,7 @@ def prefetch(
     limit = jobs if ahead is None else ahead
     pending: deque[Loaded[K, V]] = deque()
     iterator = iter(items)
-    # one torch thread a reader: more would fight the network's for the same cores
-    with ThreadPoolExecutor(
-        jobs, "rtsr-read", initializer=torch.set_num_threads, initargs=(1,)
-    ) as pool:
+    with worker_pool(jobs, "rtsr-read") as pool:
         try:
             for item in iterator:
                 pending.append((item, pool.submit(load, item)))
@@ -60,17 +97,13 @@ def single_threaded(work: Callable[[], V]) -> V:
 
     Threads that wait for each other after every small operation stall on busy cores.
     """
-    with ThreadPoolExecutor(
-        1, "rtsr-measure", initializer=torch.set_num_threads, initargs=(1,)
-    ) as pool:
+    with worker_pool(1, "rtsr-measure") as pool:
         return pool.submit(work).result()
 
 
 def in_threads(work: Callable[[K], V], items: Iterable[K]) -> list[V]:
     """`map`, `AT_ONCE` items at a time, each with one torch thread; results in order."""
-    with ThreadPoolExecutor(
-        AT_ONCE, "rtsr-each", initializer=torch.set_num_threads, initargs=(1,)
-    ) as pool:
+    with worker_pool(AT_ONCE, "rtsr-each") as pool:
         return list(pool.map(work, items))
 
 
@@ -87,7 +120,7 @@ class BackgroundWriter(Generic[K]):
 
     def __init__(self, jobs: int) -> None:
         """Start the threads."""
-        self._pool = ThreadPoolExecutor(jobs, thread_name_prefix="rtsr-write")
+        self._pool = worker_pool(jobs, "rtsr-write")
         self._pending: deque[tuple[K, Future[None]]] = deque()
         self._limit = jobs + 1
 

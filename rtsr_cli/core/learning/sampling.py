@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
-import torch
 
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
-from rtsr_cli.core.io.streaming import prefetch
+from rtsr_cli.core.io.streaming import prefetch, worker_pool
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.config import TrainingConfig
 from rtsr_cli.core.learning.crops import (
@@ -129,9 +127,7 @@ class Sampler:
             for _ in starts:
                 yield [future.result() for _, future in islice(made, config.batch)]
             return
-        with ThreadPoolExecutor(
-            workers, "rtsr-sample", initializer=torch.set_num_threads, initargs=(1,)
-        ) as pool:
+        with worker_pool(workers, "rtsr-sample") as pool:
             for number in starts:
                 yield list(pool.map(self.make, self._indices(number)))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import box_mean
+from rtsr_cli.core.io.streaming import worker_pool
 from rtsr_cli.core.shapes import Color, Size
 from rtsr_cli.core.synth import surfaces
 from rtsr_cli.core.synth.motion import motion_px
@@ -254,12 +254,8 @@ def _each_strip(
     shot: Shot, work: Callable[[range], dict[Buffer, Tensor]], multiple: int, threads: int
 ) -> Iterator[tuple[range, dict[Buffer, Tensor]]]:
     strips = _strips(shot, multiple)
-    # this thread's number is fixed first, as those below would set it otherwise
-    torch.get_num_threads()
     # a thread a strip: torch's own threads would split every small operation
-    with ThreadPoolExecutor(
-        threads, "rtsr-synth", initializer=torch.set_num_threads, initargs=(1,)
-    ) as pool:
+    with worker_pool(threads, "rtsr-synth") as pool:
         yield from zip(strips, pool.map(work, strips), strict=True)
 
 
