@@ -13,7 +13,7 @@ from typing import NoReturn
 import click
 
 from rtsr_cli import __version__
-from rtsr_cli.commands.stopping import INTERRUPTED, SIGNALLED, STOPPING, leave
+from rtsr_cli.commands.interruption import INTERRUPTED, SIGNALLED, STOPPING, leave
 from rtsr_cli.core.errors import RequestError, RtsrError, did_you_mean
 
 COMMANDS = {

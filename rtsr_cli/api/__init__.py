@@ -10,10 +10,30 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rtsr_cli.api.frames import demodulate as demodulate
+    from rtsr_cli.api.frames import label as label
+    from rtsr_cli.api.frames import predict_vrs as predict_vrs
+    from rtsr_cli.api.frames import synth as synth
+    from rtsr_cli.api.frames import upscale as upscale
+    from rtsr_cli.core.demodulate.request import DemodulateRequest as DemodulateRequest
     from rtsr_cli.core.errors import RtsrError as RtsrError
+    from rtsr_cli.core.label.request import LabelRequest as LabelRequest
+    from rtsr_cli.core.synth.request import SynthRequest as SynthRequest
+    from rtsr_cli.core.upscale.request import UpscaleRequest as UpscaleRequest
+    from rtsr_cli.core.vrs.request import PredictVrsRequest as PredictVrsRequest
 
 PLACES = {
     "RtsrError": "rtsr_cli.core.errors",
+    "UpscaleRequest": "rtsr_cli.core.upscale.request",
+    "upscale": "rtsr_cli.api.frames",
+    "DemodulateRequest": "rtsr_cli.core.demodulate.request",
+    "demodulate": "rtsr_cli.api.frames",
+    "LabelRequest": "rtsr_cli.core.label.request",
+    "label": "rtsr_cli.api.frames",
+    "PredictVrsRequest": "rtsr_cli.core.vrs.request",
+    "predict_vrs": "rtsr_cli.api.frames",
+    "SynthRequest": "rtsr_cli.core.synth.request",
+    "synth": "rtsr_cli.api.frames",
 }
 """Name -> module that defines it; a test holds both lists to each other."""
 

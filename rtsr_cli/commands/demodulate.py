@@ -7,31 +7,29 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.choices import DemodulationMode, LutConvention
+from rtsr_cli.core.demodulate.request import DemodulateRequest
 
-MODES = ("brdf", "softplus", "albedo", "glossy-albedo")
 
-
+@opt.defaults_of(DemodulateRequest)
 @click.command("demodulate")
 @opt.input_folder
 @opt.output_folder
 @click.option(
     "--mode",
-    type=click.Choice(MODES),
-    default="brdf",
+    type=opt.Member(DemodulationMode, without=[DemodulationMode.NONE]),
     show_default=True,
     help="What radiance is divided by.",
 )
 @click.option(
     "--convention",
-    type=click.Choice(["karis", "seed"]),
-    default="karis",
+    type=opt.Member(LutConvention),
     show_default=True,
     help="Split-sum table.",
 )
 @click.option(
     "--epsilon",
     type=opt.FiniteRange(0.0, 1.0, min_open=True),
-    default=4e-3,
     show_default=True,
     help="Smallest divisor; below it a pixel is left undivided.",
 )
@@ -40,12 +38,27 @@ MODES = ("brdf", "softplus", "albedo", "glossy-albedo")
 @opt.overwrite
 @opt.reads_frames
 @click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Divide the radiance of IN by its material term into OUT.
 
     Writes lighting.RGB, material.RGB, mask (1 = divided) and emission.RGB, such that
     radiance = lighting * material + emission in every pixel.
     """
-    from rtsr_cli.commands.run_demodulate import run_demodulate
+    request = opt.request_from(DemodulateRequest, chosen)
+    from rtsr_cli.api import demodulate
+    from rtsr_cli.commands.basics import LOG
+    from rtsr_cli.commands.progress import Progress
+    from rtsr_cli.core.demodulate.call import DivisionDone
+    from rtsr_cli.core.run.events import Status
 
-    ctx.exit(run_demodulate(chosen))
+    def conclude(event: object) -> None:
+        if isinstance(event, DivisionDone) and event.counts[Status.WRITTEN] and not request.inverse:
+            LOG.info(
+                "largest recomposition error %.2e of max(|c|, 1e-3); %.2f %% of the pixels "
+                "not divided",
+                event.error,
+                100 * event.undivided,
+            )
+
+    progress = Progress(request, as_json=as_json)
+    ctx.exit(progress.follow(demodulate(request), conclude=conclude))

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.commands.stopping import SIGNALLED, STOPPING, leave
+from rtsr_cli.commands.interruption import SIGNALLED, STOPPING, leave
 from rtsr_cli.core.errors import ConfigError
 
 METRIC_NAMES = (

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.commands.predict_vrs import METRICS
+from rtsr_cli.core.choices import LabelKind, Pool, VrsMetric
+from rtsr_cli.core.label.request import LabelRequest
+
+if TYPE_CHECKING:
+    from rtsr_cli.core.run.events import ShotPlanned
 
 
+@opt.defaults_of(LabelRequest)
 @click.command("label")
 @opt.input_folder
 @opt.output_folder
-@click.option("--kind", type=click.Choice(["vrs"]), required=True, help="Errors of shading rates.")
-@click.option("--tile", type=opt.RATE_TILE, default=16, show_default=True)
-@click.option("--metric", type=click.Choice(METRICS), default="jnflip", show_default=True)
+@click.option("--kind", type=opt.Member(LabelKind), required=True, help="Errors of shading rates.")
+@click.option("--tile", type=opt.RATE_TILE, show_default=True)
+@click.option("--metric", type=opt.Member(VrsMetric), show_default=True)
 @click.option(
     "--pool",
-    type=click.Choice(["max", "mean"]),
-    default="max",
+    type=opt.Member(Pool),
     show_default=True,
     help="Of a tile's pixels; PSNR takes the mean of its squared errors.",
 )
 @click.option(
     "--env-luminance",
     type=opt.FiniteRange(0.0),
-    default=1e-10,
     show_default=True,
     help="Of the surroundings, in Weber's law: JN = E / (L + l).",
 )
@@ -40,12 +44,24 @@ from rtsr_cli.commands.predict_vrs import METRICS
 @opt.overwrite
 @opt.reads_frames
 @click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Make training labels of IN's frames: error.<AxB> of every reduced rate, one pixel a tile.
 
     Radiance at a rate is channels output_<AxB>.R, .G, .B where frames hold them; else one sample a
     block of the frame's own radiance, repeated, and shown as the frame is.
     """
-    from rtsr_cli.commands.run_label import run_label
+    request = opt.request_from(LabelRequest, chosen)
+    from rtsr_cli.api import label
+    from rtsr_cli.commands.progress import Progress
 
-    ctx.exit(run_label(chosen))
+    ctx.exit(Progress(request, as_json=as_json).follow(label(request), describe_plan(request)))
+
+
+def describe_plan(request: LabelRequest) -> Callable[[ShotPlanned], str]:
+    """Return what is said of a plan of a request."""
+
+    def describe(plan: ShotPlanned) -> str:
+        rates = opt.describe_rates(plan.details["captured_rates"])
+        return f", {request.metric}, tiles of {request.tile}, {rates}"
+
+    return describe

@@ -9,7 +9,7 @@ import json
 import logging
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from enum import StrEnum
 from pathlib import Path
@@ -17,8 +17,10 @@ from typing import Any, TypeVar
 
 import click
 
-from rtsr_cli.core.errors import did_you_mean
+from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
+from rtsr_cli.core.errors import RequestError, did_you_mean
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
+from rtsr_cli.core.io.selection import ranges
 
 F = TypeVar("F", bound=Callable[..., Any])
 E = TypeVar("E", bound=StrEnum)
@@ -49,6 +51,10 @@ class Frames(click.ParamType[frozenset[int]]):
             return frozenset(int(n) for n in FrameRange(DOTS.sub("-", value).replace(" ", "")))
         except (ParseException, ValueError):
             self.fail(f"'{value}' is no frame range; write 1-100, 1-100x2 or 1-3,7", param, ctx)
+
+    def write(self, value: frozenset[int]) -> str:
+        """Write a default as users would."""
+        return ranges(value)
 
 
 class ShardOf(click.ParamType[tuple[int, int]]):
@@ -205,15 +211,15 @@ overwrite = click.option(
 )
 on_missing = click.option(
     "--on-missing",
-    type=click.Choice(["error", "skip", "hold"]),
-    default="error",
+    type=Member(MissingPolicy),
+    default=MissingPolicy.ERROR.value,
     show_default=True,
     help="Holes in the numbering.",
 )
 on_nonfinite = click.option(
     "--on-nonfinite",
-    type=click.Choice(["error", "zero", "inpaint"]),
-    default="error",
+    type=Member(NonfinitePolicy),
+    default=NonfinitePolicy.ERROR.value,
     show_default=True,
     help="NaN and Inf in an input.",
 )
@@ -277,6 +283,11 @@ def reads_frames(function: F) -> F:
     return function
 
 
+def describe_rates(captured: Sequence[str]) -> str:
+    """Say which shading rates were captured."""
+    return f"captured rates {', '.join(captured)}" if captured else "emulated rates"
+
+
 def emit(event: dict[str, Any]) -> None:
     """Print one JSON event."""
     click.echo(json.dumps(event, sort_keys=True, default=str))
@@ -290,17 +301,28 @@ def defaults_of(request: type) -> Callable[[click.Command], click.Command]:
         for param in command.params:
             value = values.get(param.name or "", MISSING)
             if value is not MISSING and value is not None and not param.multiple:
-                param.default = value
+                param.default = _written_as(param.type, value)
         return command
 
     return set_defaults
+
+
+def _written_as(kind: click.ParamType[Any], value: object) -> object:
+    """Return a default as users would write it."""
+    if isinstance(value, StrEnum):
+        return value.value
+    write = getattr(kind, "write", None)
+    return value if write is None else write(value)
 
 
 def request_from(request: type[R], chosen: Mapping[str, Any]) -> R:
     """Make a request of options of the same names as its fields.
 
     Raises:
-        RequestError: they do not go together.
+        UsageError: they do not go together.
     """
     named = {field.name for field in fields(request)}  # type: ignore[arg-type]
-    return request(**{name: value for name, value in chosen.items() if name in named})
+    try:
+        return request(**{name: value for name, value in chosen.items() if name in named})
+    except RequestError as error:
+        raise click.UsageError(str(error)) from error

@@ -7,16 +7,23 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.choices import Estimator, VrsMetric
+from rtsr_cli.core.vrs.request import PredictVrsRequest
+from rtsr_cli.models import rate_predictor_names
 
-METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 
-
+@opt.defaults_of(PredictVrsRequest)
 @click.command("predict-vrs")
 @opt.input_folder
 @opt.output_folder
+@click.option(
+    "--system",
+    type=opt.Named("system", rate_predictor_names()),
+    help="What predicts errors.  [default: the first that does]",
+)
 @click.option("--tile", type=opt.RATE_TILE, help="Side of a tile, pixels.  [default: 16]")
 @click.option(
-    "--metric", type=click.Choice(METRICS), help="What errors are measured by.  [default: jnflip]"
+    "--metric", type=opt.Member(VrsMetric), help="What errors are measured by.  [default: jnflip]"
 )
 @click.option(
     "--threshold",
@@ -30,8 +37,7 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 )
 @click.option(
     "--estimator",
-    type=click.Choice(["network", "analytic", "hybrid"]),
-    default="network",
+    type=opt.Member(Estimator),
     show_default=True,
     help="Analytic: from the frame before alone (Yang et al. 2019); hybrid: the network only "
     "where that shows nothing.",
@@ -55,11 +61,11 @@ METRICS = ("jnflip", "flip", "jnyang", "psnr", "lpips")
 )
 @click.option("--overlay", "overlays", is_flag=True, help="A PNG of the frame under its rates.")
 @click.option("--no-compare", is_flag=True, help="Do not measure the true errors.")
-@click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.overwrite
 @opt.reads_frames
 @click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Predict the error of each shading rate in each tile of IN's frames, and choose rates.
 
     Writes error.<AxB> (A wide, B tall) and rate (D3D12's and Vulkan's code) as EXR, one pixel a
@@ -67,6 +73,10 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     before its rates are chosen; then, true errors are measured, on frames of captured rates
     (channels output_2x2.R/G/B or folders output_2x2/ beside the frames) where there are any.
     """
-    from rtsr_cli.commands.run_predict_vrs import run_predict_vrs
+    request = opt.request_from(PredictVrsRequest, chosen)
+    from rtsr_cli.api import predict_vrs
+    from rtsr_cli.commands.progress import Progress
+    from rtsr_cli.commands.rates_text import describe_plan, show_summary
 
-    ctx.exit(run_predict_vrs(chosen))
+    progress = Progress(request, as_json=as_json)
+    ctx.exit(progress.follow(predict_vrs(request), describe_plan, show_summary))

@@ -12,9 +12,9 @@ from tqdm import tqdm
 
 from rtsr_cli.commands import evaluation_text as text
 from rtsr_cli.commands.basics import LOG, device_named
+from rtsr_cli.commands.interruption import unwinding
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.running import FAILED, selection
-from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import (
     ConfigError,

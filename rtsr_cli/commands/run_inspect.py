@@ -13,8 +13,8 @@ from tqdm import tqdm
 
 from rtsr_cli.commands.basics import LOG
 from rtsr_cli.commands.inspection_text import report
+from rtsr_cli.commands.interruption import unwinding
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer

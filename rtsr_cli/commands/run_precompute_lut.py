@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rtsr_cli import __version__
-from rtsr_cli.commands.stopping import unwinding
+from rtsr_cli.commands.interruption import unwinding
 from rtsr_cli.core.choices import LutConvention
 from rtsr_cli.core.imaging.brdf_lut import integrate_lut
 from rtsr_cli.core.io.exr import write_exr

@@ -17,8 +17,8 @@ from tqdm import tqdm
 
 from rtsr_cli import __version__
 from rtsr_cli.commands.basics import LOG, device_named
+from rtsr_cli.commands.interruption import unwinding
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.stopping import unwinding
 from rtsr_cli.core.errors import CheckpointError, ConfigError, FrameFolderError
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.learning.clips import SUFFIX, Clip, read_clips, total_frames

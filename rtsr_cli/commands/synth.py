@@ -1,4 +1,4 @@
-"""`rtsr synth`: options -> plan of every shot -> one run -> a summary."""
+"""`rtsr synth`: a seed -> frames with exact buffers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, PAIR_LAYOUTS
+from rtsr_cli.core.choices import JitterMode
+from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
+from rtsr_cli.core.synth.request import SynthRequest
 
 MAX_SIDE = 16384
 
@@ -29,18 +31,18 @@ class PixelSize(click.ParamType[tuple[int, int]]):
             self.fail(f"'{value}' is no size; write 1920x1080", param, ctx)
         return int(height), int(width)
 
+    def write(self, value: tuple[int, int]) -> str:
+        """Write a default as users would."""
+        height, width = value
+        return f"{width}x{height}"
 
+
+@opt.defaults_of(SynthRequest)
 @click.command("synth")
 @opt.output_folder
-@click.option(
-    "--size", type=PixelSize(), default="960x540", show_default=True, help="Of the output."
-)
-@click.option(
-    "--frames", type=opt.Frames(), default="1-8", show_default=True, help="Frames to write."
-)
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Which scene."
-)
+@click.option("--size", type=PixelSize(), show_default=True, help="Of the output.")
+@click.option("--frames", type=opt.Frames(), show_default=True, help="Frames to write.")
+@click.option("--seed", type=click.IntRange(min=0), show_default=True, help="Which scene.")
 @click.option(
     "--shots",
     type=click.IntRange(1, 10000),
@@ -49,7 +51,6 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 @click.option(
     "--layout",
     type=opt.Named("layout", LAYOUT_NAMES),
-    default="rtsr",
     show_default=True,
     help="Channel layout.",
 )
@@ -61,15 +62,13 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 )
 @click.option(
     "--jitter",
-    type=click.Choice(["none", "halton"]),
-    default="none",
+    type=opt.Member(JitterMode),
     show_default=True,
     help="Of the samples (LR's with --scale).",
 )
 @click.option(
     "--samples",
     type=click.IntRange(1, 16),
-    default=1,
     show_default=True,
     metavar="K",
     help="K x K samples a pixel: all of them stored, or with --scale their mean as reference.",
@@ -80,19 +79,14 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 @opt.as_json
 @opt.verbose
 @opt.quiet
-@click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(as_json: bool, **chosen: Any) -> None:
     """Render frames of a random analytic scene, with exact buffers, into OUT.
 
     The same seed, size and frame number always give the same frame. Files that are there already
     are kept if they are the same; capture.toml beside them declares what they hold.
     """
-    if chosen["samples"] > 1 and chosen["scale"] is None and chosen["jitter"] != "none":
-        raise click.UsageError("--samples stores every sample of a pixel; leave --jitter out")
-    if chosen["scale"] is None and chosen["layout"] in PAIR_LAYOUTS:
-        raise click.UsageError(
-            f"layout '{chosen['layout']}' keeps two resolutions apart; give --scale, e.g. --scale 2"
-        )
-    from rtsr_cli.commands.run_synth import run_synth
+    request = opt.request_from(SynthRequest, chosen)
+    from rtsr_cli.api import synth
+    from rtsr_cli.commands.synth_text import follow_synthesis
 
-    ctx.exit(run_synth(chosen))
+    follow_synthesis(synth(request), as_json=as_json)

@@ -1,15 +1,22 @@
-"""`rtsr upscale`: options -> plan of every shot -> one run -> a summary."""
+"""`rtsr upscale`: LR frames -> HR frames."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.choices import JitterMode, Precision
+from rtsr_cli.core.upscale.request import UpscaleRequest
 from rtsr_cli.models import upscaler_names
 
+if TYPE_CHECKING:
+    from rtsr_cli.core.run.events import ShotPlanned
 
+
+@opt.defaults_of(UpscaleRequest)
 @click.command("upscale")
 @opt.input_folder
 @opt.output_folder
@@ -42,20 +49,17 @@ from rtsr_cli.models import upscaler_names
 @click.option(
     "--samples-per-pixel",
     type=click.IntRange(1, 16),
-    default=1,
     metavar="K",
     help="The capture holds K x K samples of each output pixel.",
 )
 @click.option(
     "--jitter",
-    type=click.Choice(["none", "halton"]),
-    default="none",
+    type=opt.Member(JitterMode),
     help="Which sample of a block --simulate-lr keeps.",
 )
 @click.option(
     "--lr-filter",
     type=click.Choice(["none", "box", "blackman-harris"]),
-    default="none",
     help="Pixel filter of the simulated LR radiance.",
 )
 @click.option("--preview", "previews", is_flag=True, help="A PNG beside each EXR.")
@@ -72,11 +76,10 @@ from rtsr_cli.models import upscaler_names
     help="Copy input channels of these names to the output: as HR holds them (never its "
     "radiance), else LR's with each pixel repeated. Repeatable; not for R G B A.",
 )
-@click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @click.option(
     "--precision",
-    type=click.Choice(["auto", "fp32", "bf16", "fp16"]),
-    default="auto",
+    type=opt.Member(Precision),
     show_default=True,
     help="Number format of network layers; auto: bf16 where the device computes in it.",
 )
@@ -84,16 +87,29 @@ from rtsr_cli.models import upscaler_names
 @opt.overwrite
 @opt.reads_frames
 @click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Reconstruct the frames of IN at a higher resolution into OUT.
 
     IN holds shots: `shot/lr/*.exr` with `shot/hr/*.exr` beside it, or HR captures with
     --simulate-lr. HR radiance is never read, except to make LR frames from it.
     """
-    if chosen["simulate_lr"] is None:
-        for name in ("samples_per_pixel", "jitter", "lr_filter"):
-            if ctx.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
-                raise click.UsageError(f"--{name.replace('_', '-')} needs --simulate-lr")
-    from rtsr_cli.commands.run_upscale import run_upscale
+    request = opt.request_from(UpscaleRequest, chosen)
+    from rtsr_cli.api import upscale
+    from rtsr_cli.commands.progress import Progress
 
-    ctx.exit(run_upscale(chosen))
+    ctx.exit(Progress(request, as_json=as_json).follow(upscale(request), describe_plan(request)))
+
+
+def describe_plan(request: UpscaleRequest) -> Callable[[ShotPlanned], str]:
+    """Return what is said of a plan of a request."""
+    unnamed = request.system is None and request.weights_file is None
+    default = " (the best that these inputs allow)" if unnamed else ""
+
+    def describe(plan: ShotPlanned) -> str:
+        (lr_width, lr_height), (width, height) = plan.details["lr_size"], plan.details["size"]
+        return (
+            f", {lr_width} x {lr_height} -> {width} x {height}, "
+            f"system {plan.details['system']}{default}"
+        )
+
+    return describe

@@ -31,12 +31,6 @@ def labels(captured: Iterable[Beside]) -> list[str]:
     return [rate.label for rate in REDUCED if captured_name(rate) in names]
 
 
-def told(captured: Iterable[Beside]) -> str:
-    """Which rates were captured, for people."""
-    found = ", ".join(labels(captured))
-    return f"captured rates {found}" if found else "emulated rates"
-
-
 def reduced_radiance(
     color: Color, rate: Rate, captured: Mapping[str, Color], object_id: IdMap | None = None
 ) -> Color:

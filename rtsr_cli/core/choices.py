@@ -1,8 +1,14 @@
-"""What users choose by name, each an enum; imports nothing, so that help is instant."""
+"""What users choose by name, each an enum, and numbers that requests share with the code.
+
+Imports nothing, so that help is instant.
+"""
 
 from __future__ import annotations
 
 from enum import StrEnum
+
+MATERIAL_EPSILON = 4e-3
+"""Smallest channel of a material term that radiance is divided by."""
 
 
 class MissingPolicy(StrEnum):
@@ -81,3 +87,9 @@ class Precision(StrEnum):
     FP32 = "fp32"
     BF16 = "bf16"
     FP16 = "fp16"
+
+
+class LabelKind(StrEnum):
+    """What labels say of a frame."""
+
+    VRS = "vrs"

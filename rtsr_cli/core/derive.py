@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import torch
 
-from rtsr_cli.core.choices import DemodulationMode, LutConvention
+from rtsr_cli.core.choices import MATERIAL_EPSILON, DemodulationMode, LutConvention
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer, sky_mask
 from rtsr_cli.core.frames.camera import (
@@ -45,7 +45,7 @@ class DerivationConfig:
 
     mode: DemodulationMode = DemodulationMode.BRDF
     lut: LutConvention = LutConvention.KARIS
-    epsilon: float = dm.MATERIAL_EPSILON
+    epsilon: float = MATERIAL_EPSILON
 
     @property
     def has_emission(self) -> bool:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs, SimulatedPairs, real_pairs
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.simulation import Simulation
-from rtsr_cli.core.planning import system_inputs
+from rtsr_cli.core.run.systems import system_inputs
 from rtsr_cli.core.system import System
 
 ANY_SCALE = 2
@@ -102,7 +103,7 @@ def readiness(system: System, sources: Sources, problems: Sequence[Problem]) -> 
     refused = [p.lacks for p in problems if p.gravity is Gravity.REFUSED]
     if refused or not sources:
         return Readiness(ready=False, missing=tuple(dict.fromkeys(refused)))
-    inputs = system_inputs(system, Inputs(lr=()))
+    inputs = system_inputs(system, NonfinitePolicy.ERROR)
     skip = [SKIP] if any(p.gravity is Gravity.HOLES for p in problems) else []
     ways = [
         Readiness(

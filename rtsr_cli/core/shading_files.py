@@ -17,9 +17,9 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.exr import Window as ExrWindow
 from rtsr_cli.core.io.exr import read_header, write_exr
 from rtsr_cli.core.io.png import write_png
-from rtsr_cli.core.io.provenance import provenance
+from rtsr_cli.core.run.frames import Moment
+from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.shapes import Color, TileMap
-from rtsr_cli.core.upscaling import Made
 from rtsr_cli.core.vrs.accuracy import accuracy, from_plain, together
 from rtsr_cli.core.vrs.reprojection import displayed
 
@@ -54,42 +54,40 @@ class Decision:
     facts: Mapping[str, Any]
 
 
-Decide = Callable[[Made], Decision]
+Decide = Callable[[Moment, TileMap | None], Decision]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writer:
-    """Makes the files of a frame.
+class RateChoice:
+    """Chooses a frame's rates, and writes them.
 
     Attributes:
+        system: name of what predicts.
+        predict: a frame's errors, None where none are predicted.
         decide: what is written.
         tile: side of a tile, pixels.
         suffix: of the code image.
         overlays: also a picture of the frame under its decisions.
     """
 
+    system: str
+    predict: Callable[[Moment], TileMap | None]
     decide: Decide
     tile: int
     suffix: str
     overlays: bool
 
-    def make(self, made: Made) -> Callable[[], None]:
-        """Decide, and return the call that writes."""
-        plan, frame = made.plan, made.pair.lr
-        decision = self.decide(made)
-        known = provenance(
-            command=made.options.command,
-            config_hash=plan.config_hash,
-            source=plan.source.reader.path(frame.number),
-            stamp=made.stamp,
-            extra={
-                "rtsr:system": plan.system.name,
-                "rtsr:nonfinite": made.pair.fixed,
-                FACTS: json.dumps(decision.facts),
-            },
-        )
+    def __call__(self, moment: Moment) -> Product | None:
+        """Predict and decide; return what writes the decisions."""
+        predicted = self.predict(moment)
+        if not moment.wanted:
+            return None
+        frame = moment.pair.lr
+        decision = self.decide(moment, predicted)
+        facts = {"rtsr:system": self.system, FACTS: json.dumps(decision.facts)}
+        known = moment.provenance(facts)
         codes = decision.codes[0].permute(1, 2, 0).cpu().to(torch.uint8).numpy()
-        path = plan.path(frame.number)
+        path = moment.path
         color = frame.gbuffer.buffers.get(Buffer.COLOR)
         picture = None
         if self.overlays and color is not None:
@@ -105,7 +103,7 @@ class Writer:
                 path, decision.channels, attributes=known, data_window=area, display_window=area
             )
 
-        return write
+        return moment.product(write)
 
 
 def overlay(color: Color, colors: TileMap, tile: int) -> NDArray[np.uint8]:

@@ -14,9 +14,9 @@ from rtsr_cli.core.choices import Estimator
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.beside import images_of
 from rtsr_cli.core.io.outputs import image_channels
+from rtsr_cli.core.run.frames import Moment
 from rtsr_cli.core.shading_files import TALLIES, Decision, Transform
 from rtsr_cli.core.shapes import TileMap
-from rtsr_cli.core.upscaling import Made
 from rtsr_cli.core.vrs.accuracy import tally, to_plain
 from rtsr_cli.core.vrs.errors import amplitude, from_amplitude
 from rtsr_cli.core.vrs.estimating import MOSTLY, WORST, VrsOptions, chosen_errors, estimate
@@ -55,9 +55,9 @@ def tinted(codes: TileMap, colors: Mapping[int, tuple[int, int, int]]) -> TileMa
     return tint
 
 
-def _pixels(made: Made, tiles: TileMap, options: VrsOptions) -> TileMap:
+def _pixels(moment: Moment, tiles: TileMap, options: VrsOptions) -> TileMap:
     """Share of the frame's pixels in each tile."""
-    return pixel_shares(made.window.current.gbuffer.size, options.error.tile, tiles)
+    return pixel_shares(moment.window.current.gbuffer.size, options.error.tile, tiles)
 
 
 def _limit(options: VrsOptions) -> float:
@@ -89,11 +89,11 @@ class RateDecider:
     rates: tuple[Rate, ...]
     transform: Transform | None
 
-    def __call__(self, made: Made) -> Decision:
+    def __call__(self, moment: Moment, predicted: TileMap | None) -> Decision:
         """Estimate, and measure where the frame has radiance."""
         options, metric = self.options, self.options.error.metric
-        found = estimate(made.window, made.prediction.tiles, self.rates, options)
-        shares = rate_shares(found.codes, _pixels(made, found.codes, options))
+        found = estimate(moment.window, predicted, self.rates, options)
+        shares = rate_shares(found.codes, _pixels(moment, found.codes, options))
         facts: dict[str, Any] = {
             "shares": shares,
             "shaded": shaded_share(shares),
@@ -101,13 +101,13 @@ class RateDecider:
         }
         # what the analytic estimate decides, it decides in another unit
         if options.estimator is Estimator.NETWORK:
-            predicted = chosen_errors(found.errors, found.codes, metric)
-            facts["predicted_error"] = _mean_error(predicted, options)
-        held = made.pair.lr.gbuffer.buffers
+            chosen = chosen_errors(found.errors, found.codes, metric)
+            facts["predicted_error"] = _mean_error(chosen, options)
+        held = moment.pair.lr.gbuffer.buffers
         color = held.get(Buffer.COLOR)
         if color is not None and options.compare:
             ids = held.get(Buffer.OBJECT_ID) if options.keep_edges else None
-            captured = images_of(made.passed, CAPTURED_NAMES)
+            captured = images_of(moment.passed, CAPTURED_NAMES)
             true = true_errors(color, options.error, captured=captured, object_id=ids)
             facts |= _missed(chosen_errors(true, found.codes, metric), options)
             if self.transform is not None:
@@ -141,24 +141,23 @@ class ReuseDecider:
     options: VrsOptions
     transform: Transform
 
-    def __call__(self, made: Made) -> Decision:
+    def __call__(self, moment: Moment, predicted: TileMap | None) -> Decision:
         """Decide, and measure where the frame has radiance."""
         options, metric = self.options, self.options.error.metric
-        predicted = made.prediction.tiles
         assert predicted is not None
-        shown = seen_share(made.window, options.error.tile)
+        shown = seen_share(moment.window, options.error.tile)
         below = amplitude(predicted, metric) < _limit(options)
         keep = (below & (shown >= MOSTLY)).to(shown.dtype)
-        share = float((keep * shown * _pixels(made, keep, options)).sum())
+        share = float((keep * shown * _pixels(moment, keep, options)).sum())
         facts: dict[str, Any] = {
             "shares": {"kept": share, "shaded": 1.0 - share},
             "shaded": 1.0 - share,
             "seen": float(shown.mean()),
             "predicted_error": _mean_error(amplitude(predicted, metric) * keep, options),
         }
-        color = made.pair.lr.gbuffer.buffers.get(Buffer.COLOR)
+        color = moment.pair.lr.gbuffer.buffers.get(Buffer.COLOR)
         if color is not None and options.compare:
-            true = reuse_errors(made.window, color, options.error)
+            true = reuse_errors(moment.window, color, options.error)
             facts |= _missed((amplitude(true, metric) * keep).clamp(max=WORST), options)
             facts[TALLIES] = to_plain(
                 {"reuse": tally(self.transform(predicted), self.transform(true))}

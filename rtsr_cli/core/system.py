@@ -175,7 +175,7 @@ class System:
         build: makes the network from a config and a scale.
         predict: runs it.
         learning: how it is trained, None if there is nothing to train.
-        label: training labels of a window, None if it needs none.
+        tiles: of a system that predicts errors of tiles, the `TilePredictor` that reads them.
         weights: file name below `rtsr_cli/weights/`, with `{scale}` and fields of the `{config}`;
             None if it has none.
     """
@@ -199,7 +199,7 @@ class System:
     build: Callable[[Any, int], nn.Module]
     predict: Predict
     learning: Learning | None = None
-    label: Callable[[Window], Mapping[str, Image]] | None = None
+    tiles: Any = None
     weights: str | None = None
 
     @property

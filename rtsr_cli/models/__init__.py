@@ -46,6 +46,11 @@ def upscaler_names() -> tuple[str, ...]:
     return tuple(name for name in SYSTEM_MODULES if name not in OTHER_TASKS)
 
 
+def rate_predictor_names() -> tuple[str, ...]:
+    """Names of the systems that `predict-vrs` takes, best first, without importing one."""
+    return OTHER_TASKS
+
+
 def trainable_names() -> tuple[str, ...]:
     """Names of the systems that `train` takes, without importing one."""
     return TRAINABLE

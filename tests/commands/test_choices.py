@@ -15,7 +15,7 @@ from rtsr_cli.core.choices import (
     Precision,
 )
 from rtsr_cli.core.imaging import brdf_lut
-from rtsr_cli.core.imaging.demodulation import MATERIAL_EPSILON
+from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.imaging.resampling import PIXEL_FILTERS
 from rtsr_cli.core.io.presets import LAYOUTS
 

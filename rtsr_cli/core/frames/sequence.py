@@ -1,8 +1,8 @@
-"""Frames in order: one frame, and a lazy sequence of them that does no input or output itself."""
+"""One frame, and the order of many."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
@@ -49,44 +49,23 @@ class Frame:
         return replace(self, gbuffer=self.gbuffer.to(device))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrameSequence:
-    """Frames of one resolution, loaded when asked for, in the order of their numbers.
+    """Order of the frames of one resolution, and where temporal history ends.
 
     Attributes:
         numbers: the frame numbers, ascending.
-        load_frame: loads one frame by number; given by whoever knows the files.
         step: difference of two numbers that one motion vector spans.
         cuts: numbers before which history ends.
     """
 
     numbers: Sequence[int]
-    load_frame: Callable[[int], Frame]
     step: int = 1
     cuts: frozenset[int] = frozenset()
-
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self.numbers)
-
-    def __getitem__(self, index: int) -> Frame:
-        """Load the frame at a position of the sequence."""
-        return self.load_frame(self.numbers[index])
 
     def follows(self, number: int, previous: int | None) -> bool:
         """Tell whether history of `previous` is valid for `number`: adjacent, and no cut."""
         return previous is not None and number - previous == self.step and number not in self.cuts
-
-    def window_numbers(self, number: int, history: int) -> tuple[int, ...]:
-        """Return `number` and up to `history` predecessors, newest first, ending at a reset."""
-        known = set(self.numbers)
-        window = [number]
-        while len(window) <= history and window[-1] not in self.cuts:
-            previous = window[-1] - self.step
-            if previous not in known:
-                break
-            window.append(previous)
-        return tuple(window)
 
     def runs(self) -> list[tuple[int, ...]]:
         """Split the numbers where temporal history resets."""
@@ -98,8 +77,3 @@ class FrameSequence:
             runs[-1].append(number)
             previous = number
         return [tuple(run) for run in runs]
-
-    def select(self, numbers: Iterable[int]) -> FrameSequence:
-        """Return the sequence of those numbers that are there."""
-        wanted = set(numbers)
-        return replace(self, numbers=tuple(n for n in self.numbers if n in wanted))

@@ -16,12 +16,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.imaging.brdf_lut import sample_lut
 from rtsr_cli.core.imaging.color import MAX_HALF
 from rtsr_cli.core.shapes import Color, Mask, Plane
-
-MATERIAL_EPSILON = 4e-3
-"""Smallest channel of a material term that is divided by."""
 
 DIELECTRIC_F0 = 0.04
 """Reflectance at normal incidence of a common dielectric [Karis 2013; NSRD suppl.]."""

@@ -121,7 +121,6 @@ def _groups(reader: FrameReader) -> Iterator[tuple[int, ...]]:
     """Groups of adjacent frames to look at: of the middle, the start and the end."""
     sequence = FrameSequence(
         numbers=[n for n in reader.numbers if n not in reader.held],
-        load_frame=lambda number: reader.read(number, ()),
         step=reader.step,
         cuts=reader.resets,
     )

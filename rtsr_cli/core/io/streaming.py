@@ -113,16 +113,16 @@ def _finished(loaded: Loaded[K, V]) -> Loaded[K, V]:
 
 
 class BackgroundWriter(Generic[K]):
-    """Runs write calls in `jobs` threads, never more than `jobs + 1` waiting.
+    """Runs write calls in threads of its own, with a bound on those that wait.
 
     `done` yields each key with the error of its write, or None, in the order of submission.
     """
 
-    def __init__(self, jobs: int) -> None:
-        """Start the threads."""
+    def __init__(self, jobs: int, *, queued: int | None = None) -> None:
+        """Start `jobs` threads; `done` waits from `queued` calls on, `jobs + 1` by default."""
         self._pool = worker_pool(jobs, "rtsr-write")
         self._pending: deque[tuple[K, Future[None]]] = deque()
-        self._limit = jobs + 1
+        self._limit = jobs + 1 if queued is None else queued
 
     def submit(self, key: K, write: Callable[[], None]) -> None:
         """Queue a write."""

@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import NORMAL_BUFFERS, VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.motion import Jitter
-from rtsr_cli.core.imaging.demodulation import MATERIAL_EPSILON
 from rtsr_cli.core.learning.clips import MATERIAL_GAIN
 from rtsr_cli.core.shapes import Image, Size
 

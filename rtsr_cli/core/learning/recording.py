@@ -207,9 +207,7 @@ def _key(shot: Captured, wanted: Wanted, policy: NonfinitePolicy) -> str:
 def _parts(source: PairSource, wanted: Wanted) -> Iterator[tuple[Sequence[int], int]]:
     """Cut unbroken runs into parts; yields numbers and the position of the first target."""
     reader = source.reader
-    sequence = FrameSequence(
-        numbers=reader.numbers, load_frame=_unused, step=reader.step, cuts=reader.resets
-    )
+    sequence = FrameSequence(numbers=reader.numbers, step=reader.step, cuts=reader.resets)
     height, width = source.readers[-1].size
     length = CLIP_BYTES // (height * width * HALF_BYTES * MAX_CHANNELS)
     for run in sequence.runs():
@@ -230,10 +228,6 @@ def parts_of(
     for start in range(0, len(run), length):
         first = max(0, start - overlap)
         yield run[first : start + length], max(0, start - first - wanted.unroll + 1)
-
-
-def _unused(number: int) -> Frame:
-    raise AssertionError(f"frame {number}: only the order of the frames is asked for")
 
 
 def _clip(

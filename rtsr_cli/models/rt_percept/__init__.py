@@ -13,6 +13,8 @@ running one, in which errors beyond `MAX_ERROR` count as that.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 
 from rtsr_cli.core.captured_rates import CAPTURED_NAMES, true_errors
@@ -34,12 +36,18 @@ from rtsr_cli.core.system import (
     neural_predict,
 )
 from rtsr_cli.core.vrs.accuracy import accuracy, tally
+from rtsr_cli.core.vrs.predictor import TilePredictor
 from rtsr_cli.core.vrs.reuse import reuse_errors
 from rtsr_cli.core.vrs.tiles import tile_mean
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
 from rtsr_cli.models.rt_percept.inputs import BUFFERS, OPTIONAL, prepare
 from rtsr_cli.models.rt_percept.network import RtPerceptNetwork
-from rtsr_cli.models.rt_percept.transforms import restored, transformed
+from rtsr_cli.models.rt_percept.transforms import (
+    decode_errors,
+    encode_errors,
+    restored,
+    transformed,
+)
 
 MAX_ERROR = 10.0
 """In the dark, errors by Weber's law know no bound: beyond this, mu takes them for this."""
@@ -163,6 +171,17 @@ RT_PERCEPT = System(
             "augmentation": to_plain(NO_AUGMENTATION),
         },
         judge=Judge(names=("r2", "mae", "under"), scores=scores, panels=panels),
+    ),
+    tiles=TilePredictor(
+        configure=lambda error, reuse: RtPerceptConfig(error=error, reuse=reuse),
+        error=lambda config: config.error,
+        rates=lambda config: config.predicted,
+        threshold=lambda config: config.limit,
+        keeps_edges=lambda config: config.keep_edges,
+        reuses=lambda config: config.reuse,
+        with_margin=lambda config, margin: replace(config, margin=margin),
+        encode=encode_errors,
+        decode=decode_errors,
     ),
     weights="rt-percept-{config.label}.safetensors",
 )

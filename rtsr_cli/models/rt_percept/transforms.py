@@ -15,6 +15,7 @@ from torch import Tensor
 
 from rtsr_cli.core.choices import VrsMetric
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig, Transform
+from rtsr_cli.models.rt_percept.network import RtPerceptNetwork
 
 STEEPNESS = 10.0
 
@@ -47,3 +48,13 @@ def restored(values: Tensor, mean: Tensor, config: RtPerceptConfig) -> Tensor:
     # rounding may leave the range, beyond which there are errors below 0 or above 1
     share = (values * (high - low) + low).clamp(low, high)
     return (torch.logit(share) / STEEPNESS + mean).clamp(min=0.0)
+
+
+def encode_errors(errors: Tensor, network: RtPerceptNetwork) -> Tensor:
+    """T by a network's config and mean error, on the processor."""
+    return transformed(errors, network.get_buffer("mean").cpu(), network.config)
+
+
+def decode_errors(values: Tensor, network: RtPerceptNetwork) -> Tensor:
+    """T^-1 by a network's config and mean error, on the processor."""
+    return restored(values, network.get_buffer("mean").cpu(), network.config)

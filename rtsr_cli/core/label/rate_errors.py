@@ -1,9 +1,9 @@
-"""Training labels of rendered frames: for now the true errors of shading rates, tile by tile."""
+"""Labels of `--kind vrs`: the true errors of shading rates, tile by tile."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,12 +17,11 @@ from rtsr_cli.core.io.exr import Window as ExrWindow
 from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.png import write_png
-from rtsr_cli.core.io.provenance import provenance
 from rtsr_cli.core.metrics.heat import heat_map
+from rtsr_cli.core.run.frames import Moment
+from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.shading_rates import error_channels
 from rtsr_cli.core.shapes import TileMap
-from rtsr_cli.core.system import Prediction, System, Task, build_baseline
-from rtsr_cli.core.upscaling import Made
 from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude
 from rtsr_cli.core.vrs.rates import Rate
 
@@ -40,24 +39,9 @@ class LabelConfig:
     keep_edges: bool = False
 
 
-VRS_LABELS = System(
-    name="vrs-labels",
-    summary="true errors of shading rates",
-    citation="Cardoso et al., rt-percept, i3D 2022",
-    task=Task.PREDICT_VRS,
-    lr_inputs=(Buffer.COLOR,),
-    lr_optional=(Buffer.OBJECT_ID,),
-    scales=(1,),
-    config=LabelConfig,
-    build=build_baseline,
-    predict=lambda network, window, state: Prediction(),
-)
-"""Reads the frames that labels are made of, through the loop that runs systems."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class Labeller:
-    """Makes the labels of a frame.
+class RateErrors:
+    """Measures the errors of a frame's rates, and writes them.
 
     Attributes:
         config: what they are made of.
@@ -67,26 +51,17 @@ class Labeller:
     config: LabelConfig
     previews: bool = False
 
-    def make(self, made: Made) -> Callable[[], None]:
-        """Measure, and return the call that writes."""
-        frame, plan = made.pair.lr, made.plan
+    def __call__(self, moment: Moment) -> Product | None:
+        """Measure; return what writes the labels."""
+        frame = moment.pair.lr
         color = frame.gbuffer[Buffer.COLOR]
         ids = frame.gbuffer.buffers.get(Buffer.OBJECT_ID) if self.config.keep_edges else None
-        captured = images_of(made.passed, CAPTURED_NAMES)
+        captured = images_of(moment.passed, CAPTURED_NAMES)
         errors = true_errors(color, self.config.error, captured=captured, object_id=ids)
-        source = plan.source.reader.path(frame.number)
-        known = provenance(
-            command=made.options.command,
-            config_hash=plan.config_hash,
-            source=source,
-            stamp=made.stamp,
-            extra={
-                "rtsr:nonfinite": made.pair.fixed,
-                "rtsr:label": json.dumps(asdict(self.config), default=str),
-            },
-        )
+        label = json.dumps(asdict(self.config), default=str)
+        known = moment.provenance({"rtsr:label": label})
         channels = error_channels({rate.label: values for rate, values in errors.items()})
-        path = plan.path(frame.number)
+        path = moment.path
         picture = self._picture(errors) if self.previews else None
 
         def write() -> None:
@@ -96,7 +71,7 @@ class Labeller:
             area = ExrWindow(left=0, top=0, width=width, height=height)
             write_exr(path, channels, attributes=known, data_window=area, display_window=area)
 
-        return write
+        return moment.product(write)
 
     def _picture(self, errors: Mapping[Rate, TileMap]) -> NDArray[Any]:
         """Heat of every rate's errors, side by side, a tile as wide as it is."""

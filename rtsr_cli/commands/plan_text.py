@@ -1,0 +1,97 @@
+"""What a person reads of a plan, before a run or in place of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rtsr_cli.commands.basics import LOG
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.run.events import ShotPlanned
+
+MIB = 1 << 20
+
+REASONS = {
+    "done": "done already",
+    "not_selected": "not selected",
+    "missing": "missing",
+    "held": "missing, the frame before stands in",
+}
+"""How a person reads why frames are not written, or are not themselves."""
+
+
+def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
+    """Say what is going to be done to a shot.
+
+    Args:
+        plan: of the shot.
+        what: said between its frames and its counts.
+        estimate: also say what will be read and written, and what is left out.
+    """
+    LOG.info(
+        "%s: layout %s, frames %s%s; %d to write, %d done already",
+        plan.reader.frames.root,
+        plan.reader.layout.name,
+        ranges(plan.selected) or "none",
+        what,
+        plan.pending,
+        len(plan.selected) - plan.pending,
+    )
+    for reader in plan.readers:
+        log_findings(reader)
+    if estimate:
+        log_estimate(plan)
+    log_binding(plan.reader)
+    if not plan.selected:
+        LOG.warning(
+            "%s: nothing selected, its frames are %s",
+            plan.reader.frames.root,
+            ranges(plan.reader.numbers),
+        )
+
+
+def log_findings(reader: FrameReader) -> None:
+    """Say what measurement contradicts, and what it decided."""
+    for text in reader.warnings:
+        LOG.warning("Warning: %s: %s", reader.frames.root, text)
+    for text in reader.notes:
+        LOG.info("    %s", text)
+
+
+def log_estimate(plan: ShotPlanned) -> None:
+    """Say what a run would read and write, and what it would leave out (`--dry-run`)."""
+    LOG.info(
+        "    reads %.1f MiB of files, writes at most %.1f MiB (without compression)",
+        plan.read_bytes / MIB,
+        plan.write_bytes_at_most / MIB,
+    )
+    for reason, frames in plan.skipped.items():
+        LOG.info("    frames %s: %s", frames, REASONS[reason])
+
+
+def log_binding(reader: FrameReader) -> None:
+    """Say which channel of which file sequence is which buffer (`-v`)."""
+    for buffer, components in reader.binding.items():
+        places = ", ".join(
+            f"{c.stream}: {c.channel}" if c.stream else c.channel for c in components
+        )
+        LOG.debug("    %s = %s", buffer, places)
+
+
+MAX_LISTED = 10
+"""Frames that a summary names; the rest is counted."""
+
+
+def log_repairs(repaired: Mapping[str, int]) -> None:
+    """Say how many NaN and Inf were repaired, by frame."""
+    if not repaired:
+        return
+    listed = [f"{name}: {count}" for name, count in repaired.items()]
+    more = f" and {len(listed) - MAX_LISTED} more" if len(listed) > MAX_LISTED else ""
+    LOG.info(
+        "repaired %d NaN or Inf in %d frames (%s%s)",
+        sum(repaired.values()),
+        len(repaired),
+        ", ".join(listed[:MAX_LISTED]),
+        more,
+    )

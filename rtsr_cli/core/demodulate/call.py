@@ -1,0 +1,262 @@
+"""`demodulate`: radiance -> lighting, material and emission; and back, event by event."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from rtsr_cli.core.demodulate.frame_parts import divided, recomposed
+from rtsr_cli.core.demodulate.request import DemodulateRequest
+from rtsr_cli.core.derive import DerivationConfig, needs
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.exr import read_header, write_exr
+from rtsr_cli.core.io.nonfinite import checked
+from rtsr_cli.core.io.opening import open_radiance
+from rtsr_cli.core.io.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
+from rtsr_cli.core.io.provenance import color_tag, provenance
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.streaming import read_ahead
+from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
+from rtsr_cli.core.run.frames import read_options
+from rtsr_cli.core.run.inputs import ShotInputs
+from rtsr_cli.core.run.loop import Outcome, Pace, Product
+from rtsr_cli.core.run.plan import Outputs, ShotPlan, check_selection, plan_shot
+from rtsr_cli.core.run.shots import NONFINITE, frame_facts, run_shots
+
+COMMAND = "demodulate"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameDivided(FrameDone):
+    """A frame's end.
+
+    Attributes:
+        error: largest recomposition error relative to max(|c|, 1e-3), as the file stores it.
+        undivided: share of the pixels with mask 0.
+    """
+
+    error: float = 0.0
+    undivided: float = 0.0
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The event as plain values."""
+        return {
+            "shot": self.shot,
+            "number": self.number,
+            "path": self.path,
+            "error": self.error,
+            "undivided": self.undivided,
+            "kept": self.status is Status.KEPT,
+            "failed": self.message,
+            "nonfinite": self.nonfinite,
+            "stops": self.stops,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class DivisionDone(RunDone):
+    """A run's end.
+
+    Attributes:
+        error: largest of the frames that were written.
+        undivided: mean over them.
+    """
+
+    error: float
+    undivided: float
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The summary as plain values."""
+        return super().facts | {"error": self.error, "undivided": self.undivided}
+
+
+def demodulate_frames(
+    request: DemodulateRequest,
+) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+    """Plan every frame set, then divide (or multiply) frame after frame.
+
+    Yields:
+        A plan for every set; unless it is a dry run, the start, an end for every frame, the end.
+
+    Raises:
+        RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
+            after the last event: nothing more can be written.
+    """
+    opened = open_radiance(request.in_folder, read_options(request), lighting=request.inverse)
+    jobs = [DivisionJob(plan_division(name, reader, request), request) for name, reader in opened]
+    check_selection(request.selection, [job.plan.inputs for job in jobs])
+    for job in jobs:
+        yield job.plan.announcement({})
+    if request.dry_run:
+        return
+    written: list[FrameDivided] = []
+    for event in run_shots(jobs, request):
+        if isinstance(event, FrameDivided) and event.status is Status.WRITTEN:
+            written.append(event)
+        yield division_done(event, written) if isinstance(event, RunDone) else event
+
+
+def division_done(done: RunDone, written: list[FrameDivided]) -> DivisionDone:
+    """Return a run's end with what is known of all frames that were written."""
+    return DivisionDone(
+        folder=done.folder,
+        seconds=None,
+        counts=done.counts,
+        repaired=done.repaired,
+        stopped=done.stopped,
+        error=max((frame.error for frame in written), default=0.0),
+        undivided=sum(frame.undivided for frame in written) / max(len(written), 1),
+    )
+
+
+def derivation_config(request: DemodulateRequest) -> DerivationConfig:
+    """Return what divides radiance."""
+    return DerivationConfig(mode=request.mode, lut=request.convention, epsilon=request.epsilon)
+
+
+def plan_division(name: str, reader: FrameReader, request: DemodulateRequest) -> ShotPlan:
+    """Check one frame set: buffers that are missing, outputs that are in the way.
+
+    Raises:
+        RtsrError: before anything is computed.
+    """
+    read = read_buffers(reader, request)
+
+    @cache
+    def files(number: int) -> tuple[Path, ...]:
+        return reader.files(number, read)
+
+    return plan_shot(
+        ShotInputs(name=name, reader=reader, readers=(reader,), files=files),
+        Outputs(
+            folder=request.out_folder / name,
+            command=COMMAND,
+            frame_bytes=_frame_bytes(reader, read, request),
+        ),
+        settings=[
+            asdict(derivation_config(request)),
+            request.inverse,
+            request.full,
+            request.on_nonfinite,
+        ],
+        selection=request.selection,
+        overwrite=request.overwrite,
+    )
+
+
+def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[Buffer]:
+    """Return what is read of a frame set.
+
+    Raises:
+        FrameFolderError: names what is missing.
+    """
+    inverse = request.inverse
+    wanted = (
+        (Buffer.LIGHTING, Buffer.MATERIAL)
+        if inverse
+        else (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY)
+    )
+    stored = reader.stored if inverse else reader.stored - {Buffer.LIGHTING}
+    config = derivation_config(request)
+    resolved = needs(wanted, stored, has_camera=reader.has_camera, config=config)
+    if resolved.missing:
+        raise FrameFolderError(
+            f"{reader.frames.root}: cannot {'recompose' if inverse else 'demodulate'}, "
+            f"missing: {', '.join(resolved.missing)}. Layout '{reader.layout.name}' found: "
+            f"{', '.join(sorted(reader.stored))}. Render what is missing, give a camera "
+            "side-car in capture.toml, or choose another --mode"
+        )
+    return resolved.read | ({Buffer.EMISSION} & reader.stored)
+
+
+def _frame_bytes(reader: FrameReader, read: frozenset[Buffer], request: DemodulateRequest) -> int:
+    """Size of an output at most: its pixels without compression."""
+    height, width = reader.size
+    sample = FLOAT_BYTES if request.full else HALF_BYTES
+    layers = 1 if request.inverse else 3 if Buffer.EMISSION in read else 2
+    a_pixel = layers * 3 * sample + (0 if request.inverse else HALF_BYTES)
+    return height * width * a_pixel + HEADER_BYTES
+
+
+class DivisionJob:
+    """A frame set and its division, for the frame loop: frames are divided where they are read."""
+
+    def __init__(self, plan: ShotPlan, request: DemodulateRequest) -> None:
+        """Remember the plan."""
+        self.plan = plan
+        self._request = request
+        self._read = read_buffers(plan.inputs.reader, request)
+
+    @property
+    def folders(self) -> Iterable[Path]:
+        """Folder of the outputs."""
+        return (self.plan.outputs.folder,)
+
+    @property
+    def kept(self) -> Iterable[int]:
+        """Numbers of outputs that are there."""
+        return (number for number in self.plan.selected if number not in self.plan.pending)
+
+    @property
+    def order(self) -> Iterable[int]:
+        """Numbers to go through."""
+        return self.plan.order
+
+    def pace(self, jobs: int) -> Pace:
+        """Return how much is under way at a time with `jobs` readers and writers."""
+        ahead = read_ahead(jobs, self.plan.inputs.reader.frame_bytes)
+        return Pace(ahead=ahead, writers=jobs, queued=jobs + 1)
+
+    def load(self, number: int) -> Product:
+        """Read and divide a frame.
+
+        Raises:
+            RtsrError: the frame cannot be read, or is not what it was when the run was planned.
+        """
+        plan, request, reader = self.plan, self._request, self.plan.inputs.reader
+        source = reader.path(number)
+        with plan.digests.unchanged(plan.inputs.files(number)):
+            stamp = plan.stamps.of_output(number)
+            attributes = read_header(source).attributes
+            frame = reader.read(number, self._read)
+        frame, fixed = checked(frame, request.on_nonfinite)
+        transform = recomposed if request.inverse else divided
+        parts = transform(frame, derivation_config(request), full=request.full)
+        known = provenance(
+            command=COMMAND,
+            config_hash=plan.stamps.config_hash,
+            source=source,
+            stamp=stamp,
+            extra={"rtsr:nonfinite": fixed, **color_tag(reader.conventions)},
+        )
+
+        def write() -> None:
+            write_exr(
+                plan.path(number),
+                parts.channels,
+                attributes={**attributes, **known},
+                data_window=reader.region,
+                display_window=reader.display,
+            )
+
+        facts = {NONFINITE: fixed, "error": parts.error, "undivided": parts.undivided}
+        return Product(write=write, facts=facts)
+
+    def compute(self, number: int, loaded: Product) -> Product:
+        """Give on what was divided already."""
+        del number
+        return loaded
+
+    def fail(self, number: int, error: RtsrError) -> None:
+        """Go on: frames do not depend on each other."""
+
+    def event(self, outcome: Outcome[int]) -> FrameDivided:
+        """Return the event of a frame's end."""
+        known = {name: outcome.facts.get(name, 0.0) for name in ("error", "undivided")}
+        return FrameDivided(**frame_facts(self.plan, outcome), **known)

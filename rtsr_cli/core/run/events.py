@@ -1,0 +1,153 @@
+"""What a run says of itself, one event after the other; the same for a terminal and a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.io.selection import ranges
+
+
+class Status(StrEnum):
+    """What became of a frame."""
+
+    WRITTEN = "written"
+    KEPT = "kept"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShotPlanned:
+    """A shot that was checked: what is going to be done to it.
+
+    Attributes:
+        shot: path relative to IN.
+        reader: names and numbers the outputs.
+        readers: every reader behind the shot.
+        selected: numbers of the outputs that are asked for.
+        pending: how many of them are not done.
+        skipped: reason -> ranges of frames that are not written, or are not themselves.
+        read_bytes: size of the files that the run will read.
+        write_bytes_at_most: what it will write, without compression.
+        details: what is known of this kind of run, plain values by name.
+    """
+
+    shot: str
+    reader: FrameReader
+    readers: tuple[FrameReader, ...]
+    selected: tuple[int, ...]
+    pending: int
+    skipped: Mapping[str, str]
+    read_bytes: int
+    write_bytes_at_most: int
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The plan as plain values."""
+        return {
+            "shot": self.shot,
+            "layout": self.reader.layout.name,
+            "frames": len(self.selected),
+            "pending": self.pending,
+            "skipped": dict(self.skipped),
+            "warnings": [text for reader in self.readers for text in reader.warnings],
+            "notes": [text for reader in self.readers for text in reader.notes],
+            "read_bytes": self.read_bytes,
+            "write_bytes_at_most": self.write_bytes_at_most,
+            **self.details,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunStarted:
+    """Every shot is checked; from here on files are written.
+
+    Attributes:
+        pending: outputs that will be made.
+    """
+
+    pending: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameDone:
+    """One output frame's end.
+
+    Attributes:
+        shot: path relative to IN.
+        number: of the frame.
+        status: written now, there already, or failed.
+        path: of the output.
+        message: why it failed.
+        seconds: from reading's end to the writer's hands.
+        nonfinite: NaN and Inf that were repaired in its inputs.
+        stops: True if no other frame could be written either, so that the run ended.
+    """
+
+    shot: str
+    number: int
+    status: Status
+    path: Path
+    message: str = ""
+    seconds: float = 0.0
+    nonfinite: int = 0
+    stops: bool = False
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The event as plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunDone:
+    """A run's end.
+
+    Attributes:
+        folder: OUT.
+        seconds: from the first frame to the last; None where nobody is told.
+        counts: frames by what became of them.
+        repaired: output's name -> NaN and Inf that were repaired in its inputs.
+        stopped: why nothing more could be written; empty if all went on.
+    """
+
+    folder: Path
+    seconds: float | None
+    counts: Mapping[Status, int]
+    repaired: Mapping[str, int]
+    stopped: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Tell whether a frame failed."""
+        return self.counts[Status.FAILED] > 0
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The summary as plain values."""
+        return {
+            **({} if self.seconds is None else {"seconds": round(self.seconds, 3)}),
+            **{status.value: count for status, count in self.counts.items()},
+            "nonfinite": sum(self.repaired.values()),
+            "stopped": bool(self.stopped),
+        }
+
+
+def skipped_frames(
+    reader: FrameReader, selected: Sequence[int], pending: Collection[int]
+) -> dict[str, str]:
+    """Say which frames of a shot are not written, or are not themselves, and why; as ranges."""
+    there = set(reader.frames.numbers)
+    expected = there | set(range(min(there), max(there) + 1, reader.step))
+    reasons = {
+        "done": set(selected) - set(pending),
+        "not_selected": set(reader.numbers) - set(selected),
+        "missing": expected - set(reader.numbers),
+        "held": set(reader.held) & set(selected),
+    }
+    return {reason: ranges(numbers) for reason, numbers in reasons.items() if numbers}

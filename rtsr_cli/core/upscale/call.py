@@ -1,0 +1,167 @@
+"""`upscale`: from a request to upscaled frames, event by event."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+
+import torch
+
+from rtsr_cli.core.choices import JitterMode
+from rtsr_cli.core.devices import choose_device
+from rtsr_cli.core.io.opening import open_pairs
+from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
+from rtsr_cli.core.io.pairs import PairSource
+from rtsr_cli.core.io.passing import find_passed
+from rtsr_cli.core.io.simulation import Simulation
+from rtsr_cli.core.networks import Loaded, has_weights, load_network
+from rtsr_cli.core.precision import settled
+from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.frames import PairJob, PairReading, read_options
+from rtsr_cli.core.run.plan import Outputs, check_selection, plan_shot
+from rtsr_cli.core.run.shots import run_shots
+from rtsr_cli.core.run.systems import SystemTable, check_system, history_reach, system_inputs
+from rtsr_cli.core.settings import to_plain
+from rtsr_cli.core.system import System
+from rtsr_cli.core.tiling import tile_side
+from rtsr_cli.core.upscale.reconstruction import NetworkRun, Reconstruction
+from rtsr_cli.core.upscale.request import UpscaleRequest
+from rtsr_cli.core.weights import read_weights
+
+COMMAND = "upscale"
+
+
+def upscale_frames(
+    request: UpscaleRequest, systems: SystemTable
+) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+    """Plan every shot, then reconstruct frame after frame.
+
+    Args:
+        request: what is asked for.
+        systems: that may be used.
+
+    Yields:
+        A plan for every shot; unless it is a dry run, the start, an end for every frame, the end.
+
+    Raises:
+        RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
+            after the last event: nothing more can be written.
+    """
+    jobs = [plan_upscaling(name, pairs, request, systems) for name, pairs in open_shots(request)]
+    check_selection(request.selection, [job.plan.inputs for job, _ in jobs])
+    for job, details in jobs:
+        yield job.plan.announcement(details)
+    if not request.dry_run:
+        yield from run_shots([job for job, _ in jobs], request)
+
+
+def open_shots(request: UpscaleRequest) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot of IN as LR/HR pairs, by relative path."""
+    simulation = None
+    if request.simulate_lr is not None:
+        simulation = Simulation(
+            scale=request.simulate_lr,
+            samples_per_pixel=request.samples_per_pixel or 1,
+            jitter=request.jitter or JitterMode.NONE,
+            lr_filter=request.lr_filter or "none",
+        )
+    return open_pairs(
+        request.in_folder,
+        read_options(request),
+        hr_folder=request.hr_folder,
+        scale=request.scale,
+        simulation=simulation,
+    )
+
+
+def plan_upscaling(
+    name: str, source: PairSource, request: UpscaleRequest, systems: SystemTable
+) -> tuple[PairJob, dict[str, object]]:
+    """Check one shot; return its job, and what is told of it.
+
+    Raises:
+        RtsrError: an input is missing or wrong, an output is in the way.
+    """
+    device = choose_device(request.device)
+    system = choose_system(request, source, systems)
+    loaded = load_network(system, source.scale, device, request.weights_file)
+    inputs = system_inputs(system, request.on_nonfinite, loaded.config)
+    check_system(system, source, inputs)
+    run = NetworkRun(
+        system=system,
+        network=loaded.network,
+        device=device,
+        precision=settled(request.precision, torch.device(device)),
+        # a tile has no debug picture of the whole
+        tile=0 if request.debug_buffers else request.tile,
+    )
+    passed = find_passed(source, request.passthrough)
+    reading = PairReading(source=source, inputs=inputs, passed=passed)
+    plan = plan_shot(
+        reading.of_shot(name),
+        _outputs(name, reading, request),
+        settings=stamped_settings(request, source, loaded, run),
+        selection=request.selection,
+        overwrite=request.overwrite,
+        history=history_reach(system),
+    )
+    work = Reconstruction(run, source, previews=request.previews, debug=request.debug_buffers)
+    job = PairJob(plan, reading, work, history_frames=system.history_frames, device=device)
+    return job, _details(system, source)
+
+
+def choose_system(request: UpscaleRequest, source: PairSource, systems: SystemTable) -> System:
+    """Return the system asked for, that of the weights, or the first preferred one that can run."""
+    if request.system is not None:
+        return systems.load(request.system)
+    if request.weights_file is not None:
+        return systems.load(read_weights(request.weights_file).system)
+    preferred = [systems.load(name) for name in systems.preferred]
+    for system in preferred:
+        fits = not system.scales or source.scale in system.scales
+        able = fits and has_weights(system, source.scale)
+        if able and not source.missing(system_inputs(system, request.on_nonfinite)):
+            return system
+    return preferred[-1]
+
+
+def stamped_settings(
+    request: UpscaleRequest, source: PairSource, loaded: Loaded, run: NetworkRun
+) -> object:
+    """Plain values of everything that, beside the inputs, decides the outputs' bytes."""
+    system, scale = run.system, source.scale
+    return [
+        system.name,
+        scale,
+        to_plain(loaded.config),
+        asdict(system.derivation(loaded.config)),
+        tile_side(system, source.lr_size, scale, run.tile),
+        [loaded.digest, run.precision.value] if loaded.weights else [],
+        request.simulate_lr,
+        request.samples_per_pixel,
+        request.jitter,
+        request.lr_filter,
+        request.on_nonfinite,
+        request.passthrough,
+    ]
+
+
+def _outputs(name: str, reading: PairReading, request: UpscaleRequest) -> Outputs:
+    pictures = (PREVIEW_SUFFIX,) if request.previews else ()
+    return Outputs(
+        folder=request.out_folder / name,
+        command=COMMAND,
+        pictures=pictures,
+        debug=request.debug_buffers,
+        frame_bytes=reading.output_bytes(pictures=len(pictures)),
+    )
+
+
+def _details(system: System, source: PairSource) -> dict[str, object]:
+    (height, width), scale = source.lr_size, source.scale
+    return {
+        "system": system.name,
+        "scale": scale,
+        "lr_size": [width, height],
+        "size": [width * scale, height * scale],
+    }

@@ -1,0 +1,246 @@
+"""`predict-vrs`: from a request to the rate of every tile, event by event."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels
+from rtsr_cli.core.devices import choose_device
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.io.beside import Beside, find_beside
+from rtsr_cli.core.io.opening import open_single
+from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.frames import Moment, PairJob, PairReading, read_options
+from rtsr_cli.core.run.inputs import HistoryReach
+from rtsr_cli.core.run.plan import Outputs, ShotPlan, check_selection, plan_shot
+from rtsr_cli.core.run.shots import run_shots
+from rtsr_cli.core.run.systems import SystemTable, check_inputs, check_system, system_inputs
+from rtsr_cli.core.shading_files import OVERLAY_SUFFIX, Decide, RateChoice, figures_of, summary
+from rtsr_cli.core.shading_rates import RateDecider, ReuseDecider
+from rtsr_cli.core.shapes import TileMap
+from rtsr_cli.core.upscale.reconstruction import NetworkRun, Predictor
+from rtsr_cli.core.vrs.estimating import VrsOptions
+from rtsr_cli.core.vrs.predictor import (
+    ANALYTIC_INPUTS,
+    ChosenPredictor,
+    choose_predictor,
+    rate_options,
+)
+from rtsr_cli.core.vrs.request import PredictVrsRequest
+
+COMMAND = "predict-vrs"
+
+SUMMARY = "summary.json"
+"""File in OUT: figures of every frame that is done."""
+
+RATE_SUFFIX, REUSE_SUFFIX = ".rate.png", ".keep.png"
+"""Of the images for engines."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatesSummary:
+    """Figures over every frame that is done, now or before.
+
+    Attributes:
+        path: of the file that holds them.
+        options: how rates were decided.
+        total: means over all frames, by name.
+    """
+
+    path: Path
+    options: VrsOptions
+    total: Mapping[str, Any]
+
+
+VrsEvent = ShotPlanned | RunStarted | FrameDone | RunDone | RatesSummary
+
+
+def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[VrsEvent]:
+    """Plan every shot, then choose the rates of frame after frame.
+
+    Args:
+        request: what is asked for.
+        systems: that predict errors of tiles.
+
+    Yields:
+        A plan for every shot; unless it is a dry run, the start, an end for every frame, the end,
+        and the figures of all that is done.
+
+    Raises:
+        RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
+            after the last event: nothing more can be written.
+    """
+    device = choose_device(request.device)
+    chosen = choose_predictor(request, systems, device)
+    options = rate_options(request, chosen)
+    opened = list(open_single(request.in_folder, read_options(request)))
+    captured = [find_captured(source, request) for _, source in opened]
+    jobs = [
+        plan_prediction(name, source, rates, request=request, chosen=chosen, options=options)
+        for (name, source), rates in zip(opened, captured, strict=True)
+    ]
+    check_selection(request.selection, [job.plan.inputs for job in jobs])
+    for job, rates in zip(jobs, captured, strict=True):
+        yield job.plan.announcement(_details(options, rates))
+    if not request.dry_run:
+        yield from run_shots(jobs, request)
+        yield write_summary(request.out_folder, [job.plan for job in jobs], options)
+
+
+def find_captured(source: PairSource, request: PredictVrsRequest) -> tuple[Beside, ...]:
+    """Find captured rates, with which true errors are measured."""
+    if request.no_compare or Buffer.COLOR not in source.reader.stored:
+        return ()
+    wanted = request.selection.of(source.reader.numbers)
+    read, policy = read_options(request), request.on_nonfinite
+    return find_beside(source, CAPTURED_NAMES, wanted, read, policy)
+
+
+def prediction_inputs(request: PredictVrsRequest, chosen: ChosenPredictor) -> Inputs:
+    """Return what is read of a frame."""
+    inputs = system_inputs(chosen.system, request.on_nonfinite, chosen.loaded.config)
+    if not chosen.analytic:
+        return inputs
+    return replace(inputs, lr=ANALYTIC_INPUTS, lr_optional=(Buffer.OBJECT_ID, Buffer.ALPHA))
+
+
+def plan_prediction(
+    name: str,
+    source: PairSource,
+    captured: tuple[Beside, ...],
+    *,
+    request: PredictVrsRequest,
+    chosen: ChosenPredictor,
+    options: VrsOptions,
+) -> PairJob:
+    """Check one shot.
+
+    Raises:
+        RtsrError: an input is missing or wrong, an output is in the way.
+    """
+    loaded, system = chosen.loaded, chosen.system
+    inputs = prediction_inputs(request, chosen)
+    if chosen.analytic:
+        check_inputs(f"system '{chosen.name}'", source, inputs)
+    else:
+        check_system(system, source, inputs)
+    reading = PairReading(source=source, inputs=inputs, passed=captured)
+    pictures = _picture_suffixes(source, chosen, overlays=request.overlays)
+    plan = plan_shot(
+        reading.of_shot(name),
+        Outputs(
+            folder=request.out_folder / name,
+            command=COMMAND,
+            pictures=pictures,
+            frame_bytes=reading.output_bytes(pictures=len(pictures)),
+        ),
+        settings=[
+            chosen.name,
+            asdict(options),
+            asdict(loaded.config),
+            loaded.digest,
+            request.on_nonfinite,
+        ],
+        selection=request.selection,
+        overwrite=request.overwrite,
+        history=HistoryReach(frames=system.history_frames),
+    )
+    device = choose_device(request.device)
+    work = RateChoice(
+        system=chosen.name,
+        predict=_tile_errors(chosen, device),
+        decide=decider(options, chosen),
+        tile=options.error.tile,
+        suffix=_codes_suffix(chosen),
+        overlays=request.overlays,
+    )
+    return PairJob(plan, reading, work, history_frames=system.history_frames, device=device)
+
+
+def _tile_errors(chosen: ChosenPredictor, device: str) -> Any:
+    """Return what gives a frame's predicted errors; None of the analytic estimate."""
+    if chosen.analytic:
+        return lambda moment: None
+    run = NetworkRun(system=chosen.system, network=chosen.loaded.network, device=device)
+    predictor = Predictor(run)
+
+    def predict(moment: Moment) -> TileMap | None:
+        prediction = predictor.predict_if_due(moment)
+        return None if prediction is None else prediction.tiles
+
+    return predict
+
+
+def decider(options: VrsOptions, chosen: ChosenPredictor) -> Decide:
+    """What is decided, with T of the weights; the analytic estimate has another unit."""
+    config, tiles, network = chosen.loaded.config, chosen.tiles, chosen.loaded.network
+    if chosen.analytic:
+        return RateDecider(options=options, rates=tiles.rates(config), transform=None)
+
+    def transform(errors: TileMap) -> TileMap:
+        return tiles.encode(errors.cpu(), network)
+
+    if chosen.reuses:
+        return ReuseDecider(options=options, transform=transform)
+    return RateDecider(options=options, rates=tiles.rates(config), transform=transform)
+
+
+def _codes_suffix(chosen: ChosenPredictor) -> str:
+    """Suffix of the images for engines."""
+    return REUSE_SUFFIX if chosen.reuses else RATE_SUFFIX
+
+
+def _picture_suffixes(
+    source: PairSource, chosen: ChosenPredictor, *, overlays: bool
+) -> tuple[str, ...]:
+    """PNGs that each frame of a shot gets: overlays lie over its radiance."""
+    shown = overlays and Buffer.COLOR in source.reader.stored
+    return (_codes_suffix(chosen), OVERLAY_SUFFIX) if shown else (_codes_suffix(chosen),)
+
+
+def _details(options: VrsOptions, captured: Sequence[Beside]) -> dict[str, Any]:
+    return {
+        "estimator": options.estimator,
+        "metric": options.error.metric,
+        "tile": options.error.tile,
+        "threshold": options.threshold,
+        "analytic_threshold": options.analytic.threshold,
+        "captured_rates": labels(captured),
+    }
+
+
+def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) -> RatesSummary:
+    """Write summary.json over every frame that is done, now or before.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    shots = {}
+    for plan in plans:
+        # frames of earlier runs with the same settings count, too
+        config_hash = plan.stamps.config_hash
+        known = {n: figures_of(plan.path(n), config_hash) for n in plan.sequence.numbers}
+        shots[plan.inputs.name] = {str(n): facts for n, facts in known.items() if facts is not None}
+    total = summary(facts for frames in shots.values() for facts in frames.values())
+    content = {
+        "options": json.loads(json.dumps(asdict(options), default=str)),
+        "total": total,
+        "shots": {
+            name: {"total": summary(frames.values()), "frames": frames}
+            for name, frames in shots.items()
+        },
+    }
+    path = folder / SUMMARY
+    write_atomically(path, partial(_write_text, json.dumps(content, indent=1)))
+    return RatesSummary(path=path, options=options, total=total)
+
+
+def _write_text(text: str, path: Path) -> None:
+    path.write_text(text, encoding="utf-8")
