@@ -11,9 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rtsr_cli.core.errors import RtsrError as RtsrError
+    from rtsr_cli.core.evaluation.evaluation import evaluate as evaluate
+    from rtsr_cli.core.evaluation.request import EvaluateRequest as EvaluateRequest
 
 PLACES = {
+    "EvaluateRequest": "rtsr_cli.core.evaluation.request",
     "RtsrError": "rtsr_cli.core.errors",
+    "evaluate": "rtsr_cli.core.evaluation.evaluation",
 }
 """Name -> module that defines it; a test holds both lists to each other."""
 

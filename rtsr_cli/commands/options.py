@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import click
 
-from rtsr_cli.core.errors import did_you_mean
+from rtsr_cli.core.errors import RequestError, did_you_mean
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -100,6 +100,21 @@ class Member(click.Choice[E]):
         """Match values, where click would match the names of members."""
         del ctx
         return str(choice)
+
+
+class NamedMember(click.ParamType[E]):
+    """A member of an enum, by its value; an unknown one gets a suggestion."""
+
+    name = "NAME"
+
+    def __init__(self, what: str, kind: type[E]) -> None:
+        """Remember what is named, and the names."""
+        self._names = Named(what, kind)
+        self._kind = kind
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> E:
+        """Check the name."""
+        return self._kind(self._names.convert(value, param, ctx))
 
 
 class LayoutChoice(Named):
@@ -283,24 +298,34 @@ def emit(event: dict[str, Any]) -> None:
 
 
 def defaults_of(request: type) -> Callable[[click.Command], click.Command]:
-    """Give a command's options the defaults of a request's fields of the same names."""
+    """Give a command's options the defaults of a request's fields, as a user would write them."""
     values = {field.name: field.default for field in fields(request)}
 
     def set_defaults(command: click.Command) -> click.Command:
         for param in command.params:
             value = values.get(param.name or "", MISSING)
             if value is not MISSING and value is not None and not param.multiple:
-                param.default = value
+                param.default = _written(value)
         return command
 
     return set_defaults
+
+
+def _written(value: Any) -> Any:
+    """Return a default as help shows it: members by value, commas between several."""
+    if isinstance(value, StrEnum):
+        return value.value
+    return ",".join(value) if isinstance(value, tuple) else value
 
 
 def request_from(request: type[R], chosen: Mapping[str, Any]) -> R:
     """Make a request of options of the same names as its fields.
 
     Raises:
-        RequestError: they do not go together.
+        click.UsageError: they do not go together.
     """
     named = {field.name for field in fields(request)}  # type: ignore[arg-type]
-    return request(**{name: value for name, value in chosen.items() if name in named})
+    try:
+        return request(**{name: value for name, value in chosen.items() if name in named})
+    except RequestError as error:
+        raise click.UsageError(str(error)) from error
