@@ -17,17 +17,17 @@ from typing import Any
 import click
 import torch
 
-from rtsr_cli.core.choices import JitterMode
+from rtsr_cli.core.choices import JitterMode, NonfinitePolicy
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.io.opening import ReadOptions, open_pairs
-from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.simulation import Simulation
-from rtsr_cli.core.planning import system_inputs
+from rtsr_cli.core.run.systems import system_inputs
+from rtsr_cli.core.run.window import SlidingWindow
 from rtsr_cli.core.shapes import Color
-from rtsr_cli.core.system import System
-from rtsr_cli.core.upscaling import History
+from rtsr_cli.core.system import State, System
 from rtsr_cli.models import load_system
 
 BORDER_PX = 16
@@ -43,18 +43,17 @@ def psnr(test: Color, reference: Color) -> float:
 
 def scores(system: System, source: PairSource) -> Iterator[tuple[int, float]]:
     """Yield frame number and PSNR of every frame of a shot."""
-    inputs = system_inputs(system, Inputs(lr=()))
+    inputs = system_inputs(system, NonfinitePolicy.ERROR)
     network = system.build(system.config(), source.scale)
     reader = source.reader
-    sequence = FrameSequence(
-        numbers=reader.numbers, load_frame=lambda n: source.load(n, inputs).lr, cuts=reader.resets
-    )
-    history = History(sequence, system, source.scale)
+    sequence = FrameSequence(numbers=reader.numbers, step=reader.step, cuts=reader.resets)
+    window = SlidingWindow(sequence, history_frames=system.history_frames, scale=source.scale)
+    state: State = None
     for number in reader.numbers:
+        state = state if window.follows(number) else None
         with torch.inference_mode():
-            prediction = history.advance(
-                source.load(number, inputs), lambda w, s: system.predict(network, w, s)
-            )
+            prediction = system.predict(network, window.slide(source.load(number, inputs)), state)
+        state = prediction.state
         reference = reader.read(number, [Buffer.COLOR]).gbuffer[Buffer.COLOR]
         assert prediction.image is not None
         yield number, psnr(prediction.image, reference)

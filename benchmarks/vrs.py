@@ -14,11 +14,10 @@ from __future__ import annotations
 import json
 import statistics
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -27,14 +26,14 @@ from curves import Curve, drawn
 from sections import replace_section
 from torch import Tensor
 
-from rtsr_cli.core import planning, upscaling
 from rtsr_cli.core.captured_rates import true_errors
-from rtsr_cli.core.choices import Estimator, VrsMetric
+from rtsr_cli.core.choices import Estimator, NonfinitePolicy, VrsMetric
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.io.opening import ReadOptions, open_single
-from rtsr_cli.core.io.pairs import Inputs
 from rtsr_cli.core.networks import Loaded, load_network
-from rtsr_cli.core.planning import UpscaleOptions
+from rtsr_cli.core.run.systems import system_inputs
+from rtsr_cli.core.run.window import SlidingWindow
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.accuracy import Tally, accuracy, tally, together
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
@@ -86,42 +85,26 @@ def proxy_errors(window: Window, rates: tuple[Rate, ...], config: ErrorConfig) -
 def frames_of(folder: Path, loaded: Loaded) -> Iterator[Known]:
     """Run a sequence; the first frame, which has none before it, is left out."""
     system, config = load_system(SYSTEM), loaded.config
-    options = UpscaleOptions(jobs=1, command="vrs")
-    found: list[Known] = []
-
-    def make(made: upscaling.Made) -> Callable[[], None]:
-        window, prediction = made.window, made.prediction
-        if len(window.lr) > 1 and prediction.tiles is not None:
+    inputs = system_inputs(system, NonfinitePolicy.ERROR, config)
+    for _, source in open_single(folder, ReadOptions()):
+        reader = source.reader
+        sequence = FrameSequence(numbers=reader.numbers, step=reader.step, cuts=reader.resets)
+        sliding = SlidingWindow(sequence, history_frames=system.history_frames, scale=1)
+        for number in reader.numbers:
+            window = sliding.slide(source.load(number, inputs))
+            with torch.inference_mode():
+                predicted = system.predict(loaded.network, window, None).tiles
+            if len(window.lr) == 1 or predicted is None:
+                continue
             color = window.current.gbuffer[Buffer.COLOR]
             options = VrsOptions(error=config.error)
-            seen = estimate(window, prediction.tiles, config.predicted, options).seen
-            found.append(
-                Known(
-                    window=window,
-                    true=true_errors(color, config.error),
-                    predicted=prediction.tiles,
-                    proxy=proxy_errors(window, config.predicted, config.error),
-                    seen=seen,
-                )
+            yield Known(
+                window=window,
+                true=true_errors(color, config.error),
+                predicted=predicted,
+                proxy=proxy_errors(window, config.predicted, config.error),
+                seen=estimate(window, predicted, config.predicted, options).seen,
             )
-        return lambda: None
-
-    with TemporaryDirectory() as scratch:
-        for name, source in open_single(folder, ReadOptions()):
-            inputs = planning.system_inputs(system, Inputs(lr=()), config)
-            plan = planning.plan_shot(
-                name,
-                source,
-                system,
-                inputs=inputs,
-                folder=Path(scratch) / name,
-                options=options,
-                config=None,
-            )
-            for event in upscaling.run_shot(plan, loaded.network, options, make):
-                if event.message:
-                    raise click.ClickException(event.message)
-    yield from found
 
 
 def tallies(

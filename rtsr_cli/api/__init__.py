@@ -17,12 +17,15 @@ if TYPE_CHECKING:
     from rtsr_cli.api.frames import upscale as upscale
     from rtsr_cli.core.demodulate.request import DemodulateRequest as DemodulateRequest
     from rtsr_cli.core.errors import RtsrError as RtsrError
+    from rtsr_cli.core.evaluation.evaluation import evaluate as evaluate
+    from rtsr_cli.core.evaluation.request import EvaluateRequest as EvaluateRequest
     from rtsr_cli.core.label.request import LabelRequest as LabelRequest
     from rtsr_cli.core.synth.request import SynthRequest as SynthRequest
     from rtsr_cli.core.upscale.request import UpscaleRequest as UpscaleRequest
     from rtsr_cli.core.vrs.request import PredictVrsRequest as PredictVrsRequest
 
 PLACES = {
+    "EvaluateRequest": "rtsr_cli.core.evaluation.request",
     "RtsrError": "rtsr_cli.core.errors",
     "UpscaleRequest": "rtsr_cli.core.upscale.request",
     "upscale": "rtsr_cli.api.frames",
@@ -34,6 +37,7 @@ PLACES = {
     "predict_vrs": "rtsr_cli.api.frames",
     "SynthRequest": "rtsr_cli.core.synth.request",
     "synth": "rtsr_cli.api.frames",
+    "evaluate": "rtsr_cli.core.evaluation.evaluation",
 }
 """Name -> module that defines it; a test holds both lists to each other."""
 

@@ -1,45 +1,131 @@
-"""What `rtsr evaluate` prints and writes, and reads again: a table, JSON, CSV."""
+"""What `rtsr evaluate` says: its events, and a table for a person."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from contextlib import ExitStack
 from typing import Any
 
-from rtsr_cli.core.errors import OutputError
-from rtsr_cli.core.io.atomic import check_writable
+from tqdm import tqdm
+
+from rtsr_cli.commands.exit_codes import FAILED
+from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.log import LOG
+from rtsr_cli.commands.options import emit
+from rtsr_cli.core.evaluation.events import (
+    ComparisonPlanned,
+    EvaluationDone,
+    EvaluationEvent,
+    FrameJudged,
+    JudgingStarted,
+    MetricUnavailable,
+    ResultReady,
+    ResultWritten,
+)
+from rtsr_cli.core.evaluation.result_files import encode_numbers
+from rtsr_cli.core.io.selection import ranges
 
 Result = Mapping[str, Any]
 
 GAP = "  "
 NOTHING = "-"
 
-INFINITE = {"inf": math.inf, "-inf": -math.inf}
-"""How JSON, which has no infinite numbers, holds them."""
-
-CSV_HEAD, CSV_TAIL = ("test", "shot", "frame", "region", "share"), ("nonfinite",)
-"""Columns before and after those of the metrics."""
-
-REPORT_MARK = "rtsr report</title>"
-"""Every report has it near its beginning."""
-
-HEAD_CHARACTERS = 1 << 16
-
-JSON_FIELDS: Mapping[str, type] = {
-    "protocol": str, "options": dict, "metrics": dict, "rules": str, "tests": dict,
-}  # fmt: skip
-"""What a result always holds."""
-
-
 OF_REFERENCE = "-reference"
 """Ends the names of what is measured of the reference alone: nobody is best in it."""
 
 SMALL, FEW, MANY = 10.0, 2, 4
 """Scores below the first have so many decimals more than others."""
+
+
+def show_evaluation(events: Iterable[EvaluationEvent], phase: ExitStack, *, as_json: bool) -> int:
+    """Print what an evaluation says; return the exit code.
+
+    Args:
+        events: of the evaluation.
+        phase: what Ctrl-C does until the result is there; files are then written undisturbed.
+        as_json: print events in place of text.
+    """
+    bar, code = tqdm(disable=True), 0
+    for event in events:
+        match event:
+            case JudgingStarted():
+                bar = tqdm(total=event.frames, unit="frame", disable=None)
+                phase.enter_context(bar)
+            case FrameJudged():
+                bar.update()
+            case ResultReady():
+                phase.close()
+                show_result(event.result, as_json=as_json)
+                phase.enter_context(unwinding())
+            case EvaluationDone():
+                log_shortfalls(event)
+                code = 0 if event.passed else FAILED
+            case _:
+                show_step(event, as_json=as_json)
+    return code
+
+
+def show_step(
+    event: MetricUnavailable | ComparisonPlanned | ResultWritten, *, as_json: bool
+) -> None:
+    """Say what leads to a result, and what becomes of it."""
+    match event:
+        case MetricUnavailable():
+            LOG.warning("Warning: %s", event.reason)
+        case ComparisonPlanned():
+            show_plan(event, as_json=as_json)
+        case ResultWritten():
+            LOG.info("%s: written", event.path)
+
+
+def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
+    """Say what is going to be judged of a shot."""
+    height, width = plan.size
+    facts = {
+        "shot": plan.shot,
+        "frames": ranges(plan.frames),
+        "size": [width, height],
+        "reference": str(plan.reference),
+        "gbuffer": None if plan.gbuffer is None else str(plan.gbuffer),
+    }
+    if as_json:
+        emit({"event": "plan", **facts})
+        return
+    if not plan.counts:
+        LOG.warning("%s: --skip-first leaves no frame for means", facts["reference"])
+    LOG.info(
+        "%s: frames %s, %d x %d, against %s; buffers: %s",
+        plan.shot or ", ".join(plan.tests),
+        facts["frames"],
+        width,
+        height,
+        facts["reference"],
+        facts["gbuffer"] or "none",
+    )
+
+
+def show_result(result: Result, *, as_json: bool) -> None:
+    """Say all figures: means as a table, by region with -v, and what is noted about them."""
+    if as_json:
+        emit({"event": "done", **encode_numbers(result)})
+        return
+    for line in (*table(result), *perfect_frames(result)):
+        LOG.info("%s", line)
+    if any(any(r for r in test["regions"].values()) for test in result["tests"].values()):
+        for line in region_table(result):
+            LOG.debug("%s", line)
+    for key, test in result["tests"].items():
+        for note in test["notes"]:
+            LOG.warning("Note: %s: %s", key, note)
+
+
+def log_shortfalls(done: EvaluationDone) -> None:
+    """Say which demands are missed and which frames failed."""
+    for line in done.missed:
+        LOG.error("Missed: %s", line)
+    for reason in done.failed:
+        LOG.error("Failed: %s", reason)
 
 
 def decimals(values: Iterable[float | None]) -> int:
@@ -127,153 +213,3 @@ def region_table(result: Result) -> Iterator[str]:
                 f"{metrics[n]['title']} {number(scores[n])}" for n in metrics if n in scores
             )
             yield f"    {region:<22} {scores['share']:6.1%}  {listed}"
-
-
-def as_json(result: Result) -> str:
-    """Write the result as strict JSON."""
-    return json.dumps(strict(result), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def strict(value: Any) -> Any:
-    """Return plain values as JSON can hold them: infinite numbers as "inf", NaN as null."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return next((name for name, known in INFINITE.items() if value == known), None)
-    if isinstance(value, Mapping):
-        return {key: strict(held) for key, held in value.items()}
-    if isinstance(value, list | tuple):
-        return [strict(held) for held in value]
-    return value
-
-
-def from_json(content: str) -> dict[str, Any]:
-    """Read a result that `as_json` wrote; what follows from its frames is left as it is.
-
-    Raises:
-        ValueError: it is none; says what is wrong.
-    """
-    try:
-        found = json.loads(content)
-    except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
-    _check_fields(found, JSON_FIELDS, "the result")
-    _check_fields(found, {k: dict for k in ("inputs", "regions", "versions") if k in found}, "it")
-    for name, metric in found["metrics"].items():
-        _check_fields(metric, dict.fromkeys(("title", "unit", "better"), str), f"metric '{name}'")
-    _demand(bool(found["tests"]), "it has no tests")
-    if "shard" in found:
-        _check_shard(found["shard"])
-    tests = {key: _test(test, f"test '{key}'") for key, test in found["tests"].items()}
-    return {**found, "tests": tests}
-
-
-def _check_fields(found: Any, fields: Mapping[str, type], what: str) -> None:
-    _demand(isinstance(found, dict), f"{what} is no object")
-    for name, kind in fields.items():
-        right = isinstance(found.get(name), kind)
-        _demand(right, f"'{name}' of {what} is missing, or of another kind")
-
-
-def _demand(condition: bool, complaint: str) -> None:
-    if not condition:
-        raise ValueError(complaint)
-
-
-def _check_shard(found: Any) -> None:
-    _check_fields(found, {"parts": list, "of": int}, "'shard'")
-    right = all(isinstance(i, int) and 1 <= i <= found["of"] for i in found["parts"])
-    _demand(right and "frames" in found, "'shard' names no parts")
-
-
-def _test(found: Any, what: str) -> dict[str, Any]:
-    _check_fields(found, {"method": str, "shot": str, "frames": dict, "notes": list}, what)
-    _demand(all(isinstance(n, str) for n in found["notes"]), f"notes of {what} are no sentences")
-    frames = {key: _frame(key, facts, what) for key, facts in found["frames"].items()}
-    return {**found, "frames": frames}
-
-
-def _frame(number: str, found: Any, what: str) -> dict[str, Any]:
-    """One frame's facts, infinite numbers as numbers."""
-    what = f"frame '{number}' of {what}"
-    _demand(number.removeprefix("-").isdecimal(), f"{what} has no number")
-    plain = {"nonfinite": int, "counted": bool, "regions": dict}
-    _check_fields(found, plain, what)
-    regions = {
-        region: None if scores is None else _scores(scores, what)
-        for region, scores in found["regions"].items()
-    }
-    scores = _scores({k: v for k, v in found.items() if k not in plain}, what)
-    return {**found, **scores, "regions": regions}
-
-
-def _scores(found: Any, what: str) -> dict[str, float | None]:
-    _check_fields(found, {}, f"a region of {what}")
-    return {name: _score(value, f"'{name}' of {what}") for name, value in found.items()}
-
-
-def _score(value: Any, what: str) -> float | None:
-    if isinstance(value, str) and value in INFINITE:
-        return INFINITE[value]
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return None
-    _demand(type(value) in (int, float), f"{what} is no number")
-    return float(value)
-
-
-def is_result(path: Path) -> bool:
-    """Tell whether `rtsr evaluate` wrote a file, by what its suffix promises."""
-    try:
-        with path.open(encoding="utf-8") as stream:
-            if path.suffix.lower() == ".json":
-                found = json.load(stream)
-                return isinstance(found, dict) and found.keys() >= JSON_FIELDS.keys()
-            head = stream.read(HEAD_CHARACTERS)
-    except (OSError, ValueError, RecursionError):
-        return False
-    if path.suffix.lower() == ".csv":
-        columns = tuple(head.partition("\n")[0].split(","))
-        return columns[: len(CSV_HEAD)] == CSV_HEAD and columns[-1:] == CSV_TAIL
-    return REPORT_MARK in head
-
-
-def as_csv(result: Result) -> str:
-    """Write a line a test, frame and region; means carry no frame number."""
-    metrics = list(result["metrics"])
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*CSV_HEAD, *metrics, *CSV_TAIL])
-    for test in result["tests"].values():
-        place = [test["method"], test["shot"]]
-        for frame, facts in test["frames"].items():
-            for region, scores in facts["regions"].items():
-                everything = facts if region == "all" else scores or {}
-                writer.writerow(
-                    [*place, frame, region, (scores or {}).get("share"),
-                     *(everything.get(m) for m in metrics), facts["nonfinite"]]
-                )  # fmt: skip
-        for region, scores in test["regions"].items():
-            everything = test["mean"] if region == "all" else scores or {}
-            writer.writerow(
-                [*place, "", region, (scores or {}).get("share"),
-                 *(everything.get(m) for m in metrics), test["nonfinite"]]
-            )  # fmt: skip
-    return text.getvalue()
-
-
-def check_outputs(paths: Sequence[Path], *, overwrite: bool) -> None:
-    """Refuse files that cannot be written, or that something else wrote.
-
-    Raises:
-        OutputError: names the file.
-    """
-    for path in paths:
-        file = next((p for p in path.parents if p.exists() and not p.is_dir()), None)
-        if file is not None:
-            raise OutputError(f"{path}: {file} is a file, no folder; choose another --output")
-        if path.is_dir():
-            raise OutputError(f"{path}: is a folder; name a file in --output")
-        if path.exists() and not overwrite and not is_result(path):
-            raise OutputError(
-                f"{path}: 'rtsr evaluate' did not write this file; choose another --output, or "
-                "replace it with --overwrite"
-            )
-        check_writable(path.parent)

@@ -22,14 +22,25 @@ SIGNALLED = 128
 
 INTERRUPTED = "Interrupted: what is finished is kept; run again for the rest"
 
+NOTHING_KEPT = "Interrupted: nothing was written; an evaluation starts anew when it is run again"
+
 
 def leave(number: int, _: FrameType | None) -> NoReturn:
     """End at once, in one line."""
     with suppress(OSError, RuntimeError, ValueError, AttributeError):
         sys.stdout.flush()
+    _end(number, INTERRUPTED)
+
+
+def _leave_nothing(number: int, _: FrameType | None) -> NoReturn:
+    """End at once, in one line that is true while nothing is written."""
+    _end(number, NOTHING_KEPT)
+
+
+def _end(number: int, message: str) -> NoReturn:
     with suppress(OSError, ValueError, AttributeError):
         # not descriptor 2: it leads elsewhere while the library is silenced
-        os.write(sys.stderr.fileno(), f"{INTERRUPTED}\n".encode())
+        os.write(sys.stderr.fileno(), f"{message}\n".encode())
     os._exit(SIGNALLED + number)
 
 
@@ -55,3 +66,18 @@ def unwinding() -> Iterator[None]:
             # after a signal both are ignored, until the process has ended
             if signal.getsignal(number) is _interrupt:
                 signal.signal(number, leave)
+
+
+@contextmanager
+def keeping_nothing() -> Iterator[None]:
+    """While an evaluation is worked out, let Ctrl-C say that nothing of it is kept."""
+    if signal.getsignal(signal.SIGINT) is not leave:
+        yield
+        return
+    for number in STOPPING:
+        signal.signal(number, _leave_nothing)
+    try:
+        yield
+    finally:
+        for number in STOPPING:
+            signal.signal(number, leave)

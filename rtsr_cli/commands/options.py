@@ -108,6 +108,21 @@ class Member(click.Choice[E]):
         return str(choice)
 
 
+class NamedMember(click.ParamType[E]):
+    """A member of an enum, by its value; an unknown one gets a suggestion."""
+
+    name = "NAME"
+
+    def __init__(self, what: str, kind: type[E]) -> None:
+        """Remember what is named, and the names."""
+        self._names = Named(what, kind)
+        self._kind = kind
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> E:
+        """Check the name."""
+        return self._kind(self._names.convert(value, param, ctx))
+
+
 class LayoutChoice(Named):
     """A layout preset, or a TOML file that holds one."""
 
@@ -294,7 +309,7 @@ def emit(event: dict[str, Any]) -> None:
 
 
 def defaults_of(request: type) -> Callable[[click.Command], click.Command]:
-    """Give a command's options the defaults of a request's fields of the same names."""
+    """Give a command's options the defaults of a request's fields, as a user would write them."""
     values = {field.name: field.default for field in fields(request)}
 
     def set_defaults(command: click.Command) -> click.Command:
@@ -308,9 +323,11 @@ def defaults_of(request: type) -> Callable[[click.Command], click.Command]:
 
 
 def _written_as(kind: click.ParamType[Any], value: object) -> object:
-    """Return a default as users would write it."""
+    """Return a default as users would write it: members by value, commas between several."""
     if isinstance(value, StrEnum):
         return value.value
+    if isinstance(value, tuple) and all(isinstance(member, str) for member in value):
+        return ",".join(value)
     write = getattr(kind, "write", None)
     return value if write is None else write(value)
 

@@ -93,3 +93,43 @@ class LabelKind(StrEnum):
     """What labels say of a frame."""
 
     VRS = "vrs"
+
+
+class MetricName(StrEnum):
+    """What `evaluate` judges by, in the order of its tables."""
+
+    PSNR = "psnr"
+    SSIM = "ssim"
+    MS_SSIM = "ms-ssim"
+    FLIP = "flip"
+    HDR_FLIP = "hdr-flip"
+    LPIPS = "lpips"
+    VMAF = "vmaf"
+    TPSNR = "tpsnr"
+    TEMPORAL = "temporal"
+    WARPED = "warped"
+
+
+class ProtocolName(StrEnum):
+    """How linear frames are shown to metrics, by whose publication."""
+
+    RTSR = "rtsr"
+    NSRD = "nsrd"
+    FUSESR = "fusesr"
+    EXTRANET = "extranet"
+
+
+class SsimConvention(StrEnum):
+    """Whose SSIM it is."""
+
+    WANG = "wang"
+    """Gaussian 11 / 1.5, whole windows only: Wang et al. 2004, scikit-image with
+    `gaussian_weights=True, sigma=1.5, use_sample_covariance=False`."""
+    SKIMAGE7 = "skimage7"
+    """Uniform 7 x 7, sample covariance, whole windows only: scikit-image's default (ExtraNet)."""
+    SKIMAGE11 = "skimage11"
+    """The same, 11 x 11 (NSRD)."""
+    ZERO_PAD = "zero-pad"
+    """Gaussian 11 / 1.5, black around the frame: pytorch_ssim (FuseSR)."""
+    TORCHMETRICS = "torchmetrics"
+    """Gaussian 11 / 1.5, the frame mirrored around itself: torchmetrics 1.9."""

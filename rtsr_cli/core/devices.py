@@ -1,4 +1,4 @@
-"""The device that networks run on."""
+"""Which device a run computes on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import torch
 from rtsr_cli.core.errors import ConfigError
 
 
-def choose_device(name: str) -> str:
+def resolve_device(name: str) -> str:
     """Resolve `auto`, and refuse a device that is not there.
 
     Raises:

@@ -12,12 +12,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from rtsr_cli.core.choices import DemodulationMode
+from rtsr_cli.core.choices import DemodulationMode, SsimConvention
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.lighting import Base, Preset, encode_lighting
-from rtsr_cli.core.metrics.ssim import SsimConvention, ssim
+from rtsr_cli.core.metrics.ssim import ssim
 from rtsr_cli.core.system import Window
 from rtsr_cli.models import load_system
 from rtsr_cli.models.nsrd import goal, loss

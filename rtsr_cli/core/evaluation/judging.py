@@ -5,7 +5,7 @@ The result is plain values, the same that `--output` writes as JSON.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from importlib import metadata
@@ -21,6 +21,7 @@ from rtsr_cli import __version__
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.evaluation import results
 from rtsr_cli.core.evaluation.comparing import Comparison
+from rtsr_cli.core.evaluation.events import FrameJudged
 from rtsr_cli.core.evaluation.frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.metric_table import METRICS, REFERENCE_WARPED, WARPED, Rules
 from rtsr_cli.core.evaluation.protocols import Protocol, Shown
@@ -160,10 +161,10 @@ def neighbours(comparison: Comparison, selection: Selection) -> tuple[int | None
     return (before, after) if selection.shard else (None, None)
 
 
-def judged_shot(
-    comparison: Comparison, judgement: Judgement, progress: Callable[[], object]
-) -> JudgedShot:
-    """Judge one shot; `progress` is called after every frame.
+def judge_shot(
+    comparison: Comparison, judgement: Judgement
+) -> Generator[FrameJudged, None, JudgedShot]:
+    """Judge one shot; yields after every frame.
 
     Raises:
         RtsrError: VMAF's program fails.
@@ -186,19 +187,19 @@ def judged_shot(
         video = _Videos({m: stack.enter_context(Vmaf((height, width), model)) for m in videos})
         before, after = neighbours(comparison, judgement.selection) if videos else (None, None)
         _add_neighbour(video, comparison, before, replace(options, keep=keep))
-        for found in score_shot(comparison, replace(options, keep=keep)):
-            progress()
-            if found.failed:
-                failed.append(found.failed)
+        for scored in score_shot(comparison, replace(options, keep=keep)):
+            yield FrameJudged(shot=comparison.shot, number=scored.number, failed=scored.failed)
+            if scored.failed:
+                failed.append(scored.failed)
                 continue
-            for method, row in found.kept.row.items():
+            for method, row in scored.kept.row.items():
                 sliced.rows.setdefault(method, []).append(row)
-            video.add(found.kept)
-            for method, scores in found.scores.items():
-                frames[method][str(found.number)] = scores.facts()
+            video.add(scored.kept)
+            for method, scores in scored.scores.items():
+                frames[method][str(scored.number)] = scores.facts()
         _add_neighbour(video, comparison, after, replace(options, keep=keep))
-        scored = video.finish()
-    for method, values in scored.items():
+        vmaf_scores = video.finish()
+    for method, values in vmaf_scores.items():
         for facts, value in zip(frames[method].values(), values, strict=True):
             facts[VMAF] = value
     return JudgedShot(

@@ -13,10 +13,11 @@ from enum import StrEnum
 
 from torch import Tensor
 
+from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.evaluation.protocols import Protocol, Shown
 from rtsr_cli.core.metrics.fidelity import DECIBELS, masked_mean, squared_error_map
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD, hdr_flip, ldr_flip
-from rtsr_cli.core.metrics.ssim import SsimConvention, cut_margin, ms_ssim, ssim_map
+from rtsr_cli.core.metrics.ssim import cut_margin, margin_px, ms_ssim, ssim_map
 from rtsr_cli.core.metrics.temporal import temporal_change_map, warped_error_map
 from rtsr_cli.core.metrics.vmaf import MODEL_4K, MODEL_HD, ROWS_4K
 from rtsr_cli.core.shapes import Color, Mask, PixelMap
@@ -97,7 +98,7 @@ def _psnr(pair: Pair) -> ErrorMap:
 def _ssim(pair: Pair) -> ErrorMap:
     convention = pair.rules.ssim
     values = ssim_map(pair.test.ssim, pair.reference.ssim, convention)
-    return ErrorMap(values, margin=convention.margin_px)
+    return ErrorMap(values, margin=margin_px(convention))
 
 
 def _flip(pair: Pair) -> ErrorMap:

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import torch
 
+from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.imaging.color import encode_aces, encode_reinhard, encode_srgb
-from rtsr_cli.core.metrics.ssim import SsimConvention
 from rtsr_cli.core.shapes import Color
 
 Display = Callable[[Color], Color]

@@ -1,4 +1,4 @@
-"""Scores of frames put together: means, intervals, regions, merging of parts, thresholds.
+"""Scores of frames put together: means, intervals, regions, merging of parts.
 
 The mean of a metric is the mean over frames. Infinite values (PSNR of identical frames) are left
 out of it where others are finite; where all are infinite, so is the mean.
@@ -7,13 +7,12 @@ out of it where others are finite; where all are infinite, so is the mean.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rtsr_cli.core import statistics
-from rtsr_cli.core.errors import ConfigError, FrameFolderError, did_you_mean
+from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.io.selection import ranges
 
 Scores = Mapping[str, float | None]
@@ -37,8 +36,6 @@ STANDING_STILL = (
     "VMAF: parts that were made without --shard count their first frames as standing still, so "
     "that this is not the VMAF of one run"
 )
-
-CONDITION = re.compile(r"\s*([\w-]+)\s*(<=|>=|<|>)\s*([-+.\deE]+|inf)\s*$")
 
 
 def mean(values: Iterable[float | None]) -> float | None:
@@ -264,65 +261,3 @@ def _shard_text(shard: Mapping[str, Any]) -> str:
 
 def _missing_parts(shard: Mapping[str, Any]) -> set[int]:
     return set(range(1, shard["of"] + 1)) - set(shard["parts"])
-
-
-@dataclass(frozen=True)
-class Condition:
-    """A demand on a mean: `metric`, one of < <= > >=, `bound`."""
-
-    metric: str
-    relation: str
-    bound: float
-
-    def __str__(self) -> str:
-        """Write it as the user did."""
-        return f"{self.metric}{self.relation}{self.bound:g}"
-
-    def holds(self, value: float | None) -> bool:
-        """Tell whether a mean meets the demand; one that is not there does not."""
-        if value is None or math.isnan(value):
-            return False
-        return {
-            "<": value < self.bound,
-            "<=": value <= self.bound,
-            ">": value > self.bound,
-            ">=": value >= self.bound,
-        }[self.relation]
-
-
-def conditions(text: str, metrics: Sequence[str]) -> tuple[Condition, ...]:
-    """Parse 'psnr>30,flip<0.1'.
-
-    Raises:
-        ConfigError: it is no such list, or names a metric that is not computed.
-    """
-    found = []
-    for part in text.split(","):
-        match = CONDITION.match(part)
-        try:
-            bound = float(match.group(3)) if match else math.nan
-        except ValueError:
-            bound = math.nan
-        if match is None or math.isnan(bound):
-            raise ConfigError(f"'{part.strip()}' is no condition; write them as psnr>30,flip<0.1")
-        metric = match.group(1).lower()
-        if metric not in metrics:
-            hint = did_you_mean(metric, metrics)
-            raise ConfigError(f"metric '{metric}' is not computed{hint}; add it to --metric")
-        found.append(Condition(metric, match.group(2), bound))
-    return tuple(found)
-
-
-def failures(result: Mapping[str, Any], demanded: Sequence[Condition]) -> list[str]:
-    """Say which test misses which condition."""
-    return [
-        f"{key}: {condition.metric} is {_text(test['mean'].get(condition.metric))}, demanded "
-        f"{condition}"
-        for key, test in result["tests"].items()
-        for condition in demanded
-        if not condition.holds(test["mean"].get(condition.metric))
-    ]
-
-
-def _text(value: float | None) -> str:
-    return "missing" if value is None else f"{value:.6g}"

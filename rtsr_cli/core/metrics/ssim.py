@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.metrics.fidelity import masked_mean
 from rtsr_cli.core.metrics.filtering import (
@@ -51,31 +51,6 @@ MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 
 MS_SSIM_MIN_SIZE = 2 * GAUSSIAN_REACH * 2 ** (len(MS_SSIM_WEIGHTS) - 1) + 1
 """Below, the coarsest scale has no whole window: 161 pixels."""
-
-
-class SsimConvention(StrEnum):
-    """Whose SSIM it is."""
-
-    WANG = "wang"
-    """Gaussian 11 / 1.5, whole windows only: Wang et al. 2004, scikit-image with
-    `gaussian_weights=True, sigma=1.5, use_sample_covariance=False`."""
-    SKIMAGE7 = "skimage7"
-    """Uniform 7 x 7, sample covariance, whole windows only: scikit-image's default (ExtraNet)."""
-    SKIMAGE11 = "skimage11"
-    """The same, 11 x 11 (NSRD)."""
-    ZERO_PAD = "zero-pad"
-    """Gaussian 11 / 1.5, black around the frame: pytorch_ssim (FuseSR)."""
-    TORCHMETRICS = "torchmetrics"
-    """Gaussian 11 / 1.5, the frame mirrored around itself: torchmetrics 1.9."""
-
-    @property
-    def margin_px(self) -> int:
-        """Pixels of the frame outside of the map, at each side.
-
-        A map of an H x W frame holds rows and columns margin .. H - margin - 1.
-        """
-        window = WINDOWS[self]
-        return window.reach if window.border is None else 0
 
 
 @dataclass(frozen=True)
@@ -116,6 +91,15 @@ WINDOWS = {
     SsimConvention.TORCHMETRICS: _Window(_GAUSSIAN, "reflect"),
 }
 """What each convention computes with."""
+
+
+def margin_px(convention: SsimConvention) -> int:
+    """Pixels of the frame outside of the map, at each side.
+
+    A map of an H x W frame holds rows and columns margin .. H - margin - 1.
+    """
+    window = WINDOWS[convention]
+    return window.reach if window.border is None else 0
 
 
 def _comparisons(fields: Tensor, window: _Window) -> tuple[Tensor, Tensor]:
@@ -170,7 +154,7 @@ def ssim_map(test: Image, ref: Image, convention: SsimConvention = SsimConventio
         convention: window, border and covariance.
 
     Returns:
-        (N, H - 2 m, W - 2 m) with m = `convention.margin_px`.
+        (N, H - 2 m, W - 2 m) with m = `margin_px(convention)`.
 
     Raises:
         ShapeMismatchError: the sizes differ, or the frame is smaller than a window.
@@ -202,14 +186,14 @@ def ssim(
     """
     values = ssim_map(test, ref, convention)
     if mask is not None:
-        mask = cut_margin(mask, convention.margin_px)
+        mask = cut_margin(mask, margin_px(convention))
     return masked_mean(values, mask)
 
 
-def cut_margin(image: Image, margin_px: int) -> Image:
-    """Leave out `margin_px` pixels at each side of a frame, as an SSIM map does."""
+def cut_margin(image: Image, margin: int) -> Image:
+    """Leave out `margin` pixels at each side of a frame, as an SSIM map does."""
     height, width = image.shape[-2:]
-    return image[..., margin_px : height - margin_px, margin_px : width - margin_px]
+    return image[..., margin : height - margin, margin : width - margin]
 
 
 def _scale_means(test: Image, ref: Image) -> tuple[Tensor, Tensor]:

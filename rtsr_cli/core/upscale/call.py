@@ -8,7 +8,7 @@ from dataclasses import asdict
 import torch
 
 from rtsr_cli.core.choices import JitterMode
-from rtsr_cli.core.devices import choose_device
+from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.io.opening import open_pairs
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import PairSource
@@ -82,7 +82,7 @@ def plan_upscaling(
     Raises:
         RtsrError: an input is missing or wrong, an output is in the way.
     """
-    device = choose_device(request.device)
+    device = resolve_device(request.device)
     system = choose_system(request, source, systems)
     loaded = load_network(system, source.scale, device, request.weights_file)
     inputs = system_inputs(system, request.on_nonfinite, loaded.config)

@@ -44,7 +44,7 @@ class NetworkRun:
 
 
 class Predictor:
-    """Predicts the frames of a shot in order, and carries the state of a recurrent system."""
+    """Predicts the frames of a shot in order, and carries what the system keeps of them."""
 
     def __init__(self, run: NetworkRun) -> None:
         """Start without a state."""
@@ -65,8 +65,9 @@ class Predictor:
         return prediction
 
     def predict_if_due(self, moment: Moment) -> Prediction | None:
-        """Predict a frame that is wanted, or whose state the next one goes on with."""
-        return self.predict(moment) if moment.wanted or self._run.system.recurrent else None
+        """Predict a frame that is wanted, or whose state the next one may go on with."""
+        due = moment.wanted or self._run.system.carries_history
+        return self.predict(moment) if due else None
 
 
 class Reconstruction:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels
-from rtsr_cli.core.devices import choose_device
+from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.beside import Beside, find_beside
@@ -77,7 +77,7 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    device = choose_device(request.device)
+    device = resolve_device(request.device)
     chosen = choose_predictor(request, systems, device)
     options = rate_options(request, chosen)
     opened = list(open_single(request.in_folder, read_options(request)))
@@ -152,7 +152,7 @@ def plan_prediction(
         overwrite=request.overwrite,
         history=HistoryReach(frames=system.history_frames),
     )
-    device = choose_device(request.device)
+    device = resolve_device(request.device)
     work = RateChoice(
         system=chosen.name,
         predict=_tile_errors(chosen, device),

@@ -23,6 +23,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -41,7 +42,7 @@ from rtsr_cli.core.lighting import (
     unaligned,
     with_sky,
 )
-from rtsr_cli.core.metrics.ssim import SsimConvention, ssim
+from rtsr_cli.core.metrics.ssim import ssim
 from rtsr_cli.core.system import Learning, Prediction, System, Tensors, Window, neural_predict
 from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, UNROLLED_FRAMES, NSRDConfig
 from rtsr_cli.models.nsrd.network import NSRDNetwork

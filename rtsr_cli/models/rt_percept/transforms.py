@@ -11,11 +11,10 @@ one, whose ends are at 0 and 1, is made for errors of that range.
 from __future__ import annotations
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from rtsr_cli.core.choices import VrsMetric
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig, Transform
-from rtsr_cli.models.rt_percept.network import RtPerceptNetwork
 
 STEEPNESS = 10.0
 
@@ -50,11 +49,13 @@ def restored(values: Tensor, mean: Tensor, config: RtPerceptConfig) -> Tensor:
     return (torch.logit(share) / STEEPNESS + mean).clamp(min=0.0)
 
 
-def encode_errors(errors: Tensor, network: RtPerceptNetwork) -> Tensor:
+def encode_errors(errors: Tensor, network: nn.Module) -> Tensor:
     """T by a network's config and mean error, on the processor."""
+    assert isinstance(network.config, RtPerceptConfig)
     return transformed(errors, network.get_buffer("mean").cpu(), network.config)
 
 
-def decode_errors(values: Tensor, network: RtPerceptNetwork) -> Tensor:
+def decode_errors(values: Tensor, network: nn.Module) -> Tensor:
     """T^-1 by a network's config and mean error, on the processor."""
+    assert isinstance(network.config, RtPerceptConfig)
     return restored(values, network.get_buffer("mean").cpu(), network.config)

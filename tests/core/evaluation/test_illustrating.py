@@ -10,14 +10,14 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.typing import NDArray
 
-from rtsr_cli.core.evaluation.comparing import CompareOptions, open_comparisons
+from rtsr_cli.core.choices import SsimConvention
+from rtsr_cli.core.evaluation.comparing import CompareOptions, Comparison, open_comparisons
 from rtsr_cli.core.evaluation.illustrating import moments
-from rtsr_cli.core.evaluation.judging import Judgement, judged_shot
+from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judge_shot
 from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.running import RunOptions
 from rtsr_cli.core.io.exr import write_exr
-from rtsr_cli.core.metrics.ssim import SsimConvention
 from rtsr_cli.core.reporting.report import Moment, Picture
 
 HEIGHT, WIDTH = 176, 216
@@ -38,11 +38,22 @@ def write(folder: Path, images: list[Image]) -> Path:
     return folder
 
 
+def judged_shot(comparison: Comparison, judgement: Judgement) -> JudgedShot:
+    """Go through the events of a shot."""
+    events = judge_shot(comparison, judgement)
+    while True:
+        try:
+            next(events)
+        except StopIteration as end:
+            shot: JudgedShot = end.value
+            return shot
+
+
 def shown(truth: Path, **tests: Path) -> list[Moment]:
     comparison = open_comparisons(tests, truth, CompareOptions())[0]
     rules = Rules(protocol=PROTOCOLS["rtsr"], metrics=("flip",), ssim=SsimConvention.WANG)
     judgement = Judgement(run=RunOptions(rules=rules), options={}, inputs={})
-    return list(moments([judged_shot(comparison, judgement, lambda: None)], judgement))
+    return list(moments([judged_shot(comparison, judgement)], judgement))
 
 
 def pixels(picture: Picture, tmp_path: Path) -> NDArray[np.uint8]:

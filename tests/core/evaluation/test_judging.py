@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rtsr_cli.core.evaluation.comparing import CompareOptions, open_comparisons
-from rtsr_cli.core.evaluation.judging import Judgement, judged_shot, result_of
+from rtsr_cli.core.choices import SsimConvention
+from rtsr_cli.core.evaluation.comparing import CompareOptions, Comparison, open_comparisons
+from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judge_shot, result_of
 from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.running import RunOptions
 from rtsr_cli.core.io.exr import write_exr
-from rtsr_cli.core.metrics.ssim import SsimConvention
 
 DECLARED = '[motion]\nunit = "pixels"\ndirection = "previous-minus-current"\ny_axis = "down"\n'
 
@@ -28,11 +28,22 @@ def write(folder: Path, numbers: tuple[int, ...]) -> Path:
     return folder
 
 
+def judged_shot(comparison: Comparison, judgement: Judgement) -> JudgedShot:
+    """Go through the events of a shot."""
+    events = judge_shot(comparison, judgement)
+    while True:
+        try:
+            next(events)
+        except StopIteration as end:
+            shot: JudgedShot = end.value
+            return shot
+
+
 def judged(tmp_path: Path, numbers: tuple[int, ...], rules: Rules) -> dict[str, object]:
     test, truth = write(tmp_path / "test", numbers), write(tmp_path / "ref", numbers)
     comparison = open_comparisons({"test": test}, truth, CompareOptions())[0]
     judgement = Judgement(run=RunOptions(rules=rules), options={}, inputs={})
-    shot = judged_shot(comparison, judgement, lambda: None)
+    shot = judged_shot(comparison, judgement)
     return result_of([shot], judgement)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.evaluation.comparing import CompareOptions, Comparison, open_comparisons
 from rtsr_cli.core.evaluation.frames import check_border
@@ -17,7 +18,6 @@ from rtsr_cli.core.evaluation.metric_table import Rules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.running import RunOptions, ScoredFrame, score_shot
 from rtsr_cli.core.io.exr import write_exr
-from rtsr_cli.core.metrics.ssim import SsimConvention
 
 HEIGHT, WIDTH = 48, 64
 PAN_PX = 2

@@ -9,8 +9,9 @@ import torch
 from skimage.metrics import structural_similarity
 from torch import Tensor
 
+from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.errors import ShapeMismatchError
-from rtsr_cli.core.metrics.ssim import SsimConvention, cut_margin, ms_ssim, ssim, ssim_map
+from rtsr_cli.core.metrics.ssim import cut_margin, margin_px, ms_ssim, ssim, ssim_map
 
 TOLERANCE = 1e-5
 ORACLE_KEYS = {
@@ -80,7 +81,7 @@ def test_every_pixel_agrees_with_scikit_image(
         **SKIMAGE_SETTINGS[convention],
     )
     ours = ssim_map(test.to(device), ref.to(device), convention)
-    inside = cut_margin(torch.from_numpy(expected.mean(-1))[None], convention.margin_px)
+    inside = cut_margin(torch.from_numpy(expected.mean(-1))[None], margin_px(convention))
     torch.testing.assert_close(ours.cpu().double(), inside, atol=TOLERANCE, rtol=0.0)
 
 
@@ -90,7 +91,7 @@ def test_every_pixel_agrees_with_scikit_image(
 )
 def test_the_map_lies_a_margin_inside_the_frame(convention: str, margin: int) -> None:
     named = SsimConvention(convention)
-    assert named.margin_px == margin
+    assert margin_px(named) == margin
     shape = ssim_map(*random_pair(150, 90, batch=2), named).shape
     assert shape == (2, 150 - 2 * margin, 90 - 2 * margin)
 
@@ -106,7 +107,7 @@ def test_a_mask_of_the_frame_is_cut_to_the_map(convention: SsimConvention) -> No
     test, ref = random_pair(40, 60)
     mask = torch.zeros(1, 1, 40, 60)
     mask[..., 12:20, 30:41] = 1.0
-    margin = convention.margin_px
+    margin = margin_px(convention)
     rows, columns = slice(12 - margin, 20 - margin), slice(30 - margin, 41 - margin)
     expected = ssim_map(test, ref, convention)[0, rows, columns].mean().item()
     assert ssim(test, ref, convention, mask=mask).item() == pytest.approx(expected, abs=1e-6)

@@ -12,18 +12,22 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rtsr_cli.core.choices import MissingPolicy
+from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError, OutputError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.io.exr import read_channels, write_exr
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
-from rtsr_cli.core.io.pairs import Inputs, PairSource, real_pairs
+from rtsr_cli.core.io.pairs import PairSource, real_pairs
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, Shard
-from rtsr_cli.core.planning import ShotPlan, UpscaleOptions, plan_shot, system_inputs
+from rtsr_cli.core.run.events import Status
+from rtsr_cli.core.run.frames import PairJob, PairReading
+from rtsr_cli.core.run.plan import Outputs, plan_shot
+from rtsr_cli.core.run.shots import shot_events
+from rtsr_cli.core.run.systems import check_system, history_reach, system_inputs
 from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
-from rtsr_cli.core.upscaling import Status, run_shot
+from rtsr_cli.core.upscale.reconstruction import NetworkRun, Reconstruction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +61,11 @@ RECURRENT = System(
 WINDOWED = replace(
     RECURRENT, name="windowed", recurrent=False, history_frames=2, predict=mean_of_window
 )
+EVERYTHING = Selection()
+
 ALONE = replace(WINDOWED, name="alone", history_frames=0)
 
-Plan = Callable[..., ShotPlan]
+Plan = Callable[..., PairJob]
 
 
 @pytest.fixture
@@ -85,24 +91,34 @@ def plan(tmp_path: Path) -> Plan:
         *,
         out: str = "out",
         config: object = None,
-        **options: Any,
-    ) -> ShotPlan:
-        return plan_shot(
-            ".",
-            source,
-            system,
-            inputs=system_inputs(system, Inputs(lr=())),
-            folder=tmp_path / out,
-            options=UpscaleOptions(**options),
-            config=config,
+        selection: Selection = EVERYTHING,
+        overwrite: bool = False,
+        previews: bool = False,
+    ) -> PairJob:
+        inputs = system_inputs(system, NonfinitePolicy.ERROR)
+        check_system(system, source, inputs)
+        reading = PairReading(source=source, inputs=inputs)
+        planned = plan_shot(
+            reading.of_shot("."),
+            Outputs(
+                folder=tmp_path / out,
+                command="upscale",
+                pictures=(PREVIEW_SUFFIX,) if previews else (),
+            ),
+            settings=config,
+            selection=selection,
+            overwrite=overwrite,
+            history=history_reach(system),
         )
+        run = NetworkRun(system=system, network=system.build(DummyConfig(), source.scale))
+        work = Reconstruction(run, source, previews=previews, debug=False)
+        return PairJob(planned, reading, work, history_frames=system.history_frames)
 
     return make
 
 
-def run(plan: ShotPlan, **options: Any) -> dict[int, Status]:
-    network = plan.system.build(DummyConfig(), 2)
-    return {e.number: e.status for e in run_shot(plan, network, UpscaleOptions(**options))}
+def run(job: PairJob) -> dict[int, Status]:
+    return {event.number: event.status for event in shot_events(job, 2)}
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -111,8 +127,8 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_the_first_run_has_every_frame_to_do(source: Callable[..., PairSource], plan: Plan) -> None:
     planned = plan(source())
-    assert planned.selected == planned.order == (1, 2, 3, 4, 5, 6)
-    assert planned.pending == {1, 2, 3, 4, 5, 6}
+    assert planned.plan.selected == planned.plan.order == (1, 2, 3, 4, 5, 6)
+    assert planned.plan.pending == {1, 2, 3, 4, 5, 6}
 
 
 def test_planning_writes_nothing(
@@ -125,8 +141,8 @@ def test_planning_writes_nothing(
 def test_a_second_run_has_nothing_to_do(source: Callable[..., PairSource], plan: Plan) -> None:
     assert set(run(plan(source())).values()) == {Status.WRITTEN}
     again = plan(source())
-    assert again.pending == frozenset()
-    assert again.order == ()
+    assert again.plan.pending == frozenset()
+    assert again.plan.order == ()
     assert set(run(again).values()) == {Status.KEPT}
 
 
@@ -139,7 +155,7 @@ def test_run_again_only_what_is_missing_is_written_and_its_bytes_are_the_same(
     for name in ("frame.0002.exr", "frame.0005.exr"):
         (tmp_path / "out" / name).unlink()
     again = plan(source(), system)
-    assert again.pending == {2, 5}
+    assert again.plan.pending == {2, 5}
     statuses = run(again)
     assert {n for n, status in statuses.items() if status is Status.WRITTEN} == {2, 5}
     assert contents(tmp_path / "out") == before
@@ -151,7 +167,7 @@ def test_missing_outputs_pull_in_the_history_they_need_and_no_more(
     for system, order in ((ALONE, (5,)), (WINDOWED, (3, 4, 5)), (RECURRENT, (1, 2, 3, 4, 5))):
         run(plan(source(), system, out=system.name))
         (tmp_path / system.name / "frame.0005.exr").unlink()
-        assert plan(source(), system, out=system.name).order == order
+        assert plan(source(), system, out=system.name).plan.order == order
 
 
 @pytest.mark.parametrize("system", [ALONE, WINDOWED, RECURRENT], ids=lambda s: s.name)
@@ -171,7 +187,7 @@ def test_a_changed_input_makes_the_outputs_that_depend_on_it_stale(
     write_frames(tmp_path / "in", [2], size=(4, 6), only=("R", "G", "B"), change=brighter)
     with pytest.raises(OutputError, match=r"frame\.0002\.exr.*--overwrite"):
         plan(frames, system)
-    stale = plan(frames, system, overwrite=True).pending
+    stale = plan(frames, system, overwrite=True).plan.pending
     depends = {"alone": {2}, "windowed": {2, 3, 4}, "recurrent": {2, 3, 4, 5, 6}}
     assert stale == depends[system.name]
 
@@ -180,7 +196,7 @@ def test_another_config_makes_every_output_stale(
     source: Callable[..., PairSource], plan: Plan
 ) -> None:
     run(plan(source(), config={"a": 1}))
-    assert plan(source(), config={"a": 1}).pending == frozenset()
+    assert plan(source(), config={"a": 1}).plan.pending == frozenset()
     with pytest.raises(OutputError, match=r"and 5 more"):
         plan(source(), config={"a": 2})
 
@@ -191,16 +207,16 @@ def test_a_foreign_file_is_in_the_way_until_it_may_be_replaced(
     write_exr(tmp_path / "out" / "frame.0003.exr", {"R": np.zeros((8, 12), np.float16)})
     with pytest.raises(OutputError, match=r"frame\.0003\.exr: rtsr upscale did not write this"):
         plan(source())
-    assert plan(source(), overwrite=True).pending == {1, 2, 3, 4, 5, 6}
+    assert plan(source(), overwrite=True).plan.pending == {1, 2, 3, 4, 5, 6}
 
 
 def test_a_lost_preview_is_written_again(
     source: Callable[..., PairSource], plan: Plan, tmp_path: Path
 ) -> None:
-    run(plan(source(), pictures=(PREVIEW_SUFFIX,)), pictures=(PREVIEW_SUFFIX,))
+    run(plan(source(), previews=True))
     (tmp_path / "out" / "frame.0004.png").unlink()
-    assert plan(source(), pictures=(PREVIEW_SUFFIX,)).pending == {4}
-    assert plan(source()).pending == frozenset()
+    assert plan(source(), previews=True).plan.pending == {4}
+    assert plan(source()).plan.pending == frozenset()
 
 
 def test_a_damaged_output_counts_as_foreign(
@@ -223,9 +239,9 @@ def test_selected_frames_alone_are_written_and_history_reads_the_others(
     source: Callable[..., PairSource], plan: Plan
 ) -> None:
     planned = plan(source(), WINDOWED, selection=Selection(frames=frozenset({4, 99})))
-    assert planned.selected == (4,)
-    assert planned.order == (2, 3, 4)
-    assert planned.starts == {4: 2}
+    assert planned.plan.selected == (4,)
+    assert planned.plan.order == (2, 3, 4)
+    assert planned.plan.stamps.starts == {4: 2}
 
 
 def test_a_selected_frame_equals_the_one_of_the_whole_run(
@@ -233,7 +249,7 @@ def test_a_selected_frame_equals_the_one_of_the_whole_run(
 ) -> None:
     run(plan(source(), RECURRENT, out="whole"))
     chosen = Selection(frames=frozenset({4}))
-    run(plan(source(), RECURRENT, out="part", selection=chosen), selection=chosen)
+    run(plan(source(), RECURRENT, out="part", selection=chosen))
     name = "frame.0004.exr"
     assert contents(tmp_path / "part") == {name: contents(tmp_path / "whole")[name]}
 
@@ -242,8 +258,8 @@ def test_history_starts_again_at_a_cut_and_after_a_gap(
     source: Callable[..., PairSource], plan: Plan
 ) -> None:
     frames = source((1, 2, 3, 4, 6, 7), on_missing=MissingPolicy.SKIP, capture={"camera_cuts": [3]})
-    assert plan(frames, RECURRENT).starts == {1: 1, 2: 1, 3: 3, 4: 3, 6: 6, 7: 6}
-    assert plan(frames, WINDOWED).starts == {1: 1, 2: 1, 3: 3, 4: 3, 6: 6, 7: 6}
+    assert plan(frames, RECURRENT).plan.stamps.starts == {1: 1, 2: 1, 3: 3, 4: 3, 6: 6, 7: 6}
+    assert plan(frames, WINDOWED).plan.stamps.starts == {1: 1, 2: 1, 3: 3, 4: 3, 6: 6, 7: 6}
 
 
 def test_what_is_computed_after_a_cut_knows_nothing_of_what_was_before(
@@ -266,10 +282,10 @@ def test_shards_are_disjoint_complete_and_nearly_equal(numbers: list[int], count
 def test_shards_split_what_is_selected(source: Callable[..., PairSource], plan: Plan) -> None:
     chosen = frozenset({2, 3, 5, 6})
     parts = [
-        plan(source(), selection=Selection(frames=chosen, shard=Shard(index=i, count=2))).selected
+        plan(source(), selection=Selection(frames=chosen, shard=Shard(index=i, count=2)))
         for i in (1, 2)
     ]
-    assert parts == [(2, 3), (5, 6)]
+    assert [part.plan.selected for part in parts] == [(2, 3), (5, 6)]
 
 
 def test_a_shard_of_a_recurrent_system_prerolls_and_goes_no_further_back(
@@ -277,16 +293,16 @@ def test_a_shard_of_a_recurrent_system_prerolls_and_goes_no_further_back(
 ) -> None:
     frames = source(tuple(range(1, 11)))
     planned = plan(frames, RECURRENT, selection=Selection(shard=Shard(index=2, count=2)))
-    assert planned.selected == (6, 7, 8, 9, 10)
-    assert planned.order == (4, 5, 6, 7, 8, 9, 10)
-    assert set(planned.starts.values()) == {4}
+    assert planned.plan.selected == (6, 7, 8, 9, 10)
+    assert planned.plan.order == (4, 5, 6, 7, 8, 9, 10)
+    assert set(planned.plan.stamps.starts.values()) == {4}
 
 
 def test_a_preroll_ends_at_a_cut(source: Callable[..., PairSource], plan: Plan) -> None:
     frames = source(tuple(range(1, 11)), capture={"camera_cuts": [5, 8]})
     planned = plan(frames, RECURRENT, selection=Selection(shard=Shard(index=2, count=2)))
-    assert planned.order == (5, 6, 7, 8, 9, 10)
-    assert planned.starts == {6: 5, 7: 5, 8: 8, 9: 8, 10: 8}
+    assert planned.plan.order == (5, 6, 7, 8, 9, 10)
+    assert planned.plan.stamps.starts == {6: 5, 7: 5, 8: 8, 9: 8, 10: 8}
 
 
 def test_the_first_shard_equals_the_whole_run_and_the_second_comes_near(
@@ -295,7 +311,7 @@ def test_the_first_shard_equals_the_whole_run_and_the_second_comes_near(
     run(plan(source(), RECURRENT, out="whole"))
     for index in (1, 2):
         part = Selection(shard=Shard(index=index, count=2))
-        run(plan(source(), RECURRENT, out=f"part{index}", selection=part), selection=part)
+        run(plan(source(), RECURRENT, out=f"part{index}", selection=part))
     assert sorted([*contents(tmp_path / "part1"), *contents(tmp_path / "part2")]) == sorted(
         contents(tmp_path / "whole")
     )
@@ -313,7 +329,7 @@ def test_the_stamp_of_a_shard_that_starts_elsewhere_is_another(
     source: Callable[..., PairSource], plan: Plan
 ) -> None:
     part = Selection(shard=Shard(index=2, count=2))
-    run(plan(source(), RECURRENT, selection=part), selection=part)
+    run(plan(source(), RECURRENT, selection=part))
     with pytest.raises(OutputError, match=r"frame\.0004\.exr and 2 more"):
         plan(source(), RECURRENT)
 
