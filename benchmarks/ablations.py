@@ -50,12 +50,13 @@ ROWS: dict[str, dict[str, tuple[str, ...]]] = {
 SHIPPED_WITH = {"nsrd": ("network.gradient_frames=4",)}
 """System -> settings that its weights were trained with and that are no defaults."""
 
-HEAD = """## Ablations of {system}
+HEAD = """## What is each part of {system} worth?
 
 `{system}` {scale}x after {steps} steps of {batch} crops of {crop} x {crop} LR pixels, one setting
 changed a row, the same seed and samples in each. Short trainings: rows compare with each other, not
 with the shipped weights. Means over the `val` and `test` sequences of the gain over the better of
-{baselines}, protocol `rtsr` without jitter.
+{baselines}, protocol `rtsr` without jitter. Written by
+`python benchmarks/ablations.py DATA [MORE ...] --system {system} --steps {steps} --batch {batch}`.
 
 | | PSNR gain dB | FLIP lower by | LPIPS lower by | temporal lower by | lowest PSNR gain dB |
 | --- | ---: | ---: | ---: | ---: | ---: |"""

@@ -5,7 +5,8 @@
 Two tables, a section of docs/results.md. Gain against steps: read from `RUN/log.csv` of trainings
 that were validated on DATA. Gain against scenes: `fusesr-fast` 4x is trained anew on one sequence
 of DATA, on all of its `train` split, and on that with a part and all of the shots of MORE, with
-the same steps and batches. `--work` keeps these runs and goes on with those that are there.
+the same steps and batches. Every validation of the runs goes to a CSV file. `--work` keeps what is
+trained and goes on with what is there.
 """
 
 from __future__ import annotations
@@ -20,21 +21,25 @@ from pathlib import Path
 import click
 from click.testing import CliRunner
 from sections import replace_section
+from tables import Row, markdown, read_csv, write_csv
 
 from rtsr_cli.cli import group
 
 SYSTEM, SCALE = "fusesr-fast", 4
+TABLE = Path("docs/results/learning-curves.csv")
 BASELINE = re.compile(r"demod-bicubic: psnr ([\d.]+) dB")
 SHARES = (0, 8, 1)
 """Shots of MORE that take part: none, one in eight, all."""
 
-STEPS_HEAD = """## Learning curves
+TITLE = "## What do more steps and scenes bring?"
 
+STEPS_HEAD = """
 Gain of validation PSNR over `demod-bicubic` ({baseline:.2f} dB on the same frames), dB, of the
-moving average of the weights as training goes on.
-
-| step | {titles} |
-| ---: |{lines}"""
+moving average of the weights as training goes on; in brackets after how many steps. Every
+validation of every run: [results/{file}](results/{file}), which
+`python benchmarks/learning_curves.py DATA MORE --steps {steps} --run RUN ...` writes with these
+tables.
+"""
 
 SCENES_HEAD = """
 The same gain after {steps} steps of {batch} crops of {crop} x {crop} LR pixels of `{system}`
@@ -92,18 +97,34 @@ def train(data: Sequence[Path], run: Path, cache: Path, settings: Sequence[str])
     return baseline.group(1), frames.group(1)
 
 
-def steps_table(runs: Sequence[Path], baseline: float) -> list[str]:
-    """Gain against steps, a column a run."""
-    curves = {run.resolve().name: dict(curve(run)) for run in runs}
-    steps = sorted({step for points in curves.values() for step in points})
-    head = STEPS_HEAD.format(
-        baseline=baseline, titles=" | ".join(curves), lines=" ---: |" * len(curves)
-    )
-    rows = [head]
-    for step in steps:
-        cells = [f"{p[step] - baseline:+.2f}" if step in p else "" for p in curves.values()]
-        rows.append(f"| {step:,} | " + " | ".join(cells) + " |")
-    return rows
+def curve_rows(runs: Sequence[Path], baseline: float) -> list[Row]:
+    """Every validation of every run."""
+    return [
+        {"run": run.resolve().name, "step": str(step), "gain": f"{psnr - baseline:+.2f}"}
+        for run in runs
+        for step, psnr in curve(run)
+    ]
+
+
+def steps_table(rows: Sequence[Row]) -> str:
+    """Gain against steps, a row a run: at first, where all runs were validated, and at last."""
+    curves: dict[str, dict[int, str]] = {}
+    for row in rows:
+        curves.setdefault(row["run"], {})[int(row["step"])] = row["gain"]
+    shared = max(set.intersection(*(set(points) for points in curves.values())), default=None)
+    lines = []
+    for run, points in curves.items():
+        first, last = (f"{points[step]} ({step:,})" for step in (min(points), max(points)))
+        middle = [points[shared]] if shared is not None else []
+        lines.append([f"`{run}`", first, *middle, last])
+    titles = [f"after {shared:,} steps"] if shared is not None else []
+    return markdown(["run", "first validation", *titles, "last validation"], lines)
+
+
+def steps_text(table: Path, baseline: float, steps: int) -> str:
+    """The part on steps, out of the file that holds every validation."""
+    head = STEPS_HEAD.format(baseline=baseline, file=table.name, steps=steps)
+    return f"{head}\n{steps_table(read_csv(table))}"
 
 
 @click.command()
@@ -115,6 +136,7 @@ def steps_table(runs: Sequence[Path], baseline: float) -> list[str]:
 @click.option("--crop", default=48, show_default=True)
 @click.option("--work", type=click.Path(path_type=Path), help="Keep runs here.")
 @click.option("--cache", type=click.Path(path_type=Path), default=None)
+@click.option("--csv", "table", type=click.Path(path_type=Path), default=TABLE, show_default=True)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/results.md"))
 def main(
     *,
@@ -126,6 +148,7 @@ def main(
     crop: int,
     work: Path | None,
     cache: Path | None,
+    table: Path,
     output: Path,
 ) -> None:
     """Write the section."""
@@ -149,13 +172,15 @@ def main(
             title = f"{count} (all of the `train` split{', and synthetic ones' if part else ''})"
             rows.append((title, said[1], last_psnr(run)))
     baseline = float(said[0])
-    table = steps_table(runs, baseline) if runs else ["## Learning curves"]
-    table.append(
+    if runs:
+        write_csv(table, ("run", "step", "gain"), curve_rows(runs, baseline))
+    parts = [TITLE, *([steps_text(table, baseline, steps)] if runs else [])]
+    parts.append(
         SCENES_HEAD.format(steps=steps, batch=batch, crop=crop, system=SYSTEM, scale=SCALE)
     )
-    table += [f"| {title} | {frames} | {found - baseline:+.2f} |" for title, frames, found in rows]
-    replace_section(output, "curves", "\n".join(table))
-    click.echo("\n".join(table))
+    parts += [f"| {title} | {frames} | {psnr - baseline:+.2f} |" for title, frames, psnr in rows]
+    replace_section(output, "curves", "\n".join(parts))
+    click.echo("\n".join(parts))
 
 
 if __name__ == "__main__":

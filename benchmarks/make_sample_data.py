@@ -20,7 +20,7 @@ from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
 SCALE = 4
 RADIANCE = ("R", "G", "B")
 CAPTURE = """\
-# What the frames beside this file hold; every field is optional, see the README.
+# What the frames beside this file hold; every field is optional, see docs/frames.md.
 layout = "rtsr"
 scale = {scale}
 # one sample of each {scale} x {scale} block was kept: right of and below the LR pixel's centre

@@ -28,11 +28,12 @@ PUBLISHED = {
 }
 """System -> protocol, and what the paper reports at 4x."""
 
-HEAD = f"""## By the papers' protocols
+HEAD = f"""## What do the papers' protocols say?
 
 PSNR dB and SSIM at {SCALE}x, means over the `val` and `test` sequences, border {BORDER} pixels,
 first {SKIP_FIRST} frames left out. Published figures are of other data, rendered in an engine: they
-stand beside ours for orientation, they do not compare.
+stand beside ours for orientation, they do not compare. Written by
+`python benchmarks/protocols.py DATA`.
 
 | protocol | system | PSNR dB | SSIM | `{BASELINE}` PSNR dB | SSIM | published |
 | --- | --- | ---: | ---: | ---: | ---: | --- |"""

@@ -1,12 +1,13 @@
 """How well shading errors are predicted, and what rates by them save: `docs/vrs.md`.
 
-    python benchmarks/vrs.py DATA [--weights LABEL=FILE ...] [--output docs/vrs.md]
+    python benchmarks/vrs.py DATA [--weights LABEL=FILE ...] [--csv FOLDER] [--output docs/vrs.md]
 
 Runs every set of `rt-percept` weights, those of the package by default, over the `val` and `test`
 sequences of DATA/manifest.json at full resolution, from the second frame on, and holds predicted
 tile errors against true ones in transformed space. The proxy needs no learning: the exact metric on
 the frame before, moved to this one. A plot for each shows what rates save against their true error
-as the threshold changes: network, analytic estimate, and both together.
+as the threshold changes: network, analytic estimate, and both together. Every figure goes to CSV
+files, the tables that `benchmarks/vrs_text.py` makes of them to the document.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import json
 import statistics
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -23,8 +24,16 @@ from typing import Any
 import click
 import torch
 from curves import Curve, drawn
-from sections import replace_section
+from tables import Row, write_csv
 from torch import Tensor
+from vrs_text import (
+    ACCURACY,
+    ACCURACY_COLUMNS,
+    FIGURES,
+    SAVINGS,
+    SAVINGS_COLUMNS,
+    write_text,
+)
 
 from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.choices import Estimator, NonfinitePolicy, VrsMetric
@@ -53,15 +62,7 @@ DERIVED = (Rate.HALF, Rate.QUARTER)
 STEPS = 18
 """Thresholds of a curve."""
 
-HEAD = """# Predicted shading errors
-
-Predicted against true errors of reduced shading rates, tile by tile, in transformed space (0..1),
-on sequences that no network was trained on: R2 and mean absolute error of each predicted rate,
-then their mean over rates; `under` is the mean underestimation. Tiles count as seen if the frame
-before shows at least half of their pixels. The proxy is the exact metric on the frame before, moved
-to this one. Predictions are the network's, without the safety margin that `predict-vrs` adds.
-
-Written by `python benchmarks/vrs.py DATA`; do not edit."""
+FOLDER = Path("docs/results")
 
 
 @dataclass(frozen=True)
@@ -204,88 +205,88 @@ def moving(frames: list[Known]) -> bool:
     return bool(statistics.fmean(map(float, motion)) > 0.1)
 
 
-def line(label: str, seen: str, found: Mapping[str, Mapping[str, Tally]]) -> str:
-    """One row of the table."""
-    cells = []
-    for kind in ("network", "network, seen", "network, unseen", "proxy"):
-        facts = accuracy(found.get(kind, {}))
-        names = ("r2", "mae", "under") if kind == "network" else ("r2", "mae")
-        cells += [f"{facts[name]:.3f}" if name in facts else "-" for name in names]
-    facts = accuracy(found.get("extrapolated", {}))
-    cells += [f"{facts[name]:.3f}" if name in facts else "-" for name in ("r2", "mae")]
-    return f"| {label} | {seen} | " + " | ".join(cells) + " |"
+def accuracy_cells(found: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+    """Columns of what was found of each kind of prediction and tile."""
+    return {
+        column: f"{found[kind][name]:.3f}" if name in found.get(kind, {}) else "-"
+        for column, (kind, name) in FIGURES.items()
+    }
 
 
-TABLE = (
-    "| sequence | scene | R2 | MAE | under | seen R2 | seen MAE | unseen R2 | unseen MAE "
-    "| proxy R2 | proxy MAE | 2x2, 4x4 by eq. 10 R2 | MAE |\n| --- | --- |" + " ---: |" * 11
-)
+def mean_accuracy(each: Sequence[Mapping[str, Mapping[str, float]]]) -> dict[str, dict[str, float]]:
+    """Mean over sequences of what was found of each kind, over those that have it."""
+    means: dict[str, dict[str, float]] = defaultdict(dict)
+    for kind, name in FIGURES.values():
+        values = [one[kind][name] for one in each if one.get(kind)]
+        if values:
+            means[kind][name] = statistics.fmean(values)
+    return means
 
 
-def report(label: str, loaded: Loaded, data: Path, plot: Path | None) -> Iterator[str]:
-    """The section of a set of weights."""
-    error = loaded.config.error
+def measure_accuracy(loaded: Loaded, data: Path) -> tuple[list[Row], list[Known]]:
+    """Rows of each sequence and of their mean, and the frames whose camera moves."""
     manifest = json.loads((data / "manifest.json").read_text(encoding="utf-8"))
-    shots = [s for s in manifest["sequences"] if s["split"] in ("val", "test")]
-    yield f"\n## {label}: {error.metric}, tiles of {error.tile}\n\n{TABLE}"
-    rows, moved = [], []
-    for shot in shots:
+    rows: list[Row] = []
+    each, moved = [], []
+    for shot in (s for s in manifest["sequences"] if s["split"] in ("val", "test")):
         name = f"{shot['scene']}/{shot['sequence']}"
         frames = list(frames_of(data / name, loaded))
-        each = [tallies(frame, loaded) for frame in frames]
-        kinds = {kind for one in each for kind in one}
-        found = {kind: together(one.get(kind, {}) for one in each) for kind in kinds}
-        seen = "seen in training" if shot["seen_in_training"] else "unseen"
-        yield line(name, seen, found)
-        rows.append({kind: accuracy(value) for kind, value in found.items()})
+        sums = [tallies(frame, loaded) for frame in frames]
+        kinds = {kind for one in sums for kind in one}
+        each.append({k: accuracy(together(one.get(k, {}) for one in sums)) for k in kinds})
+        scene = "seen in training" if shot["seen_in_training"] else "unseen"
+        rows.append({"sequence": name, "scene": scene, **accuracy_cells(each[-1])})
         if moving(frames):
             moved += frames
-    means = []
-    for kind, name in (
-        ("network", "r2"), ("network", "mae"), ("network", "under"),
-        ("network, seen", "r2"), ("network, seen", "mae"),
-        ("network, unseen", "r2"), ("network, unseen", "mae"),
-        ("proxy", "r2"), ("proxy", "mae"), ("extrapolated", "r2"), ("extrapolated", "mae"),
-    ):  # fmt: skip
-        values = [row[kind][name] for row in rows if row.get(kind)]
-        means.append(f"{statistics.fmean(values):.3f}" if values else "-")
-    yield f"| **mean of {len(rows)}** |  | " + " | ".join(means) + " |"
-    if plot is None or not moved or error.metric == VrsMetric.PSNR:
-        return
+    rows.append({"sequence": f"mean of {len(each)}", **accuracy_cells(mean_accuracy(each))})
+    return rows, moved
+
+
+def measure_savings(loaded: Loaded, moved: list[Known], plot: Path) -> list[Row]:
+    """Rows of what estimators save at the same true error; draws their curves."""
+    metric = loaded.config.error.metric
     lines = curves(moved, loaded)
-    plot.write_text(
-        drawn(lines, across=f"true error ({error.metric}, mean of tiles)", up="saved, %"),
-        encoding="utf-8",
-    )
+    across = f"true error ({metric}, mean of tiles)"
+    plot.write_text(drawn(lines, across=across, up="saved, %"), encoding="utf-8")
     analytic = next(c for c in lines if c.name == Estimator.ANALYTIC)
-    yield f"\n![saved against true error]({plot.name})\n"
-    yield "| true error | " + " | ".join(f"{c.name} saves" for c in lines) + " |"
-    yield "| ---: |" + " ---: |" * len(lines)
-    for error_at, _ in analytic.points[:: max(1, len(analytic.points) // 6)]:
-        saved = [saved_at(c, error_at) for c in lines]
-        cells = ["-" if value is None else f"{value:.1f} %" for value in saved]
-        yield f"| {error_at:.4f} | " + " | ".join(cells) + " |"
+    rows = []
+    for error, _ in analytic.points[:: max(1, len(analytic.points) // 6)]:
+        saved = {c.name: saved_at(c, error) for c in lines}
+        cells = {name: "" if share is None else f"{share:.1f}" for name, share in saved.items()}
+        rows.append({"true_error": f"{error:.4f}", **cells})
+    return rows
 
 
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--weights", multiple=True, metavar="LABEL=FILE")
+@click.option("--csv", "folder", type=click.Path(path_type=Path), default=FOLDER, show_default=True)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/vrs.md"))
 @click.option("--no-curves", is_flag=True)
-def main(*, data: Path, weights: tuple[str, ...], output: Path, no_curves: bool) -> None:
-    """Print and write."""
+def main(
+    *, data: Path, weights: tuple[str, ...], folder: Path, output: Path, no_curves: bool
+) -> None:
+    """Write the figures, and the tables."""
     files = dict(item.split("=", 1) for item in weights) or {
         path.stem: str(path) for path in sorted(SHIPPED.glob(f"{SYSTEM}-*.safetensors"))
     }
-    parts = [HEAD]
+    accurate: list[Row] = []
+    saved: list[Row] = []
     for label, file in files.items():
         loaded = load_network(load_system(SYSTEM), 1, "cpu", Path(file))
         loaded.network.config = replace(loaded.config, margin=0.0)
-        plot = None if no_curves else output.parent / f"vrs-{label}.svg"
-        for text in report(label, loaded, data, plot):
-            click.echo(text)
-            parts.append(text)
-    replace_section(output, "vrs", "\n".join(parts))
+        error = loaded.config.error
+        head = {"weights": label, "metric": str(error.metric)}
+        rows, moved = measure_accuracy(loaded, data)
+        accurate += [head | {"tile": str(error.tile), **row} for row in rows]
+        if moved and not no_curves and error.metric != VrsMetric.PSNR:
+            plot = output.parent / f"vrs-{label}.svg"
+            saved += [head | dict(row) for row in measure_savings(loaded, moved, plot)]
+        click.echo(f"{label}: measured")
+    write_csv(folder / ACCURACY, ACCURACY_COLUMNS, accurate)
+    write_csv(folder / SAVINGS, SAVINGS_COLUMNS, saved)
+    write_text(folder, output)
+    click.echo(f"{folder / ACCURACY}, {folder / SAVINGS}, {output}: written")
 
 
 if __name__ == "__main__":

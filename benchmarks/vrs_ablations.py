@@ -4,13 +4,13 @@
 
 Trains `rt-percept` on the `train` sequences of DATA (and on MORE) from the same seed with the same
 frames, once a row, and judges it on the `val` and `test` sequences as `benchmarks/vrs.py` does.
-Writes a section of docs/vrs.md. `--work` keeps runs and goes on with those that are there.
+Writes a section of docs/vrs.md, and every figure to a CSV file. `--work` keeps runs and goes on
+with those that are there.
 """
 
 from __future__ import annotations
 
 import json
-import statistics
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,9 @@ from pathlib import Path
 import click
 from results import rtsr
 from sections import replace_section
-from vrs import SYSTEM, frames_of, tallies
+from tables import Row, markdown, read_csv, write_csv
+from vrs import SYSTEM, accuracy_cells, frames_of, mean_accuracy, tallies
+from vrs_text import FIGURES
 
 from rtsr_cli.core.networks import load_network
 from rtsr_cli.core.vrs.accuracy import accuracy, together
@@ -42,40 +44,54 @@ ROWS: dict[str, tuple[str, ...]] = {
 }
 """Row -> settings that differ from the default."""
 
-KINDS = ("network", "network, seen", "network, unseen", "proxy", "extrapolated")
+TABLE = Path("docs/results/vrs-ablations.csv")
+COLUMNS = {key: figure for key, figure in FIGURES.items() if key != "under"}
+"""What is written of a row: R2 and MAE of each kind of prediction and tile."""
 
-HEAD = (
-    """# Choices of the visual-error network
+SHOWN = {
+    "r2": "R2",
+    "mae": "MAE",
+    "seen_r2": "seen R2",
+    "unseen_r2": "unseen R2",
+    "proxy_r2": "proxy R2",
+    "derived_r2": "2x2, 4x4 R2",
+}
+"""What the document shows of it."""
+
+HEAD = """## What is each choice of the network worth?
 
 `rt-percept`, tiles of 16, after {steps} steps of {batch} frames, one choice changed a row, the
 same seed and frames in each. Short trainings: rows compare with each other, not with the shipped
 weights. Means over the `val` and `test` sequences, all in the clamped space (a network that learned
-logistic values is held against the same errors as the others); the last columns hold 2x2 and 4x4
-by eq. 10, or as predicted, against true ones.
+logistic values is held against the same errors as the others); the last column holds 2x2 and 4x4
+by eq. 10, or as predicted, against true ones. With every MAE:
+[results/{file}](results/{file}), which
+`python benchmarks/vrs_ablations.py DATA [MORE ...] --steps {steps} --batch {batch}` writes with
+this table.
+"""
 
-| | R2 | MAE | seen R2 | MAE | unseen R2 | MAE | proxy R2 | MAE | 2x2, 4x4 R2 | MAE |
-| --- |"""
-    + " ---: |" * 10
-)
 
-
-def line(title: str, data: Path, weights: Path) -> str:
-    """One row of the table."""
+def figures_of(data: Path, weights: Path) -> Row:
+    """What weights reach, mean over sequences."""
     loaded = load_network(load_system(SYSTEM), 1, "cpu", weights)
     loaded.network.config = replace(loaded.config, margin=0.0)
     manifest = json.loads((data / "manifest.json").read_text(encoding="utf-8"))
     space = replace(loaded.config, transform=Transform.CLAMPED)
-    rows = []
+    kinds = {kind for kind, _ in COLUMNS.values()}
+    each = []
     for shot in (s for s in manifest["sequences"] if s["split"] != "train"):
         folder = data / shot["scene"] / shot["sequence"]
-        each = [tallies(frame, loaded, space) for frame in frames_of(folder, loaded)]
-        rows.append({k: accuracy(together(one.get(k, {}) for one in each)) for k in KINDS})
-    cells = []
-    for kind in KINDS:
-        for name in ("r2", "mae"):
-            values = [row[kind][name] for row in rows if row[kind]]
-            cells.append(f"{statistics.fmean(values):.3f}" if values else "-")
-    return f"| {title} | " + " | ".join(cells) + " |"
+        sums = [tallies(frame, loaded, space) for frame in frames_of(folder, loaded)]
+        each.append({k: accuracy(together(one.get(k, {}) for one in sums)) for k in kinds})
+    cells = accuracy_cells(mean_accuracy(each))
+    return {column: cells[column] for column in COLUMNS}
+
+
+def text_of(table: Path, steps: int, batch: int) -> str:
+    """The section of the document, out of the file that holds every figure."""
+    lines = [[row["choice"], *(row[column] for column in SHOWN)] for row in read_csv(table)]
+    head = HEAD.format(steps=steps, batch=batch, file=table.name)
+    return f"{head}\n{markdown(['choice', *SHOWN.values()], lines)}"
 
 
 @click.command()
@@ -85,6 +101,7 @@ def line(title: str, data: Path, weights: Path) -> str:
 @click.option("--batch", default=4, show_default=True)
 @click.option("--work", type=click.Path(path_type=Path), help="Keep runs here.")
 @click.option("--cache", type=click.Path(path_type=Path), help="Keep decoded frames here.")
+@click.option("--csv", "table", type=click.Path(path_type=Path), default=TABLE, show_default=True)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/vrs.md"))
 def main(
     *,
@@ -94,6 +111,7 @@ def main(
     batch: int,
     work: Path | None,
     cache: Path | None,
+    table: Path,
     output: Path,
 ) -> None:
     """Write the section."""
@@ -104,15 +122,16 @@ def main(
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as name:
         folder = work or Path(name)
-        lines = [HEAD.format(steps=steps, batch=batch)]
+        rows: list[Row] = []
         for number, (title, own) in enumerate(ROWS.items()):
             run = folder / str(number)
             given = [part for setting in (*common, *own) for part in ("--set", setting)]
             where = ("--out", run, "--cache", cache or folder / "cache")
             rtsr("train", SYSTEM, data, *more, *where, *given, "-q")
-            lines.append(line(title, data, run / "last.safetensors"))
-            click.echo(lines[-1])
-    replace_section(output, "vrs-ablations", "\n".join(lines))
+            rows.append({"choice": title, **figures_of(data, run / "last.safetensors")})
+            click.echo(f"{title}: judged")
+    write_csv(table, ("choice", *COLUMNS), rows)
+    replace_section(output, "vrs-ablations", text_of(table, steps, batch))
 
 
 if __name__ == "__main__":
