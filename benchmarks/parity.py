@@ -40,8 +40,12 @@ SHOWN = 6
 HERE = Path(__file__).resolve().parents[1]
 HOST = """
 import importlib, json, os, runpy, sys
-for name in ("numpy", "torch", "OpenEXR", "pydantic", "safetensors.torch", "tqdm", "click"):
+for name in (
+    "numpy.typing", "torch", "OpenEXR", "pydantic.main", "safetensors.torch", "tqdm", "click",
+    "fileseq", "jaxtyping", "tomllib", "zoneinfo", "multiprocessing.synchronize", "PIL.Image",
+):
     importlib.import_module(name)
+sys.modules["fileseq"].FrameSet("1-3x2,7")
 for line in sys.stdin:
     ask = json.loads(line)
     child = os.fork()
