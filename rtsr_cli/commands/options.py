@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 import click
 
+from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.errors import RequestError, did_you_mean
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 
@@ -220,14 +221,14 @@ overwrite = click.option(
 )
 on_missing = click.option(
     "--on-missing",
-    type=click.Choice(["error", "skip", "hold"]),
+    type=Member(MissingPolicy),
     default="error",
     show_default=True,
     help="Holes in the numbering.",
 )
 on_nonfinite = click.option(
     "--on-nonfinite",
-    type=click.Choice(["error", "zero", "inpaint"]),
+    type=Member(NonfinitePolicy),
     default="error",
     show_default=True,
     help="NaN and Inf in an input.",
