@@ -15,29 +15,43 @@ if TYPE_CHECKING:
     from rtsr_cli.api.frames import predict_vrs as predict_vrs
     from rtsr_cli.api.frames import synth as synth
     from rtsr_cli.api.frames import upscale as upscale
+    from rtsr_cli.api.inspection import inspect as inspect
+    from rtsr_cli.api.systems import describe_systems as describe_systems
+    from rtsr_cli.api.training import train as train
     from rtsr_cli.core.demodulate.request import DemodulateRequest as DemodulateRequest
     from rtsr_cli.core.errors import RtsrError as RtsrError
     from rtsr_cli.core.evaluation.evaluation import evaluate as evaluate
     from rtsr_cli.core.evaluation.request import EvaluateRequest as EvaluateRequest
+    from rtsr_cli.core.inspect.request import InspectRequest as InspectRequest
     from rtsr_cli.core.label.request import LabelRequest as LabelRequest
+    from rtsr_cli.core.lut.request import PrecomputeLutRequest as PrecomputeLutRequest
+    from rtsr_cli.core.lut.table_file import precompute_lut as precompute_lut
     from rtsr_cli.core.synth.request import SynthRequest as SynthRequest
+    from rtsr_cli.core.training.request import TrainRequest as TrainRequest
     from rtsr_cli.core.upscale.request import UpscaleRequest as UpscaleRequest
     from rtsr_cli.core.vrs.request import PredictVrsRequest as PredictVrsRequest
 
 PLACES = {
-    "EvaluateRequest": "rtsr_cli.core.evaluation.request",
-    "RtsrError": "rtsr_cli.core.errors",
-    "UpscaleRequest": "rtsr_cli.core.upscale.request",
-    "upscale": "rtsr_cli.api.frames",
     "DemodulateRequest": "rtsr_cli.core.demodulate.request",
-    "demodulate": "rtsr_cli.api.frames",
+    "EvaluateRequest": "rtsr_cli.core.evaluation.request",
+    "InspectRequest": "rtsr_cli.core.inspect.request",
     "LabelRequest": "rtsr_cli.core.label.request",
-    "label": "rtsr_cli.api.frames",
+    "PrecomputeLutRequest": "rtsr_cli.core.lut.request",
     "PredictVrsRequest": "rtsr_cli.core.vrs.request",
-    "predict_vrs": "rtsr_cli.api.frames",
+    "RtsrError": "rtsr_cli.core.errors",
     "SynthRequest": "rtsr_cli.core.synth.request",
-    "synth": "rtsr_cli.api.frames",
+    "TrainRequest": "rtsr_cli.core.training.request",
+    "UpscaleRequest": "rtsr_cli.core.upscale.request",
+    "demodulate": "rtsr_cli.api.frames",
+    "describe_systems": "rtsr_cli.api.systems",
     "evaluate": "rtsr_cli.core.evaluation.evaluation",
+    "inspect": "rtsr_cli.api.inspection",
+    "label": "rtsr_cli.api.frames",
+    "precompute_lut": "rtsr_cli.core.lut.table_file",
+    "predict_vrs": "rtsr_cli.api.frames",
+    "synth": "rtsr_cli.api.frames",
+    "train": "rtsr_cli.api.training",
+    "upscale": "rtsr_cli.api.frames",
 }
 """Name -> module that defines it; a test holds both lists to each other."""
 

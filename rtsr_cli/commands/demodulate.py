@@ -46,7 +46,7 @@ def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """
     request = opt.request_from(DemodulateRequest, chosen)
     from rtsr_cli.api import demodulate
-    from rtsr_cli.commands.basics import LOG
+    from rtsr_cli.commands.log import LOG
     from rtsr_cli.commands.progress import Progress
     from rtsr_cli.core.demodulate.call import DivisionDone
     from rtsr_cli.core.run.events import Status

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.core.inspect.request import InspectRequest
 
 
+@opt.defaults_of(InspectRequest)
 @click.command("inspect")
 @opt.input_folder
 @click.option(
@@ -40,6 +44,11 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     (damage, NaN) and the rest be done; 3 if commands would refuse them (files that cannot be read,
     frames missing, a wrong declaration) or no system can run on them.
     """
-    from rtsr_cli.commands.run_inspect import run_inspect
+    request = opt.request_from(InspectRequest, chosen)
+    from rtsr_cli.api import inspect
+    from rtsr_cli.commands.inspection_text import show_facts, show_report
 
-    ctx.exit(run_inspect(chosen))
+    show = show_facts if chosen["as_json"] else show_report
+    # while nothing is to be written, a signal ends the process at once
+    with unwinding() if request.write else nullcontext():
+        ctx.exit(show(inspect(request)))

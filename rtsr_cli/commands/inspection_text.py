@@ -1,21 +1,105 @@
-"""The report of `rtsr inspect`, line by line, for a person."""
+"""What `rtsr inspect` says: its events, and a report for a person."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
+import click
+from tqdm import tqdm
+
+from rtsr_cli.commands.exit_codes import FAILED, REFUSED
+from rtsr_cli.commands.log import LOG
+from rtsr_cli.commands.options import emit
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.imaging.motion_finder import SIGNIFICANT_T
+from rtsr_cli.core.inspect.events import (
+    CaptureBlocked,
+    CaptureWritten,
+    FolderRefused,
+    InspectEvent,
+    InspectionDone,
+    ShotInspected,
+    ShotsListed,
+)
+from rtsr_cli.core.inspect.facts import shot_facts
 from rtsr_cli.core.inspecting import SetInspection, ShotInspection
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.settling import Settled
+from rtsr_cli.core.readiness import Gravity
 
 LABEL = 12
 """Width of the first column."""
 
 MOST_CANDIDATES = 3
+
+CODES = {
+    Gravity.REMARK: 0,
+    Gravity.PIXELS: FAILED,
+    Gravity.HOLES: REFUSED,
+    Gravity.REFUSED: REFUSED,
+}
+"""Exit codes where a command would refuse the frames as they are; where it would fail on some."""
+
+
+def show_report(events: Iterable[InspectEvent]) -> int:
+    """Print what an inspection says, for a person; return the exit code."""
+    bar = tqdm(disable=True)
+    for event in events:
+        match event:
+            case ShotsListed():
+                bar = tqdm(total=event.count, unit="shot", disable=_one_shot(event))
+            case ShotInspected():
+                for line in report(event.inspection):
+                    LOG.info("%s", line)
+                bar.update()
+            case CaptureWritten():
+                click.echo(_written(event))
+            case CaptureBlocked():
+                click.echo(f"Error: {event.message}", err=True)
+            case InspectionDone():
+                bar.close()
+                return CODES[event.gravity]
+    return REFUSED
+
+
+def show_facts(events: Iterable[InspectEvent]) -> int:
+    """Print what an inspection says, as one JSON object; return the exit code."""
+    facts: dict[str, dict[str, Any]] = {}
+    bar = tqdm(disable=True)
+    for event in events:
+        match event:
+            case FolderRefused():
+                click.echo(f"Error: {event.message}", err=True)
+                emit(shot_facts(event.inspection))
+                return REFUSED
+            case ShotsListed():
+                bar = tqdm(total=event.count, unit="shot", disable=_one_shot(event))
+            case ShotInspected():
+                facts[event.inspection.name] = shot_facts(event.inspection)
+                bar.update()
+            case CaptureWritten():
+                click.echo(_written(event), err=True)
+            case CaptureBlocked():
+                click.echo(f"Error: {event.message}", err=True)
+                facts[event.shot]["problems"].append(event.message)
+            case InspectionDone():
+                bar.close()
+                emit(next(iter(facts.values())) if len(facts) == 1 else {"shots": facts})
+                return CODES[event.gravity]
+    return REFUSED
+
+
+def _one_shot(listed: ShotsListed) -> bool | None:
+    """Show no bar of one shot; of more, where stderr is a terminal."""
+    return None if listed.count > 1 else True
+
+
+def _written(capture: CaptureWritten) -> str:
+    also = "" if capture.kept is None else f"; the former one is kept as {capture.kept.name}"
+    return f"{capture.path}: written{also}"
 
 
 def report(inspection: ShotInspection) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rtsr_cli.commands.basics import LOG
+from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.run.events import ShotPlanned

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rtsr_cli.commands.basics import LOG
+from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import describe_rates
 from rtsr_cli.core.choices import Estimator, VrsMetric
 from rtsr_cli.core.run.events import ShotPlanned

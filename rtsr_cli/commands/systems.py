@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
 import click
 
-from rtsr_cli.commands.options import as_json
+from rtsr_cli.commands import options as opt
+
+if TYPE_CHECKING:
+    from rtsr_cli.core.system_facts import SystemFacts
+
+SHOWN = ("citation", "task", "needs", "uses", "scales", "history", "weights")
+"""Facts that a person reads below a system's name, in this order."""
 
 
 @click.command("systems")
@@ -13,9 +22,34 @@ from rtsr_cli.commands.options import as_json
     is_flag=True,
     help="Also the multiply-accumulates of every network's convolutions, for a 1920x1080 output.",
 )
-@as_json
+@opt.as_json
 def command(*, flops: bool, as_json: bool) -> None:
     """List the systems: inputs, scales, parameters, weights."""
-    from rtsr_cli.commands.run_systems import run_systems
+    from rtsr_cli.api import describe_systems
 
-    run_systems(flops=flops, as_json=as_json)
+    for facts in describe_systems(flops=flops):
+        if as_json:
+            opt.emit(json_facts(facts))
+        else:
+            click.echo("\n".join(text_lines(facts)))
+
+
+def json_facts(facts: SystemFacts) -> dict[str, Any]:
+    """Return the facts as plain values; costs only where they were counted."""
+    plain = asdict(facts)
+    return {name: value for name, value in plain.items() if value is not None}
+
+
+def text_lines(facts: SystemFacts) -> list[str]:
+    """Return lines for a person."""
+    counts = ", ".join(f"{count:,} ({scale})" for scale, count in facts.parameters.items())
+    shown = {name: getattr(facts, name) for name in SHOWN} | {"parameters": counts or "-"}
+    lines = [f"{facts.name}: {facts.summary}"]
+    lines += [f"    {name:<11}{value}" for name, value in shown.items()]
+    for network in facts.networks or ():
+        width, height = network.lr_size
+        lines.append(
+            f"    {network.variant} {network.scale}x from {width}x{height}: "
+            f"{network.parameters:,} parameters, {network.gmac:.3f} GMAC"
+        )
+    return lines

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.training.request import SCALE_RANGE, TrainRequest
 from rtsr_cli.models import trainable_names
 
 
+@opt.defaults_of(TrainRequest)
 @click.command("train")
 @click.argument("system", type=opt.Named("system", trainable_names()))
 @click.argument("data", metavar="DATA...", nargs=-1, required=True, type=opt.FOLDER)
 @click.option("--out", "out_folder", type=opt.FOLDER, metavar="RUN", help="Folder of the run.")
-@click.option("--scale", type=click.IntRange(2, 16), help="The same as --set training.scale=S.")
+@click.option(
+    "--scale",
+    type=click.IntRange(*SCALE_RANGE),
+    help="The same as --set training.scale=S.",
+)
 @click.option("--config", "config_file", type=opt.FOLDER, metavar="FILE", help="Settings in TOML.")
 @click.option(
     "--set",
@@ -34,9 +39,7 @@ from rtsr_cli.models import trainable_names
     metavar="FILE",
     help="Write packed crops instead; a pack is DATA where no EXR library is installed.",
 )
-@click.option(
-    "--pack-crops", type=click.IntRange(1), default=1000, show_default=True, help="Crops to pack."
-)
+@click.option("--pack-crops", type=click.IntRange(1), show_default=True, help="Crops to pack.")
 @click.option(
     "--cache",
     "cache_folder",
@@ -44,7 +47,7 @@ from rtsr_cli.models import trainable_names
     metavar="DIR",
     help="Where decoded frames are kept; RUN/cache by default.",
 )
-@click.option("--device", default="auto", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.layout
 @opt.capture
 @opt.on_missing
@@ -61,11 +64,9 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     data.validation, says which shots are judged on and not trained on. Run again with the same
     settings, a run goes on where it was cut off.
     """
-    if (chosen["out_folder"] is None) == (chosen["pack_file"] is None):
-        raise click.UsageError("give either --out RUN or --pack FILE")
-    if chosen["scale"] is not None:
-        chosen["assignments"] = (*chosen["assignments"], f"training.scale={chosen['scale']}")
-    chosen["data"] = tuple(Path(path) for path in chosen["data"])
-    from rtsr_cli.commands.run_train import run_train
+    request = opt.request_from(TrainRequest, chosen)
+    from rtsr_cli.api import train
+    from rtsr_cli.commands.training_text import show_training
 
-    ctx.exit(run_train(chosen))
+    as_json = chosen["as_json"]
+    ctx.exit(show_training(train(request), dry_run=request.dry_run, as_json=as_json))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from click.testing import Result
 
-from rtsr_cli.commands import run_systems
+from rtsr_cli.core import system_facts
 from rtsr_cli.models import system_names, trainable_names
 
 
@@ -37,7 +37,7 @@ def test_flops_of_every_network_are_those_of_its_publication(
     rtsr: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # a 27th of the rows, so that the test is quick: every layer's cost grows with the pixels
-    monkeypatch.setattr(run_systems, "OUTPUT_SIZE", (40, 1920))
+    monkeypatch.setattr(system_facts, "OUTPUT_SIZE", (40, 1920))
     facts = [json.loads(line) for line in rtsr("systems", "--flops", "--json").stdout.splitlines()]
     found = {
         (f["name"], n["variant"], n["scale"]): (n["parameters"], round(27 * n["gmac"], 3))
@@ -62,7 +62,7 @@ def test_flops_of_every_network_are_those_of_its_publication(
 def test_flops_say_what_they_were_counted_for(
     rtsr: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_systems, "OUTPUT_SIZE", (32, 64))
+    monkeypatch.setattr(system_facts, "OUTPUT_SIZE", (32, 64))
     output = rtsr("systems", "--flops").stdout
     # 8.835 GMAC for 1920 x 1080 pixels, 1012.5 times 64 x 32
     assert "default 4x from 16x8: 68,108 parameters, 0.009 GMAC" in output

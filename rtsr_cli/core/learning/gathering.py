@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -48,7 +48,6 @@ class Gathering:
         options: how frames are read.
         policy: for NaN and Inf.
         data: which shots.
-        said: called with a line for the user.
     """
 
     wanted: Wanted
@@ -56,24 +55,28 @@ class Gathering:
     options: ReadOptions
     policy: NonfinitePolicy
     data: DataConfig
-    said: Callable[[str], None]
 
 
-def gather(folders: Sequence[Path], how: Gathering) -> list[Clip]:
+def gather(folders: Sequence[Path], how: Gathering) -> Generator[str, None, list[Clip]]:
     """Record (or find recorded) every shot of every folder; one group a folder.
+
+    Yields lines for a person; returns the clips.
 
     Raises:
         RtsrError: a folder, file or declaration is wrong, or patterns match nothing.
     """
-    return [
-        replace(
-            clip,
-            facts=replace(clip.facts, name=shot.name, group=shot.group, validation=shot.validation),
-        )
-        for shot in chosen_shots(folders, how)
-        for path in recorded_clips(shot, how)
-        for clip in read_clips(path)[0]
-    ]
+    clips: list[Clip] = []
+    for shot in chosen_shots(folders, how):
+        paths = yield from recorded_clips(shot, how)
+        for path in paths:
+            clips += [_placed(clip, shot) for clip in read_clips(path)[0]]
+    return clips
+
+
+def _placed(clip: Clip, shot: ChosenShot) -> Clip:
+    """Say which shot of which folder a clip is of."""
+    facts = replace(clip.facts, name=shot.name, group=shot.group, validation=shot.validation)
+    return replace(clip, facts=facts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,8 +183,10 @@ def manifest_split(folder: Path) -> dict[str, str]:
         ) from error
 
 
-def recorded_clips(chosen: ChosenShot, how: Gathering) -> list[Path]:
+def recorded_clips(chosen: ChosenShot, how: Gathering) -> Generator[str, None, list[Path]]:
     """Files of clips of a shot; one that was recorded before is not even surveyed again.
+
+    Yields lines for a person; returns the paths.
 
     Raises:
         RtsrError: a file or declaration is wrong.
@@ -207,13 +212,13 @@ def recorded_clips(chosen: ChosenShot, how: Gathering) -> list[Path]:
     )
     for reader in captured.readers:
         for text in reader.warnings:
-            how.said(f"Warning: {reader.frames.root}: {text}")
+            yield f"Warning: {reader.frames.root}: {text}"
     if source.scale != how.wanted.scale:
         raise FrameFolderError(
             f"{shot.root}: HR is {source.scale} times the size of LR; training.scale is "
             f"{how.wanted.scale}; set that, or name a folder of frames of one size"
         )
-    paths = record(captured, how.wanted, cache=how.cache, policy=how.policy, said=how.said)
+    paths = yield from record(captured, how.wanted, cache=how.cache, policy=how.policy)
     names = json.dumps([path.name for path in paths])
     write_atomically(index, lambda part: _write_text(part, names))
     return paths

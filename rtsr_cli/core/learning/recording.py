@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -146,16 +146,14 @@ def record(
     *,
     cache: Path,
     policy: NonfinitePolicy,
-    said: Callable[[str], None],
-) -> list[Path]:
-    """Return the files of clips of a shot, made now or before.
+) -> Generator[str, None, list[Path]]:
+    """Return the files of clips of a shot, made now or before; yields what is recorded, before.
 
     Args:
         shot: its frames.
         wanted: from `wanted_by`.
         cache: folder of recordings.
         policy: for NaN and Inf.
-        said: called with a line before something is recorded.
 
     Raises:
         RtsrError: a buffer is missing, a file cannot be read or written.
@@ -177,7 +175,7 @@ def record(
         path = cache / f"{key}-{i:04d}{SUFFIX}"
         if not path.exists():
             also = "".join(f", {part.name}" for part in shot.beside)
-            said(f"recording {root}, frames {ranges(numbers)}{also}")
+            yield f"recording {root}, frames {ranges(numbers)}{also}"
             clip = _clip(shot, wanted, policy, numbers, targets)
             write_clips(path, [clip], {"frames": ranges(numbers)})
         paths.append(path)

@@ -1,0 +1,157 @@
+"""An inspection as plain values: what `rtsr inspect --json` prints."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.geometry_finder import DepthFinding
+from rtsr_cli.core.imaging.jitter_finder import JitterFinding
+from rtsr_cli.core.imaging.motion_finder import Candidate
+from rtsr_cli.core.inspecting import SetInspection, ShotInspection
+from rtsr_cli.core.pixel_survey import Statistics
+
+
+def shot_facts(inspection: ShotInspection) -> dict[str, Any]:
+    """Return the inspection as the plain values of `--json`."""
+    facts = set_facts(inspection.main)
+    facts["shot"] = inspection.name
+    facts["systems"] = {
+        name: {"ready": r.ready, "missing": list(r.missing), "how": r.how}
+        for name, r in inspection.systems.items()
+    }
+    if inspection.hr is not None:
+        facts["hr"] = set_facts(inspection.hr)
+    return facts
+
+
+def set_facts(inspected: SetInspection) -> dict[str, Any]:
+    """Return one resolution as plain values."""
+    reader = inspected.reader
+    return {
+        "root": str(inspected.root),
+        "layout": None if reader is None else reader.layout.name,
+        "verified": None if reader is None else reader.layout.verified,
+        "frames": list(inspected.numbers),
+        "missing": inspected.missing,
+        "size": None if reader is None else [reader.size[1], reader.size[0]],
+        "channels": {key: list(names) for key, names in inspected.channels.items()},
+        "unknown": {key: list(names) for key, names in inspected.unknown.items()},
+        "guesses": {buffer.value: list(places) for buffer, places in inspected.guessed.items()},
+        "buffers": {
+            b.value: _buffer_facts(inspected, b, s) for b, s in inspected.statistics.items()
+        },
+        "camera": reader is not None and reader.has_camera,
+        "motion": _motion_facts(inspected),
+        "depth": _depth_facts(inspected),
+        "normal": _normal_facts(inspected),
+        "nonfinite": {
+            buffer.value: statistics.nonfinite
+            for buffer, statistics in inspected.statistics.items()
+            if statistics.nonfinite
+        },
+        "problems": [problem.text for problem in inspected.problems],
+        "notes": [] if inspected.settled is None else list(inspected.settled.notes),
+    }
+
+
+def _buffer_facts(
+    inspected: SetInspection, buffer: Buffer, statistics: Statistics
+) -> dict[str, Any]:
+    binding = inspected.reader.binding[buffer] if inspected.reader is not None else ()
+    return {
+        "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in binding],
+        "min": statistics.low,
+        "max": statistics.high,
+        "median": statistics.median,
+        "zero_frames": list(statistics.zero),
+    }
+
+
+def _candidate_facts(candidate: Candidate, *, tied: bool) -> dict[str, Any]:
+    convention = candidate.convention
+    return {
+        "unit": convention.unit.value,
+        "direction": convention.direction.value,
+        "y_axis": convention.y_axis.value,
+        "axes": convention.axes.value,
+        "scale": convention.scale,
+        "zero": convention.zero,
+        "file_offset": convention.file_offset,
+        "error": round(candidate.error, 5),
+        "margin": round(candidate.margin, 4),
+        "significance": round(candidate.significance, 2),
+        "tied": tied,
+    }
+
+
+def _motion_facts(inspected: SetInspection) -> dict[str, Any] | None:
+    """`best` is the reading that stands alone; `used` is what commands will read by."""
+    reader, settled = inspected.reader, inspected.settled
+    if reader is None or settled is None or not {Buffer.MOTION, Buffer.FORWARD} & reader.stored:
+        return None
+    measured = settled.measured
+    finding = measured.motion
+    candidates = finding.candidates if finding is not None else ()
+    best = measured.best
+    jitter = measured.jitter
+    others = [c for c in candidates if best is None or c.convention != best.convention]
+    margin = round(others[0].margin, 4) if best is not None and others else None
+    used = reader.conventions.motion
+    return {
+        "best": None if best is None else _best_facts(best, margin, jitter),
+        "margin": margin,
+        "by_geometry": measured.by_geometry is not None,
+        "ties": [str(c.convention) for c in finding.ties] if finding is not None else [],
+        "candidates": [
+            _candidate_facts(c, tied=best is None and c in finding.ties) for c in candidates
+        ]
+        if finding is not None
+        else [],
+        "unmoved_error": None if finding is None else round(finding.unmoved_error, 5),
+        "moving": None if finding is None else round(finding.moving, 5),
+        "jitter": None
+        if jitter is None
+        else {"verdict": jitter.verdict.value, "spread_px": round(jitter.spread_px, 3)},
+        "used": str(used),
+        "undecided": settled.motion_undecided or settled.undecided or None,
+    }
+
+
+def _best_facts(
+    best: Candidate, margin: float | None, jitter: JitterFinding | None
+) -> dict[str, Any]:
+    """Facts of the reading that stands alone; its margin is that over the next one."""
+    in_vectors = None if jitter is None else jitter.in_vectors
+    return _candidate_facts(best, tied=False) | {"margin": margin, "jittered": in_vectors}
+
+
+def _depth_facts(inspected: SetInspection) -> dict[str, Any] | None:
+    reader, settled = inspected.reader, inspected.settled
+    if reader is None or settled is None or Buffer.DEPTH not in reader.stored:
+        return None
+    used = reader.conventions.depth
+    finding: DepthFinding = settled.measured.depth
+    return {
+        "kind": used.kind.value,
+        "reversed": used.reversed,
+        "unit_m": used.unit_m,
+        "measured": finding.best is not None,
+        "margin": round(finding.margin, 4),
+        "error": None if finding.best is None else finding.best.error,
+        "measure": finding.measure,
+    }
+
+
+def _normal_facts(inspected: SetInspection) -> dict[str, Any] | None:
+    reader, settled = inspected.reader, inspected.settled
+    if reader is None or settled is None or Buffer.NORMAL not in reader.stored:
+        return None
+    used = reader.conventions.normal
+    finding = settled.measured.normal
+    return {
+        "space": used.space.value,
+        "packed": used.packed,
+        "measured": finding is not None and finding.packed is not None,
+        "facing": {} if finding is None else finding.facing,
+    }

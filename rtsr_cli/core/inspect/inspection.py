@@ -1,0 +1,100 @@
+"""Looking at a folder of frames: shot by shot, and what was found put down as capture.toml."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from rtsr_cli.core.choices import MissingPolicy
+from rtsr_cli.core.errors import OutputError, RtsrError
+from rtsr_cli.core.inspect.events import (
+    CaptureBlocked,
+    CaptureWritten,
+    FolderRefused,
+    InspectEvent,
+    InspectionDone,
+    ShotInspected,
+    ShotsListed,
+)
+from rtsr_cli.core.inspect.request import InspectRequest
+from rtsr_cli.core.inspecting import ShotInspection, inspect_shot, refused
+from rtsr_cli.core.io.atomic import write_atomically
+from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture
+from rtsr_cli.core.io.capture_writing import capture_toml
+from rtsr_cli.core.io.opening import ReadOptions, declared, shots_of
+from rtsr_cli.core.io.shots import Shot
+from rtsr_cli.core.readiness import Gravity
+from rtsr_cli.core.system import System
+
+
+def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[InspectEvent]:
+    """Inspect every shot of a folder; the last event is `InspectionDone`.
+
+    Args:
+        request: what is asked for.
+        systems: told to be ready, or what they lack.
+
+    Raises:
+        RtsrError: no shots can be found. What is wrong with the frames of a shot is part of its
+            inspection, and raises nothing.
+    """
+    options = ReadOptions(
+        layout=request.layout, capture=request.capture_file, on_missing=MissingPolicy.SKIP
+    )
+    try:
+        shots = shots_of(request.in_folder, options)
+    except RtsrError as error:
+        known = refused(request.in_folder, str(error), systems)
+        yield FolderRefused(inspection=known, message=str(error))
+        raise
+    yield ShotsListed(count=len(shots))
+    worst = Gravity.REMARK
+    for shot in shots:
+        inspection = inspect_shot(
+            shot, request.in_folder, options, systems=systems, every=request.every
+        )
+        worst = max(worst, inspection.gravity)
+        yield ShotInspected(inspection=inspection)
+        if request.write:
+            outcome = write_capture(shot, inspection, request, options)
+            if isinstance(outcome, CaptureBlocked):
+                worst = Gravity.REFUSED
+            yield outcome
+    yield InspectionDone(gravity=worst)
+
+
+def write_capture(
+    shot: Shot, inspection: ShotInspection, request: InspectRequest, options: ReadOptions
+) -> CaptureWritten | CaptureBlocked:
+    """Write a shot's capture.toml, or say why it could not be written."""
+    path = shot.root / CAPTURE_FILE
+    try:
+        known = declared(shot, request.in_folder, options).capture
+    except RtsrError:
+        known = Capture()
+    main = inspection.main
+    text = capture_toml(main.settled, known, main.guessed, main.unknown)
+    try:
+        kept = _replace(path, text, overwrite=request.overwrite)
+    except OutputError as error:
+        return CaptureBlocked(shot=shot.name, message=str(error))
+    return CaptureWritten(path=path, kept=kept)
+
+
+def _replace(path: Path, text: str, *, overwrite: bool) -> Path | None:
+    """Write the file; return what a former one is kept as, whose comments are not carried over."""
+    if not path.exists():
+        write_atomically(path, partial(_write_text, text))
+        return None
+    if not overwrite:
+        raise OutputError(f"{path} exists; give --overwrite to replace it")
+    kept = path.with_name(f"{path.name}.bak")
+    write_atomically(kept, partial(shutil.copyfile, path))
+    write_atomically(path, partial(_write_text, text))
+    return kept
+
+
+def _write_text(text: str, path: Path) -> None:
+    path.write_text(text, encoding="utf-8")

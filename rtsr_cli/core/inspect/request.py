@@ -1,0 +1,27 @@
+"""What `inspect` is asked for; imports no torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectRequest:
+    """Which folder is looked at, and whether its declarations are written down.
+
+    Attributes:
+        in_folder: folder of frames, or of shots.
+        write: put what was found down as capture.toml in each shot's folder.
+        overwrite: let that replace a capture.toml; the former one is kept as capture.toml.bak.
+        every: look at the pixels of every frame, however many there are.
+        capture_file: declarations in place of the shots' capture.toml.
+        layout: channel layout or a TOML file of one; None to detect it.
+    """
+
+    in_folder: Path
+    write: bool = False
+    overwrite: bool = False
+    every: bool = False
+    capture_file: Path | None = None
+    layout: str | None = None
