@@ -28,10 +28,9 @@ from rtsr_cli.core.inspecting import (
     refused,
 )
 from rtsr_cli.core.io.atomic import write_atomically
-from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture
+from rtsr_cli.core.io.capture import CAPTURE_FILE
 from rtsr_cli.core.io.capture_writing import capture_toml
-from rtsr_cli.core.io.opening import ReadOptions, declared, shots_of
-from rtsr_cli.core.io.shots import Shot
+from rtsr_cli.core.io.opening import ReadOptions, declaration_files, shots_of
 from rtsr_cli.core.pixel_survey import Statistics
 from rtsr_cli.core.readiness import Gravity
 from rtsr_cli.models import load_system, system_names
@@ -55,7 +54,8 @@ def run_inspect(chosen: Mapping[str, Any]) -> int:
     )
     systems = [load_system(name) for name in system_names()]
     try:
-        shots = shots_of(root, options)
+        files = declaration_files(root, options)
+        shots = shots_of(root, options, files=files)
     except RtsrError as error:
         if not chosen["as_json"]:
             raise
@@ -65,13 +65,19 @@ def run_inspect(chosen: Mapping[str, Any]) -> int:
     facts: dict[str, dict[str, Any]] = {}
     codes = set()
     for shot in tqdm(shots, unit="shot", disable=None if len(shots) > 1 else True):
-        inspection = inspect_shot(shot, root, options, systems=systems, every=chosen["every"])
+        inspection = inspect_shot(
+            shot, root, options, systems=systems, every=chosen["every"], files=files
+        )
         facts[shot.name] = shot_facts(inspection)
         codes.add(CODES[inspection.gravity])
         if not chosen["as_json"]:
             for line in report(inspection):
                 LOG.info("%s", line)
-        in_the_way = _write(shot, inspection, chosen, options) if chosen["write"] else ""
+        in_the_way = (
+            _write(inspection, overwrite=chosen["overwrite"], as_json=chosen["as_json"])
+            if chosen["write"]
+            else ""
+        )
         if in_the_way:
             facts[shot.name]["problems"].append(in_the_way)
             codes.add(REFUSED)
@@ -80,24 +86,18 @@ def run_inspect(chosen: Mapping[str, Any]) -> int:
     return max(codes)
 
 
-def _write(
-    shot: Shot, inspection: ShotInspection, chosen: Mapping[str, Any], options: ReadOptions
-) -> str:
+def _write(inspection: ShotInspection, *, overwrite: bool, as_json: bool) -> str:
     """Write capture.toml; return why it could not be, which does not keep the report back."""
-    path = shot.root / CAPTURE_FILE
-    try:
-        known = declared(shot, chosen["in_folder"], options).capture
-    except RtsrError:
-        known = Capture()
+    path = inspection.root / CAPTURE_FILE
     main = inspection.main
-    text = capture_toml(main.settled, known, main.guessed, main.unknown)
+    text = capture_toml(main.settled, inspection.capture, main.guessed, main.unknown)
     try:
         with unwinding():
-            also = _put_down(path, text, overwrite=chosen["overwrite"])
+            also = _put_down(path, text, overwrite=overwrite)
     except OutputError as error:
         click.echo(f"Error: {error}", err=True)
         return str(error)
-    click.echo(f"{path}: written{also}", err=chosen["as_json"])
+    click.echo(f"{path}: written{also}", err=as_json)
     return ""
 
 

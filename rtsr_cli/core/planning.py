@@ -309,11 +309,13 @@ class Stamps:
 
     def _chain(self, start: int, number: int) -> str:
         first, last = self._position[start], self._position[number]
-        begin, chain = first, ""
-        known = self._chains.get((start, self._plan.sequence.numbers[last - 1])) if last else None
-        if known is not None and last > first:
-            begin, chain = last, known
-        for n in self._plan.sequence.numbers[begin : last + 1]:
+        numbers = self._plan.sequence.numbers
+        begin = last
+        # where every other frame is asked for, those between them are in no chain of their own
+        while begin > first and (start, numbers[begin - 1]) not in self._chains:
+            begin -= 1
+        chain = self._chains[start, numbers[begin - 1]] if begin > first else ""
+        for n in numbers[begin : last + 1]:
             chain = digest(chain, self.input_digest(n))
         self._chains[start, number] = chain
         return chain

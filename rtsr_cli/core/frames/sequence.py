@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import torch
 
@@ -65,6 +66,10 @@ class FrameSequence:
     step: int = 1
     cuts: frozenset[int] = frozenset()
 
+    @cached_property
+    def _known(self) -> frozenset[int]:
+        return frozenset(self.numbers)
+
     def __len__(self) -> int:
         """Return the number of frames."""
         return len(self.numbers)
@@ -79,11 +84,10 @@ class FrameSequence:
 
     def window_numbers(self, number: int, history: int) -> tuple[int, ...]:
         """Return `number` and up to `history` predecessors, newest first, ending at a reset."""
-        known = set(self.numbers)
         window = [number]
         while len(window) <= history and window[-1] not in self.cuts:
             previous = window[-1] - self.step
-            if previous not in known:
+            if previous not in self._known:
                 break
             window.append(previous)
         return tuple(window)
