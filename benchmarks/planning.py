@@ -5,7 +5,8 @@
 Twelve files lie on disk, all other frames are hard links to them. `pairs` are 8 x 8 frames with
 buffers of 32 x 32 beside them and cameras in the headers; `captures` are 32 x 32 frames whose
 cameras a side-car tells. Each command is a process of its own, on one core where `taskset` is
-there; its time is that of the whole process, Python's start included.
+there; its times are those of the whole process, Python's start included. On a busy machine only
+the processor's time says something.
 """
 
 from __future__ import annotations
@@ -96,12 +97,12 @@ def make_captures(folder: Path, count: int) -> None:
     (folder / "capture.toml").write_text('layout = "rtsr"\ncamera = "camera.csv"\n')
 
 
-def seconds_of(command: list[str], *, profile: Path | None) -> float:
-    """Run a command to its end on one core; return its wall time."""
+def seconds_of(command: list[str], *, profile: Path | None) -> tuple[float, float]:
+    """Run a command to its end on one core; return its wall time and its processor time."""
     pinned = [] if shutil.which("taskset") is None else ["taskset", "-c", "0"]
     profiled = [] if profile is None else ["-m", "cProfile", "-o", str(profile)]
     arguments = [*pinned, sys.executable, *profiled, "-m", "rtsr_cli", *command]
-    start = time.perf_counter()
+    before, start = os.times(), time.perf_counter()
     result = subprocess.run(
         arguments,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
@@ -109,9 +110,11 @@ def seconds_of(command: list[str], *, profile: Path | None) -> float:
         text=True,
         check=False,
     )
+    wall, after = time.perf_counter() - start, os.times()
     if result.returncode:
         raise click.ClickException(f"{' '.join(arguments)}: {result.stderr}{result.stdout}")
-    return time.perf_counter() - start
+    children = (after.children_user, after.children_system)
+    return wall, sum(children) - before.children_user - before.children_system
 
 
 @click.command()
@@ -129,7 +132,8 @@ def main(count: int, only: str, *, profile: bool) -> None:
                 continue
             named = [str(folders.get(argument, argument)) for argument in command]
             file = Path(f"{name.replace(' ', '_')}.prof") if profile else None
-            click.echo(f"{name:28s} {seconds_of(named, profile=file):7.1f} s")
+            wall, processor = seconds_of(named, profile=file)
+            click.echo(f"{name:28s} {wall:7.1f} s, processor {processor:5.1f} s")
 
 
 if __name__ == "__main__":
