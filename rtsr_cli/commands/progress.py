@@ -8,8 +8,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.plan_text import log_plan, log_repairs
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status

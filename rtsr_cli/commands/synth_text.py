@@ -8,8 +8,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.run.events import RunStarted

@@ -6,20 +6,27 @@ Nothing is raised for what is wrong with the frames: it becomes a problem with i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.capture import Capture
-from rtsr_cli.core.io.exr import ExrHeader, read_header
+from rtsr_cli.core.io.declarations import DeclarationFiles
 from rtsr_cli.core.io.guessing import guesses
-from rtsr_cli.core.io.opening import ReadOptions, check_channels, declared, settled_set
+from rtsr_cli.core.io.misnamed_frames import find_misnamed
+from rtsr_cli.core.io.opening import (
+    OpenedShot,
+    ReadOptions,
+    check_channels,
+    open_shot,
+    settled_set,
+)
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.settling import Settled
-from rtsr_cli.core.io.shots import FrameSet, Shot, Stream, misnamed
-from rtsr_cli.core.io.survey import Headers, missing_frames
+from rtsr_cli.core.io.shots import FrameSet, Shot
+from rtsr_cli.core.io.survey import HeaderFiles, Headers, missing_frames, read_readable
 from rtsr_cli.core.pixel_survey import Statistics, doubts, nonfinite, statistics_of
 from rtsr_cli.core.readiness import (
     Gravity,
@@ -72,13 +79,23 @@ class SetInspection:
 
 @dataclass(frozen=True, kw_only=True)
 class ShotInspection:
-    """A shot: its frames, the HR frames beside them, and which systems can run."""
+    """A shot: its frames, the HR frames beside them, and which systems can run.
+
+    Attributes:
+        name: path relative to IN.
+        root: its folder.
+        main: its frames.
+        hr: the HR frames beside them, if there are any.
+        systems: whether each can run.
+        capture: what is declared about it; nothing where that cannot be read.
+    """
 
     name: str
     root: Path
     main: SetInspection
     hr: SetInspection | None
     systems: Mapping[str, Readiness]
+    capture: Capture = field(default_factory=Capture)
 
     @property
     def problems(self) -> tuple[Problem, ...]:
@@ -94,7 +111,13 @@ class ShotInspection:
 
 
 def inspect_shot(
-    shot: Shot, root: Path, options: ReadOptions, *, systems: Iterable[System], every: bool
+    shot: Shot,
+    root: Path,
+    options: ReadOptions,
+    *,
+    systems: Iterable[System],
+    every: bool,
+    files: DeclarationFiles | None = None,
 ) -> ShotInspection:
     """Survey, measure and judge one shot.
 
@@ -104,20 +127,31 @@ def inspect_shot(
         options: how frames are read; holes in the numbering are always reported, never refused.
         systems: to judge.
         every: look at the pixels of every frame, however many there are.
+        files: declarations below IN, as far as they are read already.
     """
-    capture, wrong = _declarations(shot, root, options)
-    main = _inspect_set(shot.frames, shot, root, options, every=every)
+    headers = HeaderFiles()
+    try:
+        opened: OpenedShot | RtsrError = open_shot(
+            shot, root, options, files=files, headers=headers
+        )
+    except RtsrError as error:
+        opened = error
+    surveyed = [_surveyed(s, headers) for s in (shot.frames, shot.hr) if s is not None]
+    capture, wrong = _declarations(opened, surveyed)
+    main, *others = [
+        _inspect_set(one, opened, lr=i == 0, every=every) for i, one in enumerate(surveyed)
+    ]
     main = replace(main, problems=_once((*wrong, *main.problems)))
-    hr = None
-    if shot.hr is not None:
-        hr = _inspect_set(shot.hr, shot, root, options, every=every)
+    hr = others[0] if others else None
     sources: Sources = []
     if main.reader is not None and hr is None:
         sources = alone(main.reader, capture.scale)
     elif main.reader is not None and hr is not None and hr.reader is not None:
         sources, apart = pairing(main.reader, hr.reader, capture.scale)
         hr = replace(hr, problems=_once((*hr.problems, *apart)))
-    found = ShotInspection(name=shot.name, root=shot.root, main=main, hr=hr, systems={})
+    found = ShotInspection(
+        name=shot.name, root=shot.root, main=main, hr=hr, systems={}, capture=capture
+    )
     ready = {
         s.name: readiness(s, sources, found.problems) for s in systems if s.task is Task.UPSCALE
     }
@@ -132,20 +166,34 @@ def refused(root: Path, message: str, systems: Iterable[System]) -> ShotInspecti
     return ShotInspection(name=".", root=root, main=main, hr=None, systems=ready)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Surveyed:
+    """One resolution before it is known how it is read.
+
+    Attributes:
+        frames: every file.
+        readable: those whose headers can be read.
+        headers: of those.
+        problems: what is wrong with the others.
+    """
+
+    frames: FrameSet
+    readable: FrameSet
+    headers: Headers
+    problems: tuple[Problem, ...]
+
+
 def _declarations(
-    shot: Shot, root: Path, options: ReadOptions
+    opened: OpenedShot | RtsrError, surveyed: Iterable[_Surveyed]
 ) -> tuple[Capture, tuple[Problem, ...]]:
     """What the user declares, and what of it is not so."""
+    if isinstance(opened, RtsrError):
+        return Capture(), (_refusal(opened, "a valid capture.toml"),)
     try:
-        capture = declared(shot, root, options).capture
+        check_channels(opened, [one.readable for one in surveyed])
     except RtsrError as error:
-        return Capture(), (_refusal(error, "a valid capture.toml"),)
-    sets = [_headers(frames)[1] for frames in (shot.frames, shot.hr) if frames is not None]
-    try:
-        check_channels(capture, options, sets, shot.root)
-    except RtsrError as error:
-        return capture, (_refusal(error, "the declared channels"),)
-    return capture, ()
+        return opened.declarations.capture, (_refusal(error, "the declared channels"),)
+    return opened.declarations.capture, ()
 
 
 def _refusal(error: RtsrError, lacks: str = "readable frames") -> Problem:
@@ -179,41 +227,44 @@ def _nothing_known(
 
 
 def _inspect_set(
-    frames: FrameSet, shot: Shot, root: Path, options: ReadOptions, *, every: bool
+    surveyed: _Surveyed, opened: OpenedShot | RtsrError, *, lr: bool, every: bool
 ) -> SetInspection:
-    headers, readable, problems = _headers(frames)
-    found = _nothing_known(frames, headers, problems)
+    headers, problems = surveyed.headers, surveyed.problems
+    found = _nothing_known(surveyed.frames, headers, problems)
     if not headers:
         return found
-    lr = frames is not shot.hr
     try:
-        settled = settled_set(readable, shot, root, options, jittered=lr, headers=headers)
+        if isinstance(opened, RtsrError):
+            raise opened
+        settled = settled_set(surveyed.readable, opened, jittered=lr, headers=headers)
     except RtsrError as error:
         return replace(found, problems=(*problems, _refusal(error, "a known layout")))
     if not lr and settled.undecided == settled.motion_undecided:
         # of HR frames beside LR ones commands read no vectors
         settled = replace(settled, undecided="")
-    return _with_pixels(replace(found, settled=settled), frames, settled, every=every)
+    return _with_pixels(replace(found, settled=settled), surveyed.frames, settled, every=every)
 
 
-def _headers(frames: FrameSet) -> tuple[Headers, FrameSet, list[Problem]]:
+def _surveyed(frames: FrameSet, files: HeaderFiles) -> _Surveyed:
     """Headers of the readable files, the frame set of them, and what is wrong with the others."""
-    wrong = misnamed(frames)
+    wrong = find_misnamed(frames)
+    right = {
+        key: {n: path for n, path in stream.files.items() if path not in wrong}
+        for key, stream in frames.streams.items()
+    }
+    every, errors = read_readable(_of_files(frames, right), files)
+    headers = {key: by_number for key, by_number in every.items() if by_number}
+    good = {key: {n: right[key][n] for n in by_number} for key, by_number in headers.items()}
+    readable = _of_files(frames, good)
     problems = [Problem(text=text, gravity=Gravity.REFUSED) for text in wrong.values()]
-    headers: dict[str, dict[int, ExrHeader]] = {}
-    streams: dict[str, Stream] = {}
-    for key, stream in frames.streams.items():
-        good = {}
-        for number, path in stream.files.items():
-            try:
-                if path not in wrong:
-                    good[number] = read_header(path)
-            except RtsrError as error:
-                problems.append(_refusal(error))
-        if good:
-            headers[key] = good
-            streams[key] = replace(stream, files={n: stream.files[n] for n in good})
-    return headers, replace(frames, streams=streams), problems
+    problems += [_refusal(error) for error in errors]
+    return _Surveyed(frames=frames, readable=readable, headers=headers, problems=tuple(problems))
+
+
+def _of_files(frames: FrameSet, files: Mapping[str, Mapping[int, Path]]) -> FrameSet:
+    """Return a frame set of some of its files."""
+    streams = {key: replace(frames.streams[key], files=held) for key, held in files.items()}
+    return replace(frames, streams=streams)
 
 
 def _with_pixels(

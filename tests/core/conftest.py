@@ -17,6 +17,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.capture import Capture
 from rtsr_cli.core.io.exr import Window, write_exr
+from rtsr_cli.core.io.layout_files import layout_named
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.shots import find_shots
 from rtsr_cli.core.io.survey import open_frames
@@ -176,7 +177,7 @@ def open_folder() -> Callable[..., FrameReader]:
         (shot,) = find_shots(folder)
         return open_frames(
             shot.frames,
-            layout=layout,
+            layout=None if layout is None else layout_named(layout),
             capture=Capture.model_validate(declared),
             side_car=side_car,
             **options,

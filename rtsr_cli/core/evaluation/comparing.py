@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.exr import read_header
-from rtsr_cli.core.io.opening import ReadOptions, declared, open_set, shots_of
-from rtsr_cli.core.io.provenance import is_predicted
+from rtsr_cli.core.io.opening import ReadOptions, open_set, open_shot, shots_of, survey_set
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import Selection, ranges
 from rtsr_cli.core.io.shots import Shot, frame_set
-from rtsr_cli.core.io.survey import open_frames
+from rtsr_cli.core.io.survey import HeaderFiles
 from rtsr_cli.core.shapes import Size
 
 REFERENCE_FOLDERS = ("reference", "hr", "")
@@ -88,11 +87,15 @@ class Comparison:
         """Numbers that one motion vector spans."""
         return self.reference.step if self.gbuffer is None else self.gbuffer.step
 
+    @cached_property
+    def _there(self) -> frozenset[int]:
+        return frozenset(self.there)
+
     def previous(self, number: int) -> int | None:
         """Return the frame that this one's motion leads to, None after a cut or hole."""
         before = number - self.step
         resets = self.reference.resets if self.gbuffer is None else self.gbuffer.resets
-        return before if before in self.there and number not in resets else None
+        return before if before in self._there and number not in resets else None
 
 
 def method_names(folders: Sequence[Path]) -> dict[str, Path]:
@@ -147,10 +150,11 @@ def _test_shots(folder: Path) -> dict[str, Shot]:
 def _compared(
     shots: Mapping[str, Shot], name: str, reference: Path, options: CompareOptions
 ) -> Comparison:
-    tests = {method: _pictures(shot, shot.root, options.read) for method, shot in shots.items()}
+    headers = HeaderFiles()
+    tests = {m: _pictures(shot, shot.root, options.read, headers) for m, shot in shots.items()}
     truth_shot = _shot_of(reference, name, REFERENCE_FOLDERS)
-    truth = _pictures(truth_shot, reference, options.read)
-    gbuffer = _gbuffer(name, reference, truth, options)
+    truth = _pictures(truth_shot, reference, options.read, headers)
+    gbuffer = _gbuffer(name, reference, truth, options, headers)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
     there = _there(tests, truth)
@@ -189,18 +193,11 @@ def _shot_of(root: Path, name: str, below: Sequence[str]) -> Shot:
     )
 
 
-def _pictures(shot: Shot, root: Path, options: ReadOptions) -> FrameReader:
+def _pictures(shot: Shot, root: Path, options: ReadOptions, headers: HeaderFiles) -> FrameReader:
     """Open frames for their radiance alone: nothing about motion need be known."""
-    _refuse_single_channel(shot)
-    known = declared(shot, root, options)
-    reader = open_frames(
-        shot.frames,
-        layout=options.layout or known.capture.layout or shot.layout,
-        capture=known.capture,
-        side_car=known.side_car,
-        on_missing=options.on_missing,
-        jittered=False,
-    )
+    _refuse_single_channel(shot, headers)
+    opened = open_shot(shot, root, options, headers=headers)
+    reader = survey_set(shot.frames, opened, jittered=False)
     if Buffer.COLOR not in reader.stored:
         raise FrameFolderError(
             f"{shot.frames.root}: no radiance (channels R, G, B) in these frames; layout "
@@ -209,10 +206,10 @@ def _pictures(shot: Shot, root: Path, options: ReadOptions) -> FrameReader:
     return reader
 
 
-def _refuse_single_channel(shot: Shot) -> None:
+def _refuse_single_channel(shot: Shot, headers: HeaderFiles) -> None:
     for stream in shot.frames.streams.values():
         path = next(iter(stream.files.values()))
-        channels = read_header(path).channels
+        channels = headers.of(path).channels
         if len(channels) == 1 and len(shot.frames.streams) == 1:
             raise FrameFolderError(
                 f"{path}: has the single channel '{next(iter(channels))}'; R, G and B are judged: "
@@ -221,7 +218,7 @@ def _refuse_single_channel(shot: Shot) -> None:
 
 
 def _gbuffer(
-    name: str, reference: Path, truth: FrameReader, options: CompareOptions
+    name: str, reference: Path, truth: FrameReader, options: CompareOptions, headers: HeaderFiles
 ) -> FrameReader | None:
     """Open the buffers of the judged resolution; the reference's own are there or not."""
     root = options.gbuffer or reference
@@ -231,9 +228,10 @@ def _gbuffer(
         if options.gbuffer is not None:
             raise
         return None
-    if options.gbuffer is None and not _has_surface(shot):
+    if options.gbuffer is None and not _has_surface(shot, headers):
         return None
-    reader = open_set(shot.frames, shot, root, options.read, jittered=False)
+    opened = open_shot(shot, root, options.read, headers=headers)
+    reader = open_set(shot.frames, opened, jittered=False)
     if reader.size != truth.size:
         if options.gbuffer is None:
             return None
@@ -244,9 +242,9 @@ def _gbuffer(
     return reader
 
 
-def _has_surface(shot: Shot) -> bool:
+def _has_surface(shot: Shot, headers: HeaderFiles) -> bool:
     paths = [next(iter(stream.files.values())) for stream in shot.frames.streams.values()]
-    return len(paths) > 1 or any(len(read_header(path).channels) > 4 for path in paths)
+    return len(paths) > 1 or any(len(headers.of(path).channels) > 4 for path in paths)
 
 
 def _text(size: Size) -> str:
@@ -292,7 +290,7 @@ def _numbers(
         FrameFolderError: a folder lacks a frame that another has; names both.
     """
     if options.predicted_only:
-        stamped = {str(r.frames.root): _predicted(r) for r in tests.values()}
+        stamped = {str(r.frames.root): set(r.predicted) for r in tests.values()}
         stamped[str(truth.frames.root)] = set().union(*stamped.values())
         there = {root: numbers & stamped[root] for root, numbers in there.items()}
     every = sorted(set().union(*there.values()))
@@ -314,7 +312,3 @@ def _numbers(
             + (f" (--frames and --shard leave none of {ranges(every)})" if every else "")
         )
     return common, available
-
-
-def _predicted(reader: FrameReader) -> set[int]:
-    return {n for n in reader.numbers if is_predicted(read_header(reader.path(n)).attributes)}

@@ -21,10 +21,9 @@ from rtsr_cli.core.inspect.events import (
 from rtsr_cli.core.inspect.request import InspectRequest
 from rtsr_cli.core.inspecting import ShotInspection, inspect_shot, refused
 from rtsr_cli.core.io.atomic import write_atomically
-from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture
+from rtsr_cli.core.io.capture import CAPTURE_FILE
 from rtsr_cli.core.io.capture_writing import capture_toml
-from rtsr_cli.core.io.opening import ReadOptions, declared, shots_of
-from rtsr_cli.core.io.shots import Shot
+from rtsr_cli.core.io.opening import ReadOptions, declaration_files, shots_of
 from rtsr_cli.core.readiness import Gravity
 from rtsr_cli.core.system import System
 
@@ -44,7 +43,8 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
         layout=request.layout, capture=request.capture_file, on_missing=MissingPolicy.SKIP
     )
     try:
-        shots = shots_of(request.in_folder, options)
+        files = declaration_files(request.in_folder, options)
+        shots = shots_of(request.in_folder, options, files=files)
     except RtsrError as error:
         known = refused(request.in_folder, str(error), systems)
         yield FolderRefused(inspection=known, message=str(error))
@@ -53,12 +53,12 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
     worst = Gravity.REMARK
     for shot in shots:
         inspection = inspect_shot(
-            shot, request.in_folder, options, systems=systems, every=request.every
+            shot, request.in_folder, options, systems=systems, every=request.every, files=files
         )
         worst = max(worst, inspection.gravity)
         yield ShotInspected(inspection=inspection)
         if request.write:
-            outcome = write_capture(shot, inspection, request, options)
+            outcome = write_capture(inspection, overwrite=request.overwrite)
             if isinstance(outcome, CaptureBlocked):
                 worst = Gravity.REFUSED
             yield outcome
@@ -66,20 +66,16 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
 
 
 def write_capture(
-    shot: Shot, inspection: ShotInspection, request: InspectRequest, options: ReadOptions
+    inspection: ShotInspection, *, overwrite: bool
 ) -> CaptureWritten | CaptureBlocked:
     """Write a shot's capture.toml, or say why it could not be written."""
-    path = shot.root / CAPTURE_FILE
-    try:
-        known = declared(shot, request.in_folder, options).capture
-    except RtsrError:
-        known = Capture()
+    path = inspection.root / CAPTURE_FILE
     main = inspection.main
-    text = capture_toml(main.settled, known, main.guessed, main.unknown)
+    text = capture_toml(main.settled, inspection.capture, main.guessed, main.unknown)
     try:
-        kept = _replace(path, text, overwrite=request.overwrite)
+        kept = _replace(path, text, overwrite=overwrite)
     except OutputError as error:
-        return CaptureBlocked(shot=shot.name, message=str(error))
+        return CaptureBlocked(shot=inspection.name, message=str(error))
     return CaptureWritten(path=path, kept=kept)
 
 

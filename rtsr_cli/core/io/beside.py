@@ -17,7 +17,7 @@ from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.capture import CAPTURE_FILE
-from rtsr_cli.core.io.exr import Plane, read_header
+from rtsr_cli.core.io.exr import Plane
 from rtsr_cli.core.io.nonfinite import checked
 from rtsr_cli.core.io.opening import ReadOptions, open_single
 from rtsr_cli.core.io.pairs import PairSource
@@ -109,7 +109,7 @@ def _held_channels(reader: FrameReader, numbers: Collection[int]) -> dict[int, S
     if not components:
         return {}
     stream = components[0].stream
-    return {n: read_header(reader.path(n, stream)).channels for n in sorted(numbers)}
+    return {n: reader.channels_of(n, stream) for n in sorted(numbers)}
 
 
 def _channels(reader: FrameReader, name: str, held: Mapping[int, Set[str]]) -> FrameReader | None:

@@ -7,9 +7,10 @@ a chunk that begins behind the file's end shows the cut without a pixel being re
 
 from __future__ import annotations
 
+import os
 import struct
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -22,6 +23,9 @@ FIXED_BYTES = 8
 OFFSET_BYTES = 8
 NAME_BYTES = 256
 """Longer than any name may be."""
+
+FIRST_BYTES = 1 << 13
+"""Read of a file at once."""
 
 MAX_HEADER_BYTES = 64 << 20
 """Headers hold previews and manifests; one larger than this is not looked into."""
@@ -37,21 +41,36 @@ def ends_too_early(path: Path, chunks: int) -> bool:
     Raises:
         OSError: the file cannot be read.
     """
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        start = _table_start(file)
+    with path.open("rb", buffering=0) as file:
+        size = os.fstat(file.fileno()).st_size
+        bytes_of = _Bytes(file)
+        start = _table_start(bytes_of)
         if start is None:
             return False
         if start + chunks * OFFSET_BYTES > size:
             return True
-        file.seek(start)
-        table = np.frombuffer(file.read(chunks * OFFSET_BYTES), "<u8")
+        table = np.frombuffer(bytes_of.at(start, chunks * OFFSET_BYTES), "<u8")
     return bool((table >= size).any())
 
 
-def _table_start(file: BinaryIO) -> int | None:
+class _Bytes:
+    """Bytes of a file by their place; the first ones, where most headers end, are read at once."""
+
+    def __init__(self, file: FileIO) -> None:
+        self._file = file
+        self._first = file.read(FIRST_BYTES) or b""
+
+    def at(self, position: int, count: int) -> bytes:
+        """Return the bytes at a position; fewer where the file ends."""
+        if position + count <= len(self._first):
+            return self._first[position : position + count]
+        self._file.seek(position)
+        return self._file.read(count) or b""
+
+
+def _table_start(file: _Bytes) -> int | None:
     """Skip the headers; None where they are not laid out as expected."""
-    (flags,) = struct.unpack("<4xI", file.read(FIXED_BYTES).ljust(FIXED_BYTES, b"\0"))
+    (flags,) = struct.unpack("<4xI", file.at(0, FIXED_BYTES).ljust(FIXED_BYTES, b"\0"))
     position = FIXED_BYTES
     while True:
         end = _header_end(file, position)
@@ -64,12 +83,11 @@ def _table_start(file: BinaryIO) -> int | None:
         position = end
 
 
-def _header_end(file: BinaryIO, position: int) -> int | None:
+def _header_end(file: _Bytes, position: int) -> int | None:
     """Return the position behind the empty name that ends one header's attributes."""
     while position < MAX_HEADER_BYTES:
-        file.seek(position)
         # name, type, and 4 bytes that tell the value's size
-        names = file.read(2 * NAME_BYTES + 4).split(b"\0", 2)
+        names = file.at(position, 2 * NAME_BYTES + 4).split(b"\0", 2)
         if not names[0]:
             return position + 1
         if len(names) < 3 or len(names[2]) < 4:

@@ -121,7 +121,7 @@ class ExrHeader:
 
 
 def _window(box: tuple[NDArray[Any], NDArray[Any]]) -> Window:
-    (left, top), (right, bottom) = ((int(v) for v in corner) for corner in box)
+    (left, top), (right, bottom) = (map(int, corner) for corner in box)
     return Window(left=left, top=top, width=right - left + 1, height=bottom - top + 1)
 
 
@@ -132,6 +132,8 @@ def _user_names(parts: list[tuple[str, list[str]]]) -> list[dict[str, str]]:
     part `normal` is `normal.X`, unless it is called so already. Names that are then there twice
     take the name of their part in any case.
     """
+    if len(parts) == 1:
+        return [{channel: channel for channel in parts[0][1]}]
     named = [
         {c: c if i == 0 or not part or _begins_with(c, part) else f"{part}.{c}" for c in channels}
         for i, (part, channels) in enumerate(parts)

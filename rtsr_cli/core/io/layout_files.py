@@ -65,34 +65,39 @@ def layout_named(name: str) -> Layout:
     return LAYOUTS[name]
 
 
-def declared_buffers(name: str | None, capture: Capture) -> dict[Buffer, tuple[Component, ...]]:
-    """Buffers that the user spelled out, in a layout file or in capture.toml, which holds."""
-    file = {} if name is None or not name.endswith(LAYOUT_SUFFIX) else layout_named(name).buffers
+def declared_buffers(
+    name: str | None, layout: Layout | None, capture: Capture
+) -> dict[Buffer, tuple[Component, ...]]:
+    """Buffers that the user spelled out, in a layout file or in capture.toml, which holds.
+
+    Args:
+        name: of a preset or layout file, as the user gave it.
+        layout: of that name.
+        capture: what the user declares.
+    """
+    spelled = layout is not None and name is not None and name.endswith(LAYOUT_SUFFIX)
+    file = layout.buffers if layout is not None and spelled else {}
     return {**file, **components_of(capture.buffers)}
 
 
 def choose_layout(
-    name: str | None, capture: Capture, streams: Streams, where: str
+    named: Layout | None, capture: Capture, streams: Streams, where: str
 ) -> tuple[Layout, Binding]:
     """Choose the layout of a frame set and find its buffers; `[buffers]` is laid over it.
 
     Args:
-        name: preset or layout file, or None to detect one.
+        named: preset or layout file that is named, or None to detect one.
         capture: what the user declares; its `layout` is not looked at.
         streams: the files and their channels.
         where: folder, for messages.
 
     Raises:
         FrameFolderError: no layout fits, several do, or a buffer is in two file sequences.
-        ConfigError: a layout file is not valid.
     """
     own = components_of(capture.buffers)
-    if name is None and own:
-        layout = _with_buffers(_detected(own, streams), own)
-    elif name is None:
+    if named is None and not own:
         return detect(streams, LAYOUTS.values(), where)
-    else:
-        layout = _with_buffers(layout_named(name), own)
+    layout = _with_buffers(named or _detected(own, streams), own)
     try:
         binding = bind(layout, streams)
     except FrameFolderError as error:

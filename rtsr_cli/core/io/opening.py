@@ -1,21 +1,21 @@
-"""From a folder and what the user chose to checked readers and pairs, shot by shot."""
+"""From a folder and what the user chose to checked readers and pairs, shot by shot.
+
+What is declared about a shot, its layout and its folders are resolved once (`open_shot`); the
+result goes to whatever reads frames of the shot.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.capture import CAPTURE_FILE, Capture, read_capture
-from rtsr_cli.core.io.channel_tables import components_of
-from rtsr_cli.core.io.exr import read_header
-from rtsr_cli.core.io.layout_files import check_declared, declared_buffers, layout_named
-from rtsr_cli.core.io.layouts import SCOPE, Layout
+from rtsr_cli.core.io.declarations import DeclarationFiles, Declarations, folder_patterns
+from rtsr_cli.core.io.layout_files import check_declared
 from rtsr_cli.core.io.pairs import PairSource, real_pairs, simulated_pairs
-from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.settling import Settled, decided, settle
 from rtsr_cli.core.io.shots import (
@@ -27,9 +27,8 @@ from rtsr_cli.core.io.shots import (
     frame_set,
     refuse_among,
 )
-from rtsr_cli.core.io.side_cars import CameraRow, read_cameras, with_reversed
 from rtsr_cli.core.io.simulation import Simulation
-from rtsr_cli.core.io.survey import Headers, open_frames
+from rtsr_cli.core.io.survey import HeaderFiles, Headers, open_frames, read_headers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,114 +51,111 @@ class ReadOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Declared:
-    """What a user declared about a shot."""
+class OpenedShot:
+    """A shot, and what is declared about it, resolved once for all that read its frames.
 
-    capture: Capture
-    side_car: Mapping[int, CameraRow]
+    Attributes:
+        shot: its files.
+        options: how frames are read.
+        declarations: capture.toml, cameras and layout.
+        headers: of its files, as far as they are read already.
+    """
+
+    shot: Shot
+    options: ReadOptions
+    declarations: Declarations
+    headers: HeaderFiles = field(default_factory=HeaderFiles)
 
 
-def declared(shot: Shot, root: Path, options: ReadOptions) -> Declared:
-    """Read the capture.toml that applies to a shot, and its camera side-car.
+def declaration_files(folder: Path, options: ReadOptions) -> DeclarationFiles:
+    """Return the declarations below IN, none of which is read yet."""
+    return DeclarationFiles(folder, layout=options.layout, capture=options.capture)
 
-    The nearest one from the shot's folder up to IN; `--capture` in place of all.
+
+def shots_of(
+    folder: Path,
+    options: ReadOptions,
+    scale: int | None = None,
+    files: DeclarationFiles | None = None,
+) -> list[Shot]:
+    """Find the shots of IN; a layout that does not exist is refused before any file is read.
+
+    Args:
+        folder: IN.
+        options: how frames are read.
+        scale: which LR frames of a data set with several are wanted.
+        files: declarations below IN that `open_shot` will be given, too.
 
     Raises:
-        ConfigError: a file is not valid.
+        RtsrError: a declaration is not valid, or there are no frames.
     """
-    path = options.capture
-    if path is None:
-        above = [shot.root, *(p for p in shot.root.parents if p.is_relative_to(root))]
-        path = next((p / CAPTURE_FILE for p in above if (p / CAPTURE_FILE).is_file()), None)
-    capture = Capture() if path is None else read_capture(path)
-    cameras = shot.side_car
-    if path is not None and capture.camera:
-        cameras = path.parent / capture.camera
-    if cameras is None:
-        return Declared(capture=capture, side_car={})
-    return Declared(capture=with_reversed(capture, cameras), side_car=read_cameras(cameras))
-
-
-def searched_layouts(folder: Path, options: ReadOptions) -> tuple[Layout, ...]:
-    """Layouts whose folders IN is searched for: the one that is named for all of IN, or all.
-
-    Raises:
-        RtsrError: a layout or capture.toml is not valid.
-    """
-    path = options.capture or folder / CAPTURE_FILE
-    capture = read_capture(path) if options.capture or path.is_file() else Capture()
-    name = options.layout or capture.layout
-    return tuple(LAYOUTS.values()) if name is None else (layout_named(name),)
-
-
-def folders_of(layouts: Iterable[Layout]) -> tuple[str, ...]:
-    """Patterns of folders that hold one buffer each."""
-    patterns = {p for layout in layouts if layout.folders for p in layout.files}
-    return tuple(sorted(p.replace(SCOPE, "*") for p in patterns))
-
-
-def _folders_declared_in(folder: Path) -> tuple[str, ...]:
-    """Patterns of buffer folders by a folder's own capture.toml."""
-    path = folder / CAPTURE_FILE
-    if not path.is_file():
-        return ()
-    capture = read_capture(path)
-    own = Layout(name="", description="", buffers=components_of(capture.buffers), folders=True)
-    named = () if capture.layout is None else (layout_named(capture.layout),)
-    return folders_of((own, *named))
-
-
-def shots_of(folder: Path, options: ReadOptions, scale: int | None = None) -> list[Shot]:
-    """Find the shots of IN; a layout that does not exist is refused before any file is read."""
-    layouts = searched_layouts(folder, options)
+    files = files or declaration_files(folder, options)
+    layouts = files.searched_layouts(folder)
     return find_shots(
         folder,
-        buffer_folders=folders_of(layouts),
+        buffer_folders=folder_patterns(layouts),
         trees=[layout for layout in layouts if layout.tree],
         scale=scale,
-        declared=_folders_declared_in,
+        declared=files.buffer_folders,
         output=options.output,
     )
 
 
-def check_shot(shot: Shot, root: Path, options: ReadOptions, hr: FrameSet | None = None) -> None:
+def open_shot(
+    shot: Shot,
+    folder: Path,
+    options: ReadOptions,
+    *,
+    files: DeclarationFiles | None = None,
+    headers: HeaderFiles | None = None,
+) -> OpenedShot:
+    """Resolve what is declared about a shot; of its frames nothing is read yet.
+
+    Args:
+        shot: of IN.
+        folder: IN.
+        options: how frames are read.
+        files: declarations below IN, as far as they are read already.
+        headers: of its files, as far as they are read already.
+
+    Raises:
+        RtsrError: a declaration is not valid.
+    """
+    files = files or declaration_files(folder, options)
+    return OpenedShot(
+        shot=shot,
+        options=options,
+        declarations=files.declared_of(shot),
+        headers=headers or HeaderFiles(),
+    )
+
+
+def check_shot(opened: OpenedShot, hr: FrameSet | None = None) -> None:
     """Hold every channel that the user spelled out to be in one of a shot's resolutions.
 
     Raises:
         FrameFolderError: one is in none of them.
     """
-    sets = [s for s in (shot.frames, hr or shot.hr) if s is not None]
-    check_channels(declared(shot, root, options).capture, options, sets, shot.root)
+    shot = opened.shot
+    check_channels(opened, [s for s in (shot.frames, hr or shot.hr) if s is not None])
 
 
-def check_channels(
-    capture: Capture, options: ReadOptions, sets: Sequence[FrameSet], where: Path
-) -> None:
+def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
     """Hold every channel that the user spelled out to be in one of some sets.
 
     Raises:
         FrameFolderError: one is in none of them.
     """
-    buffers = declared_buffers(options.layout or capture.layout, capture)
-    if buffers:
-        check_declared(buffers, [_first_channels(s) for s in sets], str(where))
-
-
-def _first_channels(frames: FrameSet) -> dict[str, frozenset[str]]:
-    return {
-        key: read_header(next(iter(stream.files.values()))).channels
-        for key, stream in frames.streams.items()
-    }
+    buffers = opened.declarations.spelled_out
+    if not buffers:
+        return
+    first = [opened.headers.of_first(frames) for frames in sets]
+    names = [{key: header.channels for key, header in held.items()} for held in first]
+    check_declared(buffers, names, str(opened.shot.root))
 
 
 def open_set(
-    frames: FrameSet,
-    shot: Shot,
-    root: Path,
-    options: ReadOptions,
-    *,
-    jittered: bool,
-    vectors: bool = True,
+    frames: FrameSet, opened: OpenedShot, *, jittered: bool, vectors: bool = True
 ) -> FrameReader:
     """Survey one resolution of a shot, and settle how it is read; see `settled_set`.
 
@@ -167,16 +163,14 @@ def open_set(
         RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
     """
     return decided(
-        settled_set(frames, shot, root, options, jittered=jittered, vectors=vectors),
-        sharded=options.sharded,
+        settled_set(frames, opened, jittered=jittered, vectors=vectors),
+        sharded=opened.options.sharded,
     )
 
 
 def settled_set(
     frames: FrameSet,
-    shot: Shot,
-    root: Path,
-    options: ReadOptions,
+    opened: OpenedShot,
     *,
     jittered: bool,
     vectors: bool = True,
@@ -186,9 +180,7 @@ def settled_set(
 
     Args:
         frames: of that resolution.
-        shot: what they belong to.
-        root: IN.
-        options: how frames are read.
+        opened: what they belong to.
         jittered: whether declared jitter applies.
         vectors: whether motion will be read; of HR frames beside LR ones nobody does.
         headers: of all files, if they are read already.
@@ -196,18 +188,29 @@ def settled_set(
     Raises:
         RtsrError: a file or declaration is wrong.
     """
-    known = declared(shot, root, options)
-    name = options.layout or known.capture.layout or shot.layout
-    reader = open_frames(
+    known = opened.declarations
+    reader = survey_set(frames, opened, jittered=jittered, headers=headers)
+    return settle(reader, known.capture, named=known.layout is not None, motion=vectors)
+
+
+def survey_set(
+    frames: FrameSet, opened: OpenedShot, *, jittered: bool, headers: Headers | None = None
+) -> FrameReader:
+    """Survey one resolution of a shot by its headers; nothing is measured.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
+    known = opened.declarations
+    return open_frames(
         frames,
-        headers=headers,
-        layout=name,
+        headers=headers if headers is not None else read_headers(frames, opened.headers),
+        layout=known.layout,
         capture=known.capture,
         side_car=known.side_car,
-        on_missing=options.on_missing,
+        on_missing=opened.options.on_missing,
         jittered=jittered,
     )
-    return settle(reader, known.capture, named=name is not None, motion=vectors)
 
 
 def open_radiance(
@@ -219,9 +222,11 @@ def open_radiance(
         FrameFolderError: a shot has none at all.
     """
     wanted = Buffer.LIGHTING if lighting else Buffer.COLOR
-    for shot in shots_of(folder, options):
-        check_shot(shot, folder, options)
-        main = open_set(shot.frames, shot, folder, options, jittered=True)
+    files = declaration_files(folder, options)
+    for shot in shots_of(folder, options, files=files):
+        opened = open_shot(shot, folder, options, files=files)
+        check_shot(opened)
+        main = open_set(shot.frames, opened, jittered=True)
         if wanted not in main.stored:
             raise FrameFolderError(
                 f"{main.frames.root}: buffer '{wanted}' is missing; layout "
@@ -232,7 +237,7 @@ def open_radiance(
             yield shot.name, main
             continue
         yield f"{shot.name}/{LR_FOLDER}", main
-        hr = open_set(shot.hr, shot, folder, options, jittered=False, vectors=False)
+        hr = open_set(shot.hr, opened, jittered=False, vectors=False)
         if wanted in hr.stored:
             yield f"{shot.name}/{HR_FOLDER}", hr
 
@@ -257,13 +262,16 @@ def open_pairs(
     Raises:
         RtsrError: a folder, file or declaration is wrong.
     """
-    shots = shots_of(folder, options, scale)
+    files = declaration_files(folder, options)
+    shots = shots_of(folder, options, scale, files)
     for shot in shots:
-        hr_frames = _hr_frames(shot, hr_folder, options, single=len(shots) == 1)
-        yield (
-            shot.name,
-            open_pair(shot, folder, options, hr=hr_frames, scale=scale, simulation=simulation),
-        )
+        hr = shot.hr
+        if hr_folder is not None:
+            only = len(shots) == 1
+            patterns = folder_patterns(files.searched_layouts(shot.root))
+            hr = _frames_below(hr_folder, shot, options, patterns, only=only)
+        opened = open_shot(shot, folder, options, files=files)
+        yield shot.name, open_pair(opened, hr=hr, scale=scale, simulation=simulation)
 
 
 def open_single(folder: Path, options: ReadOptions) -> Iterator[tuple[str, PairSource]]:
@@ -272,14 +280,13 @@ def open_single(folder: Path, options: ReadOptions) -> Iterator[tuple[str, PairS
     Raises:
         RtsrError: a folder, file or declaration is wrong.
     """
-    for shot in shots_of(folder, options):
-        yield shot.name, open_pair(shot, folder, options, hr=None, scale=1)
+    files = declaration_files(folder, options)
+    for shot in shots_of(folder, options, files=files):
+        yield shot.name, open_pair(open_shot(shot, folder, options, files=files), hr=None, scale=1)
 
 
 def open_pair(
-    shot: Shot,
-    folder: Path,
-    options: ReadOptions,
+    opened: OpenedShot,
     *,
     hr: FrameSet | None,
     scale: int | None = None,
@@ -290,29 +297,37 @@ def open_pair(
     Raises:
         RtsrError: a folder, file or declaration is wrong.
     """
-    check_shot(shot, folder, options, hr)
+    check_shot(opened, hr)
+    shot = opened.shot
     if simulation is not None:
-        capture = open_set(shot.hr or shot.frames, shot, folder, options, jittered=False)
+        capture = open_set(shot.hr or shot.frames, opened, jittered=False)
         return simulated_pairs(capture, simulation)
-    lr = open_set(shot.frames, shot, folder, options, jittered=True)
-    target = None
-    if hr is not None:
-        target = open_set(hr, shot, folder, options, jittered=False, vectors=False)
-    known = declared(shot, folder, options).capture
-    skip = options.on_missing is MissingPolicy.SKIP
-    return real_pairs(lr, target, scale or known.scale, skip_missing=skip)
+    lr = open_set(shot.frames, opened, jittered=True)
+    target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
+    skip = opened.options.on_missing is MissingPolicy.SKIP
+    return real_pairs(lr, target, scale or opened.declarations.capture.scale, skip_missing=skip)
 
 
-def _hr_frames(
-    shot: Shot, hr_folder: Path | None, options: ReadOptions, *, single: bool
-) -> FrameSet | None:
-    if hr_folder is None:
-        return shot.hr
+def _frames_below(
+    hr_folder: Path, shot: Shot, options: ReadOptions, patterns: Sequence[str], *, only: bool
+) -> FrameSet:
+    """HR frames of a shot where `--hr` names their folder, or a tree like IN's.
+
+    Args:
+        hr_folder: as named.
+        shot: of IN.
+        options: how frames are read.
+        patterns: folders that hold one buffer each.
+        only: whether IN holds no other shot.
+
+    Raises:
+        FrameFolderError: there are none.
+    """
     below = hr_folder / shot.name
-    chosen = hr_folder if single and not below.is_dir() else below
+    chosen = hr_folder if only and not below.is_dir() else below
     if not chosen.is_dir():
         raise FrameFolderError(f"{chosen}: no such folder (--hr, for shot '{shot.name}')")
-    frames = frame_set(chosen, folders_of(searched_layouts(shot.root, options)))
+    frames = frame_set(chosen, patterns)
     if frames is None:
         raise FrameFolderError(f"{chosen}: no numbered EXR frames here (--hr)")
     if options.output is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -79,17 +80,33 @@ def refuse_inputs(outputs: Sequence[Path], readers: Iterable[FrameReader]) -> No
     Raises:
         OutputError: names the file.
     """
+    there = [path for path in outputs if path.exists()]
+    if not there:
+        # what is not there is no input
+        return
+    resolve = _PathResolver()
     inputs = {
-        path.resolve()
+        resolve.of(path)
         for reader in readers
         for stream in reader.frames.streams.values()
         for path in stream.files.values()
     }
-    for path in outputs:
-        if path.resolve() in inputs:
+    for path in there:
+        if resolve.of(path) in inputs:
             raise OutputError(
                 f"{path}: the output would replace its own input; choose another output folder"
             )
+
+
+class _PathResolver:
+    """Resolves paths of many files in few folders, each folder once."""
+
+    def __init__(self) -> None:
+        self._folder = cache(Path.resolve)
+
+    def of(self, path: Path) -> Path:
+        """Return the path without links."""
+        return path.resolve() if path.is_symlink() else self._folder(path.parent) / path.name
 
 
 @dataclass(frozen=True, kw_only=True)

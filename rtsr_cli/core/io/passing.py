@@ -10,11 +10,12 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
-from rtsr_cli.core.io.exr import Plane, read_header
+from rtsr_cli.core.io.exr import Plane
 from rtsr_cli.core.io.layouts import SCOPE
 from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.reading import FrameReader
@@ -42,8 +43,17 @@ class Passed:
     def files(self, number: int) -> tuple[Path, ...]:
         """Files that hold the channels of a frame."""
         source = self.stands_in.get(number, number)
-        streams = sorted({stream for stream, _ in self.channels})
-        return tuple(self.reader.path(source, stream) for stream in streams)
+        return tuple(self.reader.path(source, stream) for stream in self._streams)
+
+    def held_channels(self, number: int) -> frozenset[str]:
+        """Names of all channels of these files."""
+        source = self.stands_in.get(number, number)
+        held = (self.reader.channels_of(source, stream) for stream in self._streams)
+        return frozenset[str]().union(*held)
+
+    @cached_property
+    def _streams(self) -> tuple[str, ...]:
+        return tuple(sorted({stream for stream, _ in self.channels}))
 
     def read(self, number: int, size: Size) -> dict[str, Plane]:
         """Read the channels of a frame at a size; numbers stay what they are.
@@ -113,9 +123,9 @@ def _offered(reader: FrameReader, *, with_radiance: bool) -> list[tuple[str, str
         for place in component.places
     ]
     offered = []
-    for stream, files in reader.frames.streams.items():
-        header = read_header(next(iter(files.files.values())))
-        for channel in sorted(header.channels - header.subsampled - OUTPUT_CHANNELS):
+    for stream, by_number in reader.channels.items():
+        first = next(iter(by_number.values()))
+        for channel in sorted(first - reader.subsampled[stream] - OUTPUT_CHANNELS):
             is_radiance = (stream, channel) in radiance or any(
                 fnmatchcase(channel, place.channel.replace(SCOPE, "*"))
                 and fnmatchcase(stream, place.file.replace(SCOPE, "*"))
@@ -145,11 +155,7 @@ def _names(readers: Iterable[FrameReader]) -> list[str]:
 
 def _check_frames(passed: Passed, numbers: Iterable[int]) -> None:
     wanted = {channel for _, channel in passed.channels}
-    lacking = [
-        number
-        for number in numbers
-        if wanted - {c for path in passed.files(number) for c in read_header(path).channels}
-    ]
+    lacking = [number for number in numbers if wanted - passed.held_channels(number)]
     if lacking:
         raise FrameFolderError(
             f"{passed.reader.frames.root}, frames {ranges(lacking)}: channels of --passthrough "

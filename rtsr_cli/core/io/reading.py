@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,9 @@ class FrameReader:
         held: number -> number of the frame that stands in for it.
         cameras: per frame, header and side-car and capture.toml together.
         step: numbers that one motion vector spans.
+        channels: names of the channels of every file, by sequence and number.
+        subsampled: by sequence, channels with fewer samples than pixels.
+        predicted: frames whose files say that a system predicted them.
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
     """
@@ -52,6 +56,9 @@ class FrameReader:
     held: Mapping[int, int]
     cameras: Mapping[int, CameraMetadata]
     step: int
+    channels: Mapping[str, Mapping[int, frozenset[str]]]
+    subsampled: Mapping[str, frozenset[str]]
+    predicted: frozenset[int] = frozenset()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
@@ -67,17 +74,17 @@ class FrameReader:
         channels = sum(len(components) for components in self.binding.values())
         return self.region.width * self.region.height * channels * 2 * FLOAT_BYTES
 
-    @property
+    @cached_property
     def stored(self) -> frozenset[Buffer]:
         """Buffers that the files hold."""
         return frozenset(self.binding)
 
-    @property
+    @cached_property
     def readable(self) -> frozenset[Buffer]:
         """Buffers that the files hold, and of which it is known how."""
         return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ())
 
-    @property
+    @cached_property
     def has_camera(self) -> bool:
         """Tell whether every frame has camera matrices."""
         return all(
@@ -85,7 +92,7 @@ class FrameReader:
             for camera in self.cameras.values()
         )
 
-    @property
+    @cached_property
     def resets(self) -> frozenset[int]:
         """Frames before which history ends: cuts, stand-ins on both sides, and lost vectors."""
         cuts = {n for n, camera in self.cameras.items() if camera.cut}
@@ -98,7 +105,12 @@ class FrameReader:
         if not offset or Buffer.MOTION not in self.binding:
             return number
         other = number + offset * self.step
-        return other if other in self.numbers and other not in self.held else None
+        return other if other in self._with_own_files else None
+
+    @cached_property
+    def _with_own_files(self) -> frozenset[int]:
+        """Frames that no other one stands in for."""
+        return frozenset(self.numbers) - set(self.held)
 
     @property
     def declaration(self) -> object:
@@ -113,7 +125,7 @@ class FrameReader:
         listed = [None if m is None else m.flatten().tolist() for m in matrices]
         return [listed, camera.jitter_px, camera.pre_exposure, number in self.resets]
 
-    @property
+    @cached_property
     def view(self) -> View:
         """Where the frames lie in the image plane."""
         return View(
@@ -131,7 +143,11 @@ class FrameReader:
         files = self.frames.streams[stream or self.main_stream].files
         return files[self.held.get(number, number)]
 
-    @property
+    def channels_of(self, number: int, stream: str) -> frozenset[str]:
+        """Names of the channels that a frame has in a file sequence; none without a file."""
+        return self.channels[stream].get(self.held.get(number, number), frozenset())
+
+    @cached_property
     def main_stream(self) -> str:
         """The stream whose names and attributes outputs take: colour's, or the first bound."""
         first = next(iter(self.binding.values()))

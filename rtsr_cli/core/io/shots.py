@@ -19,9 +19,6 @@ LR_FOLDER, HR_FOLDER = "lr", "hr"
 
 FRAME_SUFFIX = ".exr"
 
-FRAME_NAME = re.compile(r"\d\.exr$", re.IGNORECASE)
-"""Ends the name of a numbered frame."""
-
 SCALE = re.compile(r"\d+(_\d+)?")
 """A ratio of resolutions as folders write it: 2, 1_5."""
 
@@ -93,24 +90,6 @@ def _streams(folder: Path, prefix: str = "") -> dict[str, Stream]:
         key: Stream(key=key, base=bases[key], files=_in_order(files, bases[key]))
         for key, files in found.items()
     }
-
-
-def misnamed(frames: FrameSet) -> dict[Path, str]:
-    """Say what is wrong with folders and dead links that are named like the frames beside them."""
-    folders = {path.parent for stream in frames.streams.values() for path in stream.files.values()}
-    entries = (p for f in sorted(folders) for p in sorted(f.iterdir()) if FRAME_NAME.search(p.name))
-    return {p: _misnamed(p) for p in entries if not (p.name.startswith(".") or p.is_file())}
-
-
-def _misnamed(path: Path) -> str:
-    if path.is_dir():
-        return f"{path}: is a folder that is named like a frame; rename it, or put the frame there"
-    if not path.is_symlink():
-        return f"{path}: is no file, though it is named like a frame; rename or remove it"
-    return (
-        f"{path}: is a link to {path.readlink()}, which is not there; mount or copy what it leads "
-        "to, or remove the link"
-    )
 
 
 def _in_order(files: Mapping[int, Path], base: str) -> dict[int, Path]:
@@ -230,8 +209,8 @@ def refuse_among(output: Path, frames: FrameSet | None) -> None:
         OutputError: names the folder.
     """
     streams = {} if frames is None else frames.streams
-    folders = {path.parent.resolve() for s in streams.values() for path in s.files.values()}
-    if output.resolve() in folders:
+    folders = {path.parent for s in streams.values() for path in s.files.values()}
+    if output.resolve() in {folder.resolve() for folder in folders}:
         raise OutputError(
             f"{output}: holds frames that are read; choose another output folder than theirs"
         )

@@ -6,6 +6,7 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -57,15 +58,30 @@ def _tensor(values: list[float] | None) -> torch.Tensor | None:
     return None if values is None else torch.tensor(values, dtype=torch.float64).view(4, 4)
 
 
-def read_cameras(path: Path) -> dict[int, CameraRow]:
+@dataclass(frozen=True, kw_only=True)
+class SideCar:
+    """What a camera side-car holds.
+
+    Attributes:
+        rows: one a frame, by its number.
+        reversed_depth: sense of device depth that it states; None where it does not.
+    """
+
+    rows: Mapping[int, CameraRow]
+    reversed_depth: bool | None = None
+
+
+def read_side_car(path: Path) -> SideCar:
     """Read a camera side-car, CSV or JSON, a row a frame.
 
     Raises:
         ConfigError: unreadable, or wrong fields; lists every one with its row.
     """
+    is_json = path.suffix.lower() == ".json"
     try:
         text = path.read_text(encoding="utf-8-sig")
-        rows = _json_rows(text, path) if path.suffix.lower() == ".json" else _csv_rows(text)
+        content = json.loads(text) if is_json else None
+        rows = _json_rows(content, path) if is_json else _csv_rows(text)
     except OSError as error:
         raise ConfigError(
             f"{path}: the camera side-car cannot be read ({error.strerror})"
@@ -77,29 +93,26 @@ def read_cameras(path: Path) -> dict[int, CameraRow]:
     repeated = sorted(n for n, count in Counter(c.frame for c in cameras).items() if count > 1)
     if repeated:
         raise ConfigError(f"{path}: frames {', '.join(map(str, repeated))} have more than one row")
-    return {row.frame: row for row in cameras}
+    return SideCar(rows={row.frame: row for row in cameras}, reversed_depth=_reversed(content))
 
 
-def with_reversed(capture: Capture, cameras: Path) -> Capture:
-    """Return a capture with the sense of device depth that a side-car states, if none is declared.
-
-    Raises:
-        ConfigError: the side-car cannot be read.
-    """
-    if capture.depth.reversed is not None or cameras.suffix.lower() != ".json":
+def with_reversed(capture: Capture, side_car: SideCar) -> Capture:
+    """Add the sense of device depth that a side-car states, if none is declared."""
+    if capture.depth.reversed is not None or side_car.reversed_depth is None:
         return capture
-    try:
-        content = json.loads(cameras.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{cameras}: is not a camera side-car: {error}") from error
-    if not is_nss(content) or not isinstance(content.get("ReverseZ"), bool):
-        return capture
-    depth = capture.depth.model_copy(update={"reversed": content["ReverseZ"]})
+    depth = capture.depth.model_copy(update={"reversed": side_car.reversed_depth})
     return capture.model_copy(update={"depth": depth})
 
 
-def _json_rows(text: str, path: Path) -> object:
-    content = json.loads(text)
+def _reversed(content: object) -> bool | None:
+    """Sense of device depth that a JSON file states."""
+    if not isinstance(content, Mapping) or not is_nss(content):
+        return None
+    stated = content.get("ReverseZ")
+    return stated if isinstance(stated, bool) else None
+
+
+def _json_rows(content: object, path: Path) -> object:
     if is_nss(content):
         return [frame.row() for frame in validated(NssClip, content, path).frames]
     return content.get("frames", content) if isinstance(content, Mapping) else content

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import itertools
+from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from rtsr_cli.core.choices import MissingPolicy
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import SpecularWorkflow
@@ -19,9 +21,13 @@ from rtsr_cli.core.io.binding import Binding
 from rtsr_cli.core.io.capture import Capture
 from rtsr_cli.core.io.exr import ExrHeader, Window, read_header
 from rtsr_cli.core.io.layout_files import choose_layout
+from rtsr_cli.core.io.layouts import Layout
+from rtsr_cli.core.io.misnamed_frames import find_misnamed
+from rtsr_cli.core.io.provenance import is_predicted
+from rtsr_cli.core.io.quiet import library_silenced
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
-from rtsr_cli.core.io.shots import FrameSet, misnamed
+from rtsr_cli.core.io.shots import FrameSet
 from rtsr_cli.core.io.side_cars import CameraRow
 
 WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
@@ -42,7 +48,7 @@ def open_frames(
     frames: FrameSet,
     *,
     headers: Headers | None = None,
-    layout: str | None,
+    layout: Layout | None,
     capture: Capture,
     side_car: Mapping[int, CameraRow],
     on_missing: MissingPolicy = MissingPolicy.ERROR,
@@ -53,7 +59,7 @@ def open_frames(
     Args:
         frames: the files.
         headers: of all of them, if they are read already.
-        layout: preset or layout file; capture.toml's, or the best match, if None.
+        layout: that is named; the best match if None.
         capture: what the user declares.
         side_car: camera rows by frame number; their matrices replace the headers'.
         on_missing: what to do about holes in the numbering.
@@ -66,7 +72,7 @@ def open_frames(
     first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
     streams = {key: header.channels - header.subsampled for key, header in first.items()}
     _check_usable(frames, first)
-    chosen, binding = choose_layout(layout or capture.layout, capture, streams, str(frames.root))
+    chosen, binding = choose_layout(layout, capture, streams, str(frames.root))
     if capture.specular is SpecularWorkflow.F0:
         # base colour is then the diffuse colour already, and no metal takes from it
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
@@ -85,6 +91,8 @@ def open_frames(
         held=held,
         cameras={},
         step=capture.frame_step,
+        channels={key: {n: h.channels for n, h in by_n.items()} for key, by_n in headers.items()},
+        subsampled={key: header.subsampled for key, header in first.items()},
     )
     main = headers[reader.main_stream]
     # a frame that stands in brings its own camera and jitter along
@@ -97,22 +105,86 @@ def open_frames(
         for n, source in sources.items()
     }
     _check_matrices(frames, cameras)
-    return replace(reader, cameras=cameras)
+    predicted = {n for n, source in sources.items() if is_predicted(main[source].attributes)}
+    return replace(reader, cameras=cameras, predicted=frozenset(predicted))
 
 
-def read_headers(frames: FrameSet) -> Headers:
+class HeaderFiles:
+    """Headers of the files of a shot, each of them read once."""
+
+    def __init__(self) -> None:
+        """Start with nothing read."""
+        self._known: dict[Path, ExrHeader] = {}
+        self._names: dict[frozenset[str], frozenset[str]] = {}
+
+    def of(self, path: Path) -> ExrHeader:
+        """Return the header of a file.
+
+        Raises:
+            FrameFolderError: it is no readable EXR; names it.
+        """
+        header = self._known.get(path)
+        if header is None:
+            header = read_header(path)
+            # the files of a sequence have the same channels: the names are held once
+            names = self._names.setdefault(header.channels, header.channels)
+            header = self._known[path] = replace(header, channels=names)
+        return header
+
+    def of_first(self, frames: FrameSet) -> dict[str, ExrHeader]:
+        """Return the header of the first file of each sequence.
+
+        Raises:
+            FrameFolderError: one is no readable EXR; names it.
+        """
+        return {
+            key: self.of(next(iter(stream.files.values())))
+            for key, stream in frames.streams.items()
+        }
+
+    def try_all(self, paths: Iterable[Path]) -> list[ExrHeader | RtsrError]:
+        """Return the header of every file, or what is wrong with the file."""
+        with ThreadPoolExecutor(SURVEY_THREADS) as pool, library_silenced():
+            return list(pool.map(self._try, paths))
+
+    def _try(self, path: Path) -> ExrHeader | RtsrError:
+        try:
+            return self.of(path)
+        except RtsrError as error:
+            return error
+
+
+def read_headers(frames: FrameSet, files: HeaderFiles | None = None) -> Headers:
     """Read the header of every file.
+
+    Args:
+        frames: the files.
+        files: what is read of them already.
 
     Raises:
         FrameFolderError: one is no readable EXR, or no file at all; names it.
     """
-    for wrong in misnamed(frames).values():
+    for wrong in find_misnamed(frames).values():
         raise FrameFolderError(wrong)
-    with ThreadPoolExecutor(SURVEY_THREADS) as pool:
-        return {
-            key: dict(zip(stream.files, pool.map(read_header, stream.files.values()), strict=True))
-            for key, stream in frames.streams.items()
-        }
+    headers, errors = read_readable(frames, files or HeaderFiles())
+    for error in errors:
+        raise error
+    return headers
+
+
+def read_readable(frames: FrameSet, files: HeaderFiles) -> tuple[Headers, list[RtsrError]]:
+    """Read the header of every file that can be read; say what is wrong with the others."""
+    headers: dict[str, dict[int, ExrHeader]] = {}
+    errors: list[RtsrError] = []
+    for key, stream in frames.streams.items():
+        good: dict[int, ExrHeader] = {}
+        for number, header in zip(stream.files, files.try_all(stream.files.values()), strict=True):
+            if isinstance(header, RtsrError):
+                errors.append(header)
+            else:
+                good[number] = header
+        headers[key] = good
+    return headers, errors
 
 
 def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:
@@ -228,20 +300,28 @@ def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) 
 
 
 def _check_matrices(frames: FrameSet, cameras: Mapping[int, CameraMetadata]) -> None:
-    for number, camera in cameras.items():
+    """Raise where a matrix of a camera is none; all are looked at together, frame by frame."""
+    named = [
+        (number, name, matrix)
+        for number, camera in cameras.items()
         for name, matrix in (
             (WORLD_TO_CAMERA, camera.world_to_camera),
             (WORLD_TO_NDC, camera.world_to_ndc),
-        ):
-            if matrix is None:
-                continue
-            finite = bool(torch.isfinite(matrix).all())
-            if not finite or int(torch.linalg.matrix_rank(matrix)) < MATRIX_RANK:
-                raise FrameFolderError(
-                    f"{frames.root}, frame {number}: {name} is not a camera matrix (it is "
-                    "singular or not finite); give the cameras in a side-car, "
-                    'capture.toml: camera = "camera.csv"'
-                )
+        )
+        if matrix is not None
+    ]
+    if not named:
+        return
+    matrices = torch.stack([matrix for _, _, matrix in named])
+    finite = torch.isfinite(matrices).flatten(1).all(1)
+    ranks = torch.linalg.matrix_rank(matrices.nan_to_num(0.0, 0.0, 0.0))
+    wrong = (~finite | (ranks < MATRIX_RANK)).tolist()
+    for number, name, _ in itertools.compress(named, wrong):
+        raise FrameFolderError(
+            f"{frames.root}, frame {number}: {name} is not a camera matrix (it is "
+            "singular or not finite); give the cameras in a side-car, "
+            'capture.toml: camera = "camera.csv"'
+        )
 
 
 def _matrix(header: ExrHeader, name: str) -> Tensor | None:

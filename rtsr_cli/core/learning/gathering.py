@@ -14,7 +14,16 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.atomic import write_atomically
 from rtsr_cli.core.io.beside import Beside, find_beside
-from rtsr_cli.core.io.opening import ReadOptions, declared, open_pair, open_set, shots_of
+from rtsr_cli.core.io.declarations import DeclarationFiles
+from rtsr_cli.core.io.opening import (
+    OpenedShot,
+    ReadOptions,
+    declaration_files,
+    open_pair,
+    open_set,
+    open_shot,
+    shots_of,
+)
 from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.provenance import config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
@@ -89,6 +98,7 @@ class ChosenShot:
         folder: of DATA.
         group: number of the folder.
         validation: True if it is judged on.
+        files: what is declared below the folder.
     """
 
     name: str
@@ -96,6 +106,7 @@ class ChosenShot:
     folder: Path
     group: int
     validation: bool
+    files: DeclarationFiles
 
 
 def chosen_shots(folders: Sequence[Path], how: Gathering) -> list[ChosenShot]:
@@ -108,7 +119,9 @@ def chosen_shots(folders: Sequence[Path], how: Gathering) -> list[ChosenShot]:
     patterns = set(how.data.validation) | set(how.data.exclude)
     told = bool(how.data.validation) or any(manifest_split(folder) for folder in folders)
     for group, folder in enumerate(folders):
-        shots = {shown_name(folder, shot): shot for shot in shots_of(folder, how.options)}
+        files = declaration_files(folder, how.options)
+        there = shots_of(folder, how.options, files=files)
+        shots = {shown_name(folder, shot): shot for shot in there}
         split = split_of(folder, list(shots), how.data, hold_out=not told)
         patterns -= {p for p in patterns if any(fnmatchcase(n, p) for n in shots)}
         chosen += [
@@ -118,6 +131,7 @@ def chosen_shots(folders: Sequence[Path], how: Gathering) -> list[ChosenShot]:
                 folder=folder,
                 group=group,
                 validation=split[name] == VALIDATION,
+                files=files,
             )
             for name, shot in shots.items()
             if split.get(name) in (TRAIN, VALIDATION)
@@ -191,23 +205,22 @@ def recorded_clips(chosen: ChosenShot, how: Gathering) -> Generator[str, None, l
     Raises:
         RtsrError: a file or declaration is wrong.
     """
-    shot, folder = chosen.shot, chosen.folder
-    index = how.cache / f"{_signature(shot, folder, how)}.json"
+    shot = chosen.shot
+    opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
+    index = how.cache / f"{_signature(opened, how)}.json"
     if index.is_file():
         paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]
         if all(path.is_file() for path in paths):
             return paths
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     source = open_pair(
-        shot,
-        folder,
-        how.options,
+        opened,
         hr=shot.hr if real else None,
         simulation=None if real else Simulation(scale=how.wanted.scale),
     )
     captured = Captured(
         source,
-        _reference(shot, folder, source, how) if real else None,
+        _reference(opened, source) if real else None,
         () if real else _beside(source, how),
     )
     for reader in captured.readers:
@@ -224,20 +237,20 @@ def recorded_clips(chosen: ChosenShot, how: Gathering) -> Generator[str, None, l
     return paths
 
 
-def _reference(shot: Shot, folder: Path, source: PairSource, how: Gathering) -> FrameReader | None:
+def _reference(opened: OpenedShot, source: PairSource) -> FrameReader | None:
     """Radiance beside the HR frames, in `reference/`, where they hold none themselves.
 
     Raises:
         FrameFolderError: it is of another size, or lacks frames.
     """
     hr = source.readers[-1]
-    beside = shot.root / REFERENCE_FOLDER
+    beside = opened.shot.root / REFERENCE_FOLDER
     if Buffer.COLOR in hr.stored or not beside.is_dir():
         return None
     frames = frame_set(beside, ())
     if frames is None:
         return None
-    reader = open_set(frames, shot, folder, how.options, jittered=False, vectors=False)
+    reader = open_set(frames, opened, jittered=False, vectors=False)
     lacking = sorted(set(source.reader.numbers) - set(reader.numbers))
     if reader.size != hr.size or lacking:
         what = f"lacks frames {ranges(lacking)}" if lacking else "is of another size than HR"
@@ -254,14 +267,15 @@ def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _signature(shot: Shot, folder: Path, how: Gathering) -> str:
+def _signature(opened: OpenedShot, how: Gathering) -> str:
     """Hash of names, sizes and times of a shot's files, and of everything declared about it."""
+    shot = opened.shot
     folders = [shot.root / name for name in (REFERENCE_FOLDER, *how.wanted.beside)]
     apart = [frame_set(beside, ()) for beside in folders if beside.is_dir()]
     sets = [frames for frames in (shot.frames, shot.hr, *apart) if frames is not None]
     return digest(
         config_digest("shot", __version__, asdict(how.wanted), how.policy.value, how.options),
-        str(declared(shot, folder, how.options)),
+        str(opened.declarations),
         [_files(frames) for frames in sets],
     )
 

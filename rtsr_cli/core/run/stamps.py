@@ -47,13 +47,15 @@ class Stamps:
         return digest(self.config_hash, self._chain(self.starts[number], number))
 
     def _chain(self, start: int, number: int) -> str:
-        """Hash of the frames from `start` to `number`; that of the frame before is gone on with."""
+        """Hash of the frames from `start` to `number`; the longest known one is gone on with."""
+        numbers = self.numbers
         first, last = self._position[start], self._position[number]
-        begin, chain = first, ""
-        known = self._chains.get((start, self.numbers[last - 1])) if last else None
-        if known is not None and last > first:
-            begin, chain = last, known
-        for n in self.numbers[begin : last + 1]:
+        begin = last
+        # where every other frame is asked for, those between them are in no chain of their own
+        while begin > first and (start, numbers[begin - 1]) not in self._chains:
+            begin -= 1
+        chain = self._chains[start, numbers[begin - 1]] if begin > first else ""
+        for n in numbers[begin : last + 1]:
             chain = digest(chain, self.of_input(n))
         self._chains[start, number] = chain
         return chain

@@ -18,7 +18,7 @@ from rtsr_cli.core.frames.conventions import (
 )
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.io.capture import Capture, read_capture
-from rtsr_cli.core.io.side_cars import read_cameras
+from rtsr_cli.core.io.side_cars import read_side_car
 
 COMPLETE = """
 layout = "blender"
@@ -209,7 +209,7 @@ def test_a_csv_of_cameras_has_a_row_a_frame(tmp_path: Path) -> None:
         f"2, {CELL}, {CELL}, , ,\n",
         encoding="utf-8",
     )
-    first, second = (read_cameras(path)[n].metadata() for n in (1, 2))
+    first, second = (read_side_car(path).rows[n].metadata() for n in (1, 2))
     assert first.world_to_camera is not None
     assert first.world_to_camera.flatten().tolist() == MATRIX
     assert first.world_to_camera[3].tolist() == [12.0, 13.0, 14.0, 15.0]
@@ -229,7 +229,7 @@ def test_a_json_of_cameras_may_nest_its_matrices_and_its_list(
     rows = [{"frame": -3, "worldToCamera": nested, "cut": True}, {"frame": 4}]
     path = tmp_path / "camera.json"
     path.write_text(json.dumps({"frames": rows} if wrapped else rows), encoding="utf-8")
-    cameras = read_cameras(path)
+    cameras = read_side_car(path).rows
     assert set(cameras) == {-3, 4}
     assert cameras[-3].world_to_camera == MATRIX
     assert cameras[-3].cut
@@ -241,7 +241,7 @@ def test_wrong_camera_rows_are_all_listed(tmp_path: Path) -> None:
     rows = [{"frame": 1, "worldToCamera": [1.0, 2.0]}, {"jitter_px": [0, 0]}, {"frame": "x"}]
     path.write_text(json.dumps(rows), encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
-        read_cameras(path)
+        read_side_car(path)
     message = str(caught.value)
     for place in (str(path), "0.worldToCamera", "1.frame", "2.frame"):
         assert place in message
@@ -256,12 +256,12 @@ def test_a_side_car_that_makes_no_sense_is_refused_by_name(
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=name):
-        read_cameras(path)
+        read_side_car(path)
 
 
 def test_a_side_car_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.csv: the camera side-car cannot be read"):
-        read_cameras(tmp_path / "none.csv")
+        read_side_car(tmp_path / "none.csv")
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_unknown_columns_of_a_camera_side_car_are_refused_with_a_suggestion(
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
-        read_cameras(path)
+        read_side_car(path)
     message = str(caught.value)
     assert "no column is called 'worldToCamra', did you mean 'worldToCamera'?" in message
     assert "no column is called 'jitterpx', did you mean 'jitter_px'?" in message

@@ -14,7 +14,7 @@ from rtsr_cli.core.io.capture import read_capture
 from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.layout_files import read_layout
 from rtsr_cli.core.io.layouts import Layout
-from rtsr_cli.core.io.opening import ReadOptions, check_shot, settled_set, shots_of
+from rtsr_cli.core.io.opening import ReadOptions, check_shot, open_shot, settled_set, shots_of
 from rtsr_cli.core.io.reading import FrameReader
 
 SIZE = (2, 4)
@@ -68,8 +68,9 @@ def write(folder: Path, name: str, **channels: float) -> None:
 def reader_of(root: Path, layout: Path | str | None = None) -> FrameReader:
     options = ReadOptions(layout=None if layout is None else str(layout))
     shot = shots_of(root, options)[0]
-    check_shot(shot, root, options)
-    return settled_set(shot.frames, shot, root, options, jittered=True).reader
+    opened = open_shot(shot, root, options)
+    check_shot(opened)
+    return settled_set(shot.frames, opened, jittered=True).reader
 
 
 def value(reader: FrameReader, buffer: Buffer) -> list[float]:
@@ -169,7 +170,7 @@ def test_folders_of_a_layout_file_are_one_shot(tmp_path: Path) -> None:
     options = ReadOptions(layout=str(tmp_path / "my.toml"))
     (shot,) = shots_of(tmp_path, options)
     assert shot.name == "shot"
-    reader = settled_set(shot.frames, shot, tmp_path, options, jittered=True).reader
+    reader = settled_set(shot.frames, open_shot(shot, tmp_path, options), jittered=True).reader
     assert reader.stored == {Buffer.COLOR, Buffer.DEPTH}
 
 

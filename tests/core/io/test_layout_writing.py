@@ -19,7 +19,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.exr import read_channels, read_header
 from rtsr_cli.core.io.layout_writing import FLOAT_BUFFERS, Role, write_frame, write_side_car
 from rtsr_cli.core.io.layouts import Layout
-from rtsr_cli.core.io.opening import ReadOptions, declared, settled_set, shots_of
+from rtsr_cli.core.io.opening import ReadOptions, open_shot, settled_set, shots_of
 from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
 
@@ -58,7 +58,7 @@ def random_frame(number: int, camera: CameraMetadata, size: tuple[int, int] = SI
 def only_reader(folder: Path, layout: str | None = None) -> FrameReader:
     options = ReadOptions(layout=layout)
     (shot,) = shots_of(folder, options)
-    return settled_set(shot.frames, shot, folder, options, jittered=True).reader
+    return settled_set(shot.frames, open_shot(shot, folder, options), jittered=True).reader
 
 
 def assert_same(found: Frame, written: Frame) -> None:
@@ -160,7 +160,7 @@ def test_a_written_data_set_is_found_and_read_back(
         assert shot.hr is not None
         for role, files in ((Role.LR, shot.frames), (Role.HR, shot.hr)):
             reader = settled_set(
-                files, shot, tmp_path, ReadOptions(), jittered=role is Role.LR
+                files, open_shot(shot, tmp_path, ReadOptions()), jittered=role is Role.LR
             ).reader
             assert reader.layout.name == name
             assert reader.numbers == (0, 1, 2)
@@ -188,7 +188,7 @@ def test_cameras_of_a_data_set_come_back_from_its_side_car(
 ) -> None:
     written = write_data_set(tmp_path, LAYOUTS["nss"], make_camera, shot="0000")[Role.LR]
     (shot,) = shots_of(tmp_path, ReadOptions())
-    rows = declared(shot, tmp_path, ReadOptions()).side_car
+    rows = open_shot(shot, tmp_path, ReadOptions()).declarations.side_car
     for number, frame in written.items():
         camera = rows[number].metadata()
         assert camera.world_to_camera is not None
@@ -211,7 +211,9 @@ def test_reversed_device_depth_is_told_by_the_side_car(
     assert stored[0].max() == 0.0
     assert json.loads((tmp_path / "0000.json").read_text())["ReverseZ"] is True
     (shot,) = shots_of(tmp_path, ReadOptions())
-    reader = settled_set(shot.frames, shot, tmp_path, ReadOptions(), jittered=True).reader
+    reader = settled_set(
+        shot.frames, open_shot(shot, tmp_path, ReadOptions()), jittered=True
+    ).reader
     assert_same(reader.read(0, (Buffer.DEPTH,)), written[0])
 
 

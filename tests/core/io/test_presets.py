@@ -19,7 +19,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.io.binding import bind, detect, match
 from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
-from rtsr_cli.core.io.opening import ReadOptions, open_pairs, settled_set, shots_of
+from rtsr_cli.core.io.opening import ReadOptions, open_pairs, open_shot, settled_set, shots_of
 from rtsr_cli.core.io.presets import LAYOUTS
 from rtsr_cli.core.io.reading import FrameReader
 
@@ -45,7 +45,7 @@ def reader_of(root: Path, *, hr: bool = False, layout: str | None = None) -> Fra
     (shot,) = shots_of(root, options)
     frames = shot.hr if hr else shot.frames
     assert frames is not None
-    return settled_set(frames, shot, root, options, jittered=not hr).reader
+    return settled_set(frames, open_shot(shot, root, options), jittered=not hr).reader
 
 
 def values(frame: Frame, buffer: Buffer) -> list[float]:

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.io.shots import Shot, find_shots, frame_set, misnamed
+from rtsr_cli.core.io.misnamed_frames import find_misnamed
+from rtsr_cli.core.io.shots import Shot, find_shots, frame_set
 from rtsr_cli.core.io.survey import read_headers
 
 
@@ -125,7 +126,7 @@ def test_folders_and_dead_links_that_are_named_like_frames_are_told(tmp_path: Pa
     (tmp_path / "f.0004.exr").symlink_to(tmp_path / "gone" / "f.0004.exr")
     (tmp_path / "notes").mkdir()
     (shot,) = find_shots(tmp_path)
-    folder, link = misnamed(shot.frames).values()
+    folder, link = find_misnamed(shot.frames).values()
     assert folder.startswith(f"{tmp_path}/f.0003.exr: is a folder that is named like a frame")
     assert f"is a link to {tmp_path}/gone/f.0004.exr, which is not there; mount or copy" in link
     with pytest.raises(FrameFolderError, match=r"f\.0003\.exr: is a folder .* rename"):
