@@ -23,7 +23,7 @@ from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.io.opening import ReadOptions, open_pairs
 from rtsr_cli.core.io.pairs import Inputs, PairSource
-from rtsr_cli.core.io.simulation import Simulation
+from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.planning import system_inputs
 from rtsr_cli.core.shapes import Color
 from rtsr_cli.core.system import System

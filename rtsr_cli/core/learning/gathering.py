@@ -20,10 +20,10 @@ from rtsr_cli.core.io.provenance import config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.shots import FrameSet, Shot, frame_set
-from rtsr_cli.core.io.simulation import Simulation
 from rtsr_cli.core.learning.clips import Clip, read_clips
 from rtsr_cli.core.learning.config import DataConfig
 from rtsr_cli.core.learning.recording import Captured, Wanted, record
+from rtsr_cli.core.pairs.simulation import Simulation
 
 MANIFEST = "manifest.json"
 """A data set's list of sequences with their split, beside its scenes."""

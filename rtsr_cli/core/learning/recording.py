@@ -23,7 +23,6 @@ from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
-from rtsr_cli.core.io.simulation import Simulation, decimated
 from rtsr_cli.core.learning.clips import (
     DERIVED,
     MATERIAL_GAIN,
@@ -32,6 +31,7 @@ from rtsr_cli.core.learning.clips import (
     ClipFacts,
     write_clips,
 )
+from rtsr_cli.core.pairs.simulation import Simulation, decimated
 from rtsr_cli.core.system import System
 
 CLIP_BYTES = 256 << 20
