@@ -33,6 +33,7 @@ def recorded(
     check_writable(cache)
     how = Gathering(
         wanted=wanted_by(task.system, task.config, task.scale),
+        samples_per_pixel=task.samples_per_pixel,
         cache=cache,
         options=ReadOptions(
             layout=chosen["layout"],

@@ -23,7 +23,7 @@ from rtsr_cli.core.errors import CheckpointError, ConfigError, FrameFolderError
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.learning.clips import SUFFIX, Clip, read_clips, total_frames
 from rtsr_cli.core.learning.config import DataConfig, TrainingConfig
-from rtsr_cli.core.learning.crops import Task
+from rtsr_cli.core.learning.crops import Task, make_task
 from rtsr_cli.core.learning.journal import Journal
 from rtsr_cli.core.learning.loop import STATE_FOLDER, Progress, Run, train
 from rtsr_cli.core.learning.packing import pack
@@ -79,7 +79,7 @@ def run_train(chosen: Mapping[str, Any]) -> int:
     if system.scales and training.scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)
         raise ConfigError(f"system '{system.name}' is made for {made_for}, not {training.scale}x")
-    task = Task(system=system, config=network_config, scale=training.scale)
+    task = make_task(system, network_config, training)
     plain = _plain(system, settings)
     if chosen["out_folder"] is not None:
         _refuse_other_settings(system, chosen["out_folder"] / CONFIG_FILE, plain)

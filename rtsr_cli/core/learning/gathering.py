@@ -49,6 +49,7 @@ class Gathering:
         policy: for NaN and Inf.
         data: which shots.
         said: called with a line for the user.
+        samples_per_pixel: K of captures, whose sizes have to be multiples of K S.
     """
 
     wanted: Wanted
@@ -57,6 +58,7 @@ class Gathering:
     policy: NonfinitePolicy
     data: DataConfig
     said: Callable[[str], None]
+    samples_per_pixel: int = 1
 
 
 def gather(folders: Sequence[Path], how: Gathering) -> list[Clip]:
@@ -193,12 +195,13 @@ def recorded_clips(chosen: ChosenShot, how: Gathering) -> list[Path]:
         if all(path.is_file() for path in paths):
             return paths
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
+    simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
     source = open_pair(
         shot,
         folder,
         how.options,
         hr=shot.hr if real else None,
-        simulation=None if real else Simulation(scale=how.wanted.scale),
+        simulation=None if real else simulation,
     )
     captured = Captured(
         source,
@@ -254,8 +257,12 @@ def _signature(shot: Shot, folder: Path, how: Gathering) -> str:
     folders = [shot.root / name for name in (REFERENCE_FOLDER, *how.wanted.beside)]
     apart = [frame_set(beside, ()) for beside in folders if beside.is_dir()]
     sets = [frames for frames in (shot.frames, shot.hr, *apart) if frames is not None]
+    # what is recorded does not depend on K, but whether it may be: that is checked for each
+    samples = () if how.samples_per_pixel == 1 else (how.samples_per_pixel,)
     return digest(
-        config_digest("shot", __version__, asdict(how.wanted), how.policy.value, how.options),
+        config_digest(
+            "shot", __version__, asdict(how.wanted), how.policy.value, how.options, *samples
+        ),
         str(declared(shot, folder, how.options)),
         [_files(frames) for frames in sets],
     )
