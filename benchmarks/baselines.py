@@ -23,7 +23,7 @@ from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.io.opening import ReadOptions, open_pairs
 from rtsr_cli.core.io.pairs import PairSource
-from rtsr_cli.core.io.simulation import Simulation
+from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.run.systems import system_inputs
 from rtsr_cli.core.run.window import SlidingWindow
 from rtsr_cli.core.shapes import Color

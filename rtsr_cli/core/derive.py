@@ -287,10 +287,16 @@ def _brdf(frame: Frame, config: DerivationConfig) -> Color:
 
 def derive_lighting(frame: Frame, config: DerivationConfig) -> dm.Demodulated:
     """Divide a frame's radiance; lighting that the file already holds is taken as it is."""
-    gbuffer = frame.gbuffer
-    material = derive_material(frame, config)
-    softplus = config.mode is DemodulationMode.SOFTPLUS
-    sky = torch.zeros_like(material[:, :1]) if softplus else derive_sky(gbuffer)
+    sky = derive_sky(frame.gbuffer)
+    return divide_radiance(frame.gbuffer, derive_material(frame, config), sky, config)
+
+
+def divide_radiance(
+    gbuffer: GBuffer, material: Color, sky: Mask, config: DerivationConfig
+) -> dm.Demodulated:
+    """Divide by a material term, but where the sky is; a softened one divides there, too."""
+    if config.mode is DemodulationMode.SOFTPLUS:
+        sky = torch.zeros_like(material[:, :1])
     emission = gbuffer.buffers.get(Buffer.EMISSION) if config.has_emission else None
     if Buffer.LIGHTING in gbuffer:
         valid = (material > config.epsilon).all(1, keepdim=True) & (sky < 0.5)

@@ -10,7 +10,7 @@ from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs, SimulatedPairs, real_pairs
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.simulation import Simulation
+from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.run.systems import system_inputs
 from rtsr_cli.core.system import System
 

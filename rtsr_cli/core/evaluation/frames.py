@@ -15,7 +15,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.primaries import to_rec709
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.simulation import averaged
+from rtsr_cli.core.pairs.simulation import averaged
 from rtsr_cli.core.shapes import Color, Mask
 
 

@@ -27,8 +27,8 @@ from rtsr_cli.core.io.shots import (
     frame_set,
     refuse_among,
 )
-from rtsr_cli.core.io.simulation import Simulation
 from rtsr_cli.core.io.survey import HeaderFiles, Headers, open_frames, read_headers
+from rtsr_cli.core.pairs.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)

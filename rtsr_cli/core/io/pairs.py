@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 import torch
 
 from rtsr_cli.core.choices import NonfinitePolicy
-from rtsr_cli.core.derive import DerivationConfig, Needs, derive, needs
+from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -21,7 +22,8 @@ from rtsr_cli.core.io.exr import Window
 from rtsr_cli.core.io.nonfinite import checked
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
-from rtsr_cli.core.io.simulation import Simulation, averaged, decimated
+from rtsr_cli.core.pairs.simulation import Simulation, decimated
+from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr, resolve_reads, select_hr
 from rtsr_cli.core.shapes import Size
 
 DECLARED_MOTION = "a declared motion convention"
@@ -97,19 +99,24 @@ class PairSource(Protocol):
         """Read and derive a frame at both resolutions."""
 
 
-def _available(
-    wanted: Collection[Buffer], optional: Collection[Buffer], reader: FrameReader, inputs: Inputs
-) -> tuple[Needs, tuple[Buffer, ...]]:
-    """Resolve required buffers plus those optional ones that can be had."""
+@dataclass(frozen=True, kw_only=True)
+class PairReads:
+    """What a system's inputs come to in the files of a shot, at both resolutions."""
 
-    def resolve(buffers: Collection[Buffer]) -> Needs:
-        return needs(
-            buffers, reader.readable, has_camera=reader.has_camera, config=inputs.derivation
-        )
+    lr: Reads
+    hr: Reads
 
-    extra = tuple(b for b in optional if not resolve((b,)).missing)
-    used = (*wanted, *extra)
-    return resolve(used), used
+
+def _resolve(
+    required: Collection[Buffer], optional: Collection[Buffer], reader: FrameReader, inputs: Inputs
+) -> Reads:
+    return resolve_reads(
+        required,
+        optional,
+        reader.readable,
+        has_camera=reader.has_camera,
+        derivation=inputs.derivation,
+    )
 
 
 def _undeclared(missing: Collection[str], reader: FrameReader) -> tuple[str, ...]:
@@ -153,38 +160,49 @@ class RealPairs:
         """Both resolutions."""
         return self.lr.frame_bytes + (0 if self.hr is None else self.hr.frame_bytes)
 
+    @cached_property
+    def _resolved(self) -> dict[Inputs, PairReads]:
+        """Of inputs that were asked for; nothing else about a source ever changes."""
+        return {}
+
+    def resolve(self, inputs: Inputs) -> PairReads:
+        """Say what is read for a system; without HR frames nothing is read of them."""
+        if inputs not in self._resolved:
+            lr = _resolve(inputs.lr, inputs.lr_optional, self.lr, inputs)
+            hr = Reads(stored=frozenset(), used=())
+            if self.hr is not None:
+                hr = _resolve(inputs.hr, inputs.hr_optional, self.hr, inputs)
+            self._resolved[inputs] = PairReads(lr=lr, hr=hr)
+        return self._resolved[inputs]
+
     def missing(self, inputs: Inputs) -> tuple[str, ...]:
         """Name what is missing, with the resolution it is missing at."""
-        lr, _ = _available(inputs.lr, (), self.lr, inputs)
-        lacking = [f"lr {m}" for m in lr.missing]
+        reads = self.resolve(inputs)
+        lacking = [f"lr {m}" for m in reads.lr.missing]
         if inputs.hr:
-            hr = () if self.hr is None else _available(inputs.hr, (), self.hr, inputs)[0].missing
-            lacking += ["hr frames"] if self.hr is None else [f"hr {m}" for m in hr]
+            hr = [f"hr {m}" for m in reads.hr.missing]
+            lacking += ["hr frames"] if self.hr is None else hr
         return _undeclared(lacking, self.lr)
 
     def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
         """Files of both resolutions."""
-        found = self.lr.files(
-            number, _available(inputs.lr, inputs.lr_optional, self.lr, inputs)[0].read
-        )
+        reads = self.resolve(inputs)
+        lr = self.lr.files(number, reads.lr.stored)
         if self.hr is None or not inputs.hr + inputs.hr_optional:
-            return found
-        wanted = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)[0].read
-        return found + self.hr.files(self.lr.held.get(number, number), wanted)
+            return lr
+        return lr + self.hr.files(self.lr.held.get(number, number), reads.hr.stored)
 
     def load(self, number: int, inputs: Inputs) -> FramePair:
         """Read both frames; HR radiance is never among what is asked for."""
-        lr_needs, lr_used = _available(inputs.lr, inputs.lr_optional, self.lr, inputs)
-        lr, fixed = checked(self.lr.read(number, lr_needs.read), inputs.on_nonfinite)
-        lr = derive(lr, lr_used, inputs.derivation)
+        reads = self.resolve(inputs)
+        lr, fixed = checked(self.lr.read(number, reads.lr.stored), inputs.on_nonfinite)
+        lr = build_lr(lr, reads.lr, inputs.derivation)
         if self.hr is None or not inputs.hr + inputs.hr_optional:
             return FramePair(lr, None, fixed)
-        hr_needs, hr_used = _available(inputs.hr, inputs.hr_optional, self.hr, inputs)
-        hr, fixed_hr = checked(
-            self.hr.read(self.lr.held.get(number, number), hr_needs.read - RADIANCE_BUFFERS),
-            inputs.on_nonfinite,
-        )
-        return FramePair(lr, derive(hr, hr_used, inputs.derivation), fixed + fixed_hr)
+        stored = reads.hr.stored - RADIANCE_BUFFERS
+        hr = self.hr.read(self.lr.held.get(number, number), stored)
+        hr, fixed_hr = checked(hr, inputs.on_nonfinite)
+        return FramePair(lr, build_hr(hr, reads.hr, inputs.derivation), fixed + fixed_hr)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,29 +244,41 @@ class SimulatedPairs:
         """The capture's."""
         return self.capture.frame_bytes
 
+    @cached_property
+    def _resolved(self) -> dict[Inputs, PairReads]:
+        """Of inputs that were asked for; nothing else about a source ever changes."""
+        return {}
+
+    def resolve(self, inputs: Inputs) -> PairReads:
+        """Say what is read for a system."""
+        if inputs not in self._resolved:
+            self._resolved[inputs] = PairReads(
+                lr=_resolve(inputs.lr, inputs.lr_optional, self.capture, inputs),
+                hr=_resolve(inputs.hr, inputs.hr_optional, self.capture, inputs),
+            )
+        return self._resolved[inputs]
+
     def missing(self, inputs: Inputs) -> tuple[str, ...]:
         """Name what the capture lacks."""
-        lacking = _available(inputs.lr + inputs.hr, (), self.capture, inputs)[0].missing
-        return _undeclared(lacking, self.capture)
+        reads = self.resolve(inputs)
+        return _undeclared((*reads.lr.missing, *reads.hr.missing), self.capture)
 
     def files(self, number: int, inputs: Inputs) -> tuple[Path, ...]:
         """Files of the capture."""
-        lr, _ = _available(inputs.lr, inputs.lr_optional, self.capture, inputs)
-        hr, _ = _available(inputs.hr, inputs.hr_optional, self.capture, inputs)
-        return self.capture.files(number, lr.read | hr.read)
+        reads = self.resolve(inputs)
+        return self.capture.files(number, reads.lr.stored | reads.hr.stored)
 
     def load(self, number: int, inputs: Inputs) -> FramePair:
         """Read the capture once; radiance goes to the LR frame only, and only its samples do."""
-        lr_needs, lr_used = _available(inputs.lr, inputs.lr_optional, self.capture, inputs)
-        hr_needs, hr_used = _available(inputs.hr, inputs.hr_optional, self.capture, inputs)
-        full = self.capture.read(number, lr_needs.read | hr_needs.read)
-        lr, fixed = checked(decimated(full, lr_needs.read, self.simulation), inputs.on_nonfinite)
-        lr = derive(lr, lr_used, inputs.derivation)
-        if not hr_used:
+        reads, derivation = self.resolve(inputs), inputs.derivation
+        full = self.capture.read(number, reads.lr.stored | reads.hr.stored)
+        small = decimated(full, reads.lr.stored, self.simulation)
+        lr, fixed = checked(small, inputs.on_nonfinite)
+        lr = build_lr(lr, reads.lr, derivation)
+        if not reads.hr.used:
             return FramePair(lr, None, fixed)
-        full = replace(full, gbuffer=full.gbuffer.only(hr_needs.read - RADIANCE_BUFFERS))
-        hr, fixed_hr = checked(full, inputs.on_nonfinite)
-        hr = averaged(derive(hr, hr_used, inputs.derivation), self.simulation.samples_per_pixel)
+        hr, fixed_hr = checked(select_hr(full, reads.hr), inputs.on_nonfinite)
+        hr = build_hr(hr, reads.hr, derivation, self.simulation.samples_per_pixel)
         return FramePair(lr, hr, fixed + fixed_hr)
 
 

@@ -18,8 +18,10 @@ from torch import Tensor
 
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import NORMAL_BUFFERS, VECTOR_BUFFERS, Buffer
+from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.learning.clips import MATERIAL_GAIN
+from rtsr_cli.core.pairs.simulation import Offset
 from rtsr_cli.core.shapes import Image, Size
 
 VECTORS = frozenset(b.value for b in VECTOR_BUFFERS)
@@ -122,11 +124,21 @@ class Turn:
         """(height, width) after the turn."""
         return (size[1], size[0]) if self.transposed else size
 
-    def source_phase(self, scale: int) -> tuple[int, int]:
-        """Sample (x, y) of each block that lies at (S//2, S//2) after the turn."""
-        kept, mirrored = scale // 2, scale - 1 - scale // 2
-        x = mirrored if self.mirror_x else kept
-        y = mirrored if self.mirror_y else kept
+    def view(self, view: View, size: Size) -> View:
+        """Where a part of an image of (height, width) `size` lies after the turn of the whole."""
+        (rows, columns), (height, width) = self.size(view.display), self.size(size)
+        top, left = (view.left, view.top) if self.transposed else (view.top, view.left)
+        return View(
+            display=(rows, columns),
+            top=rows - top - height if self.mirror_y else top,
+            left=columns - left - width if self.mirror_x else left,
+        )
+
+    def source_offset(self, offset: Offset, block: int) -> Offset:
+        """Sample (x, y) of each block that lies at `offset` after the turn."""
+        x, y = offset
+        x = block - 1 - x if self.mirror_x else x
+        y = block - 1 - y if self.mirror_y else y
         return (y, x) if self.transposed else (x, y)
 
 

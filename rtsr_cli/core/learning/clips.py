@@ -8,8 +8,8 @@ safetensors file: tensor `<clip>/<size>.<buffer>` of shape (frames, channels, he
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
@@ -50,6 +50,8 @@ class ClipFacts:
         pre_exposures: what each frame's radiance was multiplied by; empty = 1.
         validation: True if it is judged on and never trained on.
         group: samples are drawn from each group alike.
+        captured: (height, width) of the frames that the region is of; None = of the display.
+        zeros: `hr.<buffer>` and `lr.<buffer>` that the files hold, left out because all is 0.
     """
 
     name: str
@@ -64,15 +66,24 @@ class ClipFacts:
     pre_exposures: tuple[float, ...] = ()
     validation: bool = False
     group: int = 0
+    captured: Size | None = None
+    zeros: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Clip:
-    """Facts and planes: buffer name -> (frames, channels, height, width), half."""
+    """Facts and planes: buffer name -> (frames, channels, height, width), half.
+
+    Attributes:
+        facts: what is known beside the pixels.
+        hr, lr: planes of either size.
+        scales: k of whole frames under simulations other than the recorded one, kept when measured.
+    """
 
     facts: ClipFacts
     hr: Mapping[str, Tensor]
     lr: Mapping[str, Tensor] = field(default_factory=dict)
+    scales: dict[Hashable, float] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def size(self) -> Size:
@@ -81,9 +92,27 @@ class Clip:
         return plane.shape[-2], plane.shape[-1]
 
     @property
+    def is_whole(self) -> bool:
+        """Tell whether the region is all of the frames."""
+        return self.size == (self.facts.captured or self.facts.display)
+
+    @property
     def target_positions(self) -> range:
         """Frames that can be trained on or judged."""
         return range(self.facts.targets, len(self.facts.numbers))
+
+
+def leave_out_zeros(clip: Clip) -> Clip:
+    """Leave out, and name, an emission that is nowhere: most scenes' frames hold none."""
+    name = Buffer.EMISSION.value
+    sizes = {"hr": clip.hr, "lr": clip.lr}
+    empty = [s for s, planes in sizes.items() if name in planes and not bool(planes[name].any())]
+    hr, lr = (
+        {key: plane for key, plane in planes.items() if size not in empty or key != name}
+        for size, planes in sizes.items()
+    )
+    zeros = tuple(f"{size}.{name}" for size in empty)
+    return replace(clip, facts=replace(clip.facts, zeros=zeros), hr=hr, lr=lr)
 
 
 def write_clips(path: Path, clips: Sequence[Clip], about: Mapping[str, object]) -> None:

@@ -27,12 +27,28 @@ class Schedule(StrEnum):
     EXPONENTIAL = "exponential"
 
 
+class SampleJitter(StrEnum):
+    """Which sample of a block the LR frames of training keep; those of real pairs are as rendered.
+
+    Whatever is not `none` is validated with `halton`.
+    """
+
+    NONE = "none"
+    HALTON = "halton"
+    """As `upscale --jitter halton` has it: by frame numbers."""
+    MIXED = "mixed"
+    """Half of the samples `none`, half `halton` from a random place of the sequence on."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
     """How a network is trained.
 
     Attributes:
         scale: S.
+        samples_per_pixel: K, capture pixels per output pixel along an axis; LR frames are captures
+            decimated by K S, and an output pixel is held against the mean of its K x K.
+        jitter: which sample of a block LR frames keep.
         steps: optimiser steps of the whole run.
         batch: samples a forward pass, of each process.
         accumulate: passes a step.
@@ -58,6 +74,8 @@ class TrainingConfig:
     """
 
     scale: int = 4
+    samples_per_pixel: int = 1
+    jitter: SampleJitter = SampleJitter.NONE
     steps: int = 20_000
     batch: int = 8
     accumulate: int = 1
@@ -90,8 +108,8 @@ class TrainingConfig:
             ConfigError: one is too small, or none.
         """
         counts = (
-            "scale", "steps", "batch", "accumulate", "crop", "validate_every", "save_every",
-            "log_every", "picture_side",
+            "scale", "samples_per_pixel", "steps", "batch", "accumulate", "crop", "validate_every",
+            "save_every", "log_every", "picture_side",
         )  # fmt: skip
         shares = (
             "learning_rate", "weight_decay", "decay", "warmup", "final_rate", "ema", "clip_norm",

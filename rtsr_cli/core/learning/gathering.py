@@ -29,10 +29,10 @@ from rtsr_cli.core.io.provenance import config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
 from rtsr_cli.core.io.shots import FrameSet, Shot, frame_set
-from rtsr_cli.core.io.simulation import Simulation
 from rtsr_cli.core.learning.clips import Clip, read_clips
 from rtsr_cli.core.learning.config import DataConfig
 from rtsr_cli.core.learning.recording import Captured, Wanted, record
+from rtsr_cli.core.pairs.simulation import Simulation
 
 MANIFEST = "manifest.json"
 """A data set's list of sequences with their split, beside its scenes."""
@@ -57,6 +57,7 @@ class Gathering:
         options: how frames are read.
         policy: for NaN and Inf.
         data: which shots.
+        samples_per_pixel: K of captures, whose sizes have to be multiples of K S.
     """
 
     wanted: Wanted
@@ -64,6 +65,7 @@ class Gathering:
     options: ReadOptions
     policy: NonfinitePolicy
     data: DataConfig
+    samples_per_pixel: int = 1
 
 
 def gather(folders: Sequence[Path], how: Gathering) -> Generator[str, None, list[Clip]]:
@@ -213,10 +215,11 @@ def recorded_clips(chosen: ChosenShot, how: Gathering) -> Generator[str, None, l
         if all(path.is_file() for path in paths):
             return paths
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
+    simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
     source = open_pair(
         opened,
         hr=shot.hr if real else None,
-        simulation=None if real else Simulation(scale=how.wanted.scale),
+        simulation=None if real else simulation,
     )
     captured = Captured(
         source,
@@ -273,8 +276,12 @@ def _signature(opened: OpenedShot, how: Gathering) -> str:
     folders = [shot.root / name for name in (REFERENCE_FOLDER, *how.wanted.beside)]
     apart = [frame_set(beside, ()) for beside in folders if beside.is_dir()]
     sets = [frames for frames in (shot.frames, shot.hr, *apart) if frames is not None]
+    # what is recorded does not depend on K, but whether it may be: that is checked for each
+    samples = () if how.samples_per_pixel == 1 else (how.samples_per_pixel,)
     return digest(
-        config_digest("shot", __version__, asdict(how.wanted), how.policy.value, how.options),
+        config_digest(
+            "shot", __version__, asdict(how.wanted), how.policy.value, how.options, *samples
+        ),
         str(opened.declarations),
         [_files(frames) for frames in sets],
     )

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from rtsr_cli.core.errors import CheckpointError, TrainingError
 from rtsr_cli.core.learning.clips import Clip
 from rtsr_cli.core.learning.config import Optimiser, Schedule, TrainingConfig
-from rtsr_cli.core.learning.crops import Task, moved, stacked
+from rtsr_cli.core.learning.crops import Task
 from rtsr_cli.core.learning.ranks import ALONE, Ranks
 from rtsr_cli.core.learning.sampling import Sample, Sampler
 from rtsr_cli.core.learning.state import (
@@ -27,6 +27,7 @@ from rtsr_cli.core.learning.state import (
     restore_optimiser,
     save_state,
 )
+from rtsr_cli.core.learning.steps import moved, stacked
 from rtsr_cli.core.learning.validating import (
     Judged,
     judge_of,

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from rtsr_cli.core.learning.clips import Clip, write_clips
 from rtsr_cli.core.learning.config import TrainingConfig
-from rtsr_cli.core.learning.crops import Region, Task, random_region
+from rtsr_cli.core.learning.crops import Region, Task, block_of, random_region, whole_region
 from rtsr_cli.core.learning.sampling import Sampler
 from rtsr_cli.core.learning.validating import validation_frames
 
@@ -42,31 +42,33 @@ def pack(
         rng = np.random.default_rng([config.seed, index, 1])
         clip = sampler.draw(rng)
         region = random_region(
-            clip, (side, side), scale=task.scale, unroll=task.learning.unroll, rng=rng
+            clip, (side, side), block=block_of(clip, task), unroll=task.learning.unroll, rng=rng
         )
-        packed.append(cut(clip, region, task.scale, history, task.learning.unroll))
+        packed.append(cut(clip, region, block_of(clip, task), history, task.learning.unroll))
     for clip, position in validation_frames(clips, config.validation_frames):
-        height, width = clip.size
-        whole = Region(
-            position=position, top=0, left=0, size=(height // task.scale, width // task.scale)
-        )
+        whole = whole_region(clip, position, block_of(clip, task))
         before = position if task.system.recurrent else history
-        packed.append(cut(clip, whole, task.scale, before, 1))
-    about = {"system": task.system.name, "scale": task.scale, "crop": config.crop}
+        packed.append(cut(clip, whole, block_of(clip, task), before, 1))
+    about = {
+        "system": task.system.name,
+        "scale": task.scale,
+        "samples_per_pixel": task.samples_per_pixel,
+        "crop": config.crop,
+    }
     write_clips(path, packed, about)
     return len(packed)
 
 
-def cut(clip: Clip, region: Region, scale: int, history: int, unroll: int) -> Clip:
-    """Cut a region and the frames that a sample there needs out of a clip."""
+def cut(clip: Clip, region: Region, block: int, history: int, unroll: int) -> Clip:
+    """Cut a region, `block` HR pixels per LR pixel, and the frames that a sample there needs."""
     facts = clip.facts
     first = max(0, region.position - history)
     last = min(region.position + unroll, len(facts.numbers))
     height, width = region.size
-    hr = _window(clip.hr, (first, last), (region.top, region.left), (height * scale, width * scale))
+    hr = _window(clip.hr, (first, last), (region.top, region.left), (height * block, width * block))
     lr = {}
     if facts.lr_scale:
-        corner = (region.top // scale, region.left // scale)
+        corner = (region.top // block, region.left // block)
         lr = _window(clip.lr, (first, last), corner, (height, width))
     return Clip(
         replace(

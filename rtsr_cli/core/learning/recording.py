@@ -23,15 +23,16 @@ from rtsr_cli.core.io.pairs import Inputs, PairSource, RealPairs
 from rtsr_cli.core.io.provenance import FileDigests, config_digest, digest
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.io.selection import ranges
-from rtsr_cli.core.io.simulation import Simulation, decimated
 from rtsr_cli.core.learning.clips import (
     DERIVED,
     MATERIAL_GAIN,
     SUFFIX,
     Clip,
     ClipFacts,
+    leave_out_zeros,
     write_clips,
 )
+from rtsr_cli.core.pairs.simulation import Simulation, decimated
 from rtsr_cli.core.system import System
 
 CLIP_BYTES = 256 << 20
@@ -270,8 +271,9 @@ def _clip(
         jitters_px=tuple(frame.camera.jitter_px for frame in lr_frames) if real else (),
         lighting_scales=tuple(_scale(frame, wanted.derivation) for frame in lr_frames),
         pre_exposures=tuple(frame.camera.pre_exposure for frame in lr_frames),
+        captured=hr_reader.size,
     )
-    return Clip(facts, _without_empty(planes), _without_empty(lr_planes))
+    return leave_out_zeros(Clip(facts, planes, lr_planes))
 
 
 def _read(
@@ -317,15 +319,6 @@ def _material_gain(
 
 def _stacked(planes: Iterator[Tensor]) -> Tensor:
     return torch.cat([p.clamp(-MAX_HALF, MAX_HALF).half() for p in planes])
-
-
-def _without_empty(planes: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Leave out an emission that is nowhere: most scenes' frames hold none."""
-    return {
-        name: plane
-        for name, plane in planes.items()
-        if name != Buffer.EMISSION.value or bool(plane.any())
-    }
 
 
 def _scale(frame: Frame, derivation: DerivationConfig) -> float:

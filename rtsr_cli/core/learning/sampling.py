@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
+from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.io.streaming import prefetch, worker_pool
 from rtsr_cli.core.learning.clips import Clip
@@ -15,13 +16,15 @@ from rtsr_cli.core.learning.config import TrainingConfig
 from rtsr_cli.core.learning.crops import (
     Choices,
     Region,
-    Step,
     Task,
+    block_of,
     random_choices,
+    random_jitter,
     random_region,
-    sample_steps,
 )
 from rtsr_cli.core.learning.ranks import ALONE, Ranks
+from rtsr_cli.core.learning.steps import Step, sample_steps
+from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import Tensors
 
 UNCHANGED = Choices()
@@ -81,7 +84,7 @@ class Sampler:
             )
         self._groups = [groups[key] for key in sorted(groups)]
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
-        self._goals: dict[tuple[int, Region], list[Tensors]] = {}
+        self._goals: dict[tuple[int, Region, JitterMode], list[Tensors]] = {}
         self._shares = [counts / counts.sum() for counts in frames]
 
     def draw(self, rng: np.random.Generator) -> Clip:
@@ -99,13 +102,17 @@ class Sampler:
         region = random_region(
             clip,
             (config.crop, config.crop),
-            scale=task.scale,
+            block=block_of(clip, task),
             unroll=task.learning.unroll,
             rng=rng,
         )
-        key = (id(clip), region)
-        steps = sample_steps(clip, region, choices, task, self._goals.get(key))
-        if task.learning.keep_goals and choices == UNCHANGED:
+        jitter, phase = random_jitter(task.jitter, rng)
+        choices = replace(choices, jitter=jitter, phase=phase)
+        key = (id(clip), region, jitter)
+        comes_again = replace(choices, jitter=UNCHANGED.jitter) == UNCHANGED
+        goals = self._goals.get(key) if comes_again else None
+        steps = sample_steps(clip, region, choices, task, goals)
+        if task.learning.keep_goals and comes_again:
             self._goals[key] = [step.goal for step in steps]
         return Sample(index, clip, region, choices, steps)
 
@@ -144,7 +151,11 @@ def check_sizes(clips: Sequence[Clip], config: TrainingConfig) -> str:
         RtsrError: samples of a batch would differ in size.
     """
     side = config.crop * config.scale
-    sizes = {tuple(min(s, side) for s in clip.size) for clip in clips if not clip.facts.validation}
+    sizes = {
+        tuple(min(s, side) for s in _output_size(clip, config))
+        for clip in clips
+        if not clip.facts.validation
+    }
     if sizes == {(side, side)} or not sizes:
         return ""
     if len(sizes) > 1 and config.batch > 1:
@@ -155,3 +166,10 @@ def check_sizes(clips: Sequence[Clip], config: TrainingConfig) -> str:
         )
     height, width = next(iter(sizes))
     return f"crops shrink to {width} x {height} pixels, the size of the frames"
+
+
+def _output_size(clip: Clip, config: TrainingConfig) -> Size:
+    """(height, width) of a clip in output pixels; HR frames of real pairs hold just those."""
+    k = 1 if clip.facts.lr_scale else config.samples_per_pixel
+    height, width = clip.size
+    return height // k, width // k

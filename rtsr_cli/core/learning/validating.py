@@ -14,7 +14,8 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.learning.clips import Clip
-from rtsr_cli.core.learning.crops import Task, whole_window
+from rtsr_cli.core.learning.crops import Task
+from rtsr_cli.core.learning.steps import whole_window
 from rtsr_cli.core.metrics.fidelity import psnr
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.ssim import ssim
@@ -100,7 +101,10 @@ def inner(image: Image) -> Image:
 def judged(
     system: System, network: nn.Module, task: Task, frames: Sequence[tuple[Clip, int]]
 ) -> Iterator[Judged]:
-    """Predict frames and score them; a recurrent system replays from its clip's start, once."""
+    """Predict frames and score them; a recurrent system replays from its clip's start, once.
+
+    LR frames are simulated as in training, with `halton` jitter where that has any.
+    """
     device = next(iter(network.parameters()), torch.empty(0)).device
     judge = judge_of(task)
     last: tuple[Clip, int] | None = None
@@ -113,7 +117,7 @@ def judged(
             state = None
         with torch.inference_mode():
             for p in range(first, position + 1):
-                window, reference = whole_window(clip, p, task, "none")
+                window, reference = whole_window(clip, p, task)
                 window = _moved(window, device)
                 prediction = system.predict(network, window, state)
                 state = prediction.state

@@ -31,6 +31,7 @@ def record_folders(
     check_writable(cache)
     how = Gathering(
         wanted=wanted_by(task.system, task.config, task.scale),
+        samples_per_pixel=task.samples_per_pixel,
         cache=cache,
         options=ReadOptions(
             layout=request.layout, capture=request.capture_file, on_missing=request.on_missing

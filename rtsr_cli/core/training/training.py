@@ -17,7 +17,7 @@ from rtsr_cli.core.errors import RequestError
 from rtsr_cli.core.io.atomic import check_writable, write_atomically
 from rtsr_cli.core.learning import loop
 from rtsr_cli.core.learning.clips import Clip
-from rtsr_cli.core.learning.crops import Task
+from rtsr_cli.core.learning.crops import Task, make_task
 from rtsr_cli.core.learning.journal import Journal
 from rtsr_cli.core.learning.loop import STATE_FOLDER, Progress, Run
 from rtsr_cli.core.learning.packing import pack
@@ -78,7 +78,7 @@ def train(
         raise RequestError(f"system '{system.name}' has nothing to train")
     settings = resolve_request(system, request)
     training = settings.training
-    task = Task(system=system, config=settings.network, scale=training.scale)
+    task = make_task(system, settings.network, training)
     yield TrainingPlanned(settings=settings.plain)
     if request.dry_run:
         return

@@ -13,8 +13,8 @@ from rtsr_cli.core.io.opening import open_pairs
 from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.passing import find_passed
-from rtsr_cli.core.io.simulation import Simulation
 from rtsr_cli.core.networks import Loaded, has_weights, load_network
+from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.precision import settled
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frames import PairJob, PairReading, read_options

@@ -15,7 +15,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
 from rtsr_cli.core.io.pairs import FramePair, Inputs, RealPairs, real_pairs, simulated_pairs
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.simulation import Simulation
+from rtsr_cli.core.pairs.simulation import Simulation
 
 Write = Callable[..., Path]
 Open = Callable[..., FrameReader]
@@ -348,3 +348,12 @@ def test_non_finite_radiance_is_refused_with_frame_and_count_or_repaired_and_cou
     around = [(2, 4), (2, 5), (2, 6), (3, 4), (3, 6), (4, 4), (4, 6)]
     mean = sum(float(color[1, row, column]) for row, column in around) / len(around)
     assert float(color[1, 3, 5]) == pytest.approx(mean, rel=1e-5)
+
+
+def test_what_a_system_reads_is_resolved_once_a_source(pair_folders: Callable[..., Any]) -> None:
+    lr, hr = pair_folders()
+    for source in (real_pairs(lr, hr, None), simulated_pairs(hr, Simulation(scale=2))):
+        reads = source.resolve(EVERYTHING)
+        source.load(1, EVERYTHING)
+        assert source.resolve(EVERYTHING) is reads
+        assert source.resolve(Inputs(lr=(Buffer.COLOR,))).lr.used == (Buffer.COLOR,)

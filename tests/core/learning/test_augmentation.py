@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.learning.augmentation import (
     AugmentationConfig,
@@ -39,12 +40,24 @@ def test_motion_goes_along_with_the_picture(turn: Turn) -> None:
 
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("scale", [2, 3, 4])
-def test_the_kept_sample_is_the_middle_one_after_the_turn(turn: Turn, scale: int) -> None:
+def test_samples_that_are_kept_lie_at_their_offset_after_the_turn(turn: Turn, scale: int) -> None:
     image = torch.arange(float((6 * scale) * (5 * scale))).view(1, 1, 6 * scale, 5 * scale)
-    x, y = turn.source_phase(scale)
-    kept = turn.image(image[..., y::scale, x::scale])
-    middle = scale // 2
-    assert torch.equal(kept, turn.image(image)[..., middle::scale, middle::scale])
+    for after in [(x, y) for x in range(scale) for y in range(scale)]:
+        x, y = turn.source_offset(after, scale)
+        kept = turn.image(image[..., y::scale, x::scale])
+        assert torch.equal(kept, turn.image(image)[..., after[1] :: scale, after[0] :: scale])
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_part_of_an_image_lies_where_the_turn_of_the_whole_brings_it(turn: Turn) -> None:
+    image = torch.arange(9.0 * 13).view(1, 1, 9, 13)
+    view = turn.view(View(display=(9, 13), top=2, left=3), (4, 5))
+    part = turn.image(image[..., 2:6, 3:8])
+    whole = turn.image(image)
+    assert view.display == whole.shape[-2:]
+    rows, columns = part.shape[-2:]
+    shown = whole[..., view.top : view.top + rows, view.left : view.left + columns]
+    assert torch.equal(shown, part)
 
 
 @pytest.mark.parametrize("turn", TURNS)

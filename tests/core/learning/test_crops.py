@@ -16,10 +16,8 @@ from rtsr_cli.core.learning.crops import (
     Task,
     random_choices,
     random_region,
-    sample_steps,
-    stacked,
-    whole_window,
 )
+from rtsr_cli.core.learning.steps import sample_steps, stacked, whole_window
 
 REGION = Region(position=3, top=4, left=8, size=(8, 10))
 
@@ -42,7 +40,7 @@ def test_an_unchanged_sample_holds_the_captures_pixels(clip: Clip, task: Task) -
 def test_a_sample_is_a_function_of_its_draws(clip: Clip, task: Task) -> None:
     def make(seed: int) -> torch.Tensor:
         rng = np.random.default_rng(seed)
-        region = random_region(clip, (8, 8), scale=4, unroll=1, rng=rng)
+        region = random_region(clip, (8, 8), block=4, unroll=1, rng=rng)
         choices = random_choices(AugmentationConfig(), rng)
         return sample_steps(clip, region, choices, task)[0].goal["color"]
 
@@ -100,7 +98,7 @@ def test_filtered_radiance_is_that_of_the_whole_frame(clip: Clip, task: Task) ->
 
 def test_crops_lie_inside_and_reach_every_phase(clip: Clip) -> None:
     regions = [
-        random_region(clip, (8, 8), scale=4, unroll=1, rng=np.random.default_rng(i))
+        random_region(clip, (8, 8), block=4, unroll=1, rng=np.random.default_rng(i))
         for i in range(400)
     ]
     assert all(0 <= r.top <= 48 - 32 and 0 <= r.left <= 64 - 32 for r in regions)
@@ -111,7 +109,7 @@ def test_crops_lie_inside_and_reach_every_phase(clip: Clip) -> None:
 
 
 def test_crops_larger_than_the_frame_shrink_to_it(clip: Clip) -> None:
-    region = random_region(clip, (99, 99), scale=4, unroll=1, rng=np.random.default_rng(0))
+    region = random_region(clip, (99, 99), block=4, unroll=1, rng=np.random.default_rng(0))
     assert region.size == (12, 16)
     assert (region.top, region.left) == (0, 0)
 

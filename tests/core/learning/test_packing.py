@@ -8,9 +8,10 @@ import torch
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.learning.clips import read_clips
 from rtsr_cli.core.learning.config import TrainingConfig
-from rtsr_cli.core.learning.crops import Choices, Region, Task, sample_steps
+from rtsr_cli.core.learning.crops import Choices, Region, Task
 from rtsr_cli.core.learning.packing import cut, pack
 from rtsr_cli.core.learning.sampling import Sampler
+from rtsr_cli.core.learning.steps import sample_steps
 from rtsr_cli.models import load_system
 from tests.core.learning.conftest import make_clip
 
