@@ -8,9 +8,10 @@ from typing import Any
 import click
 
 from rtsr_cli.commands.options import emit
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.networks import shipped_weights
-from rtsr_cli.core.system import System, Task
+from rtsr_cli.core.system import System
 from rtsr_cli.models import load_system, system_names
 
 OUTPUT_SIZE = (1080, 1920)
@@ -57,7 +58,7 @@ def network_scales(system: System) -> tuple[int, ...]:
     """Scales that a system has a network for; none if it has no network."""
     if system.learning is None:
         return ()
-    return system.scales if system.task is Task.UPSCALE else (1,)
+    return system.scales if system.task is SystemTask.UPSCALE else (1,)
 
 
 def parameters(system: System) -> dict[str, int]:

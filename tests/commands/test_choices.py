@@ -7,6 +7,7 @@ import pytest
 
 from rtsr_cli.commands import demodulate, options, precompute_lut, upscale
 from rtsr_cli.core.choices import (
+    MATERIAL_EPSILON,
     DemodulationMode,
     JitterMode,
     LutConvention,
@@ -15,7 +16,6 @@ from rtsr_cli.core.choices import (
     Precision,
 )
 from rtsr_cli.core.imaging import brdf_lut
-from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.imaging.resampling import PIXEL_FILTERS
 from rtsr_cli.core.io.presets import LAYOUTS
 
