@@ -38,8 +38,8 @@ from results_text import (
 from tables import Row, write_csv
 
 from rtsr_cli.cli import group
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.networks import has_weights
-from rtsr_cli.core.system import Task
 from rtsr_cli.models import load_system, trainable_names
 
 BASELINES = ("bicubic", "demod-bicubic", "taau")
@@ -61,7 +61,7 @@ def rtsr(*arguments: object) -> None:
 def methods(scale: int) -> tuple[str, ...]:
     """Baselines, what needs no training, and networks with weights for a scale."""
     systems = [load_system(name) for name in trainable_names()]
-    upscalers = [s for s in systems if s.task is Task.UPSCALE and has_weights(s, scale)]
+    upscalers = [s for s in systems if s.task is SystemTask.UPSCALE and has_weights(s, scale)]
     return (*BASELINES, UNTRAINED, *(system.name for system in upscalers))
 
 

@@ -55,7 +55,7 @@ from rtsr_cli.core.vrs.tiles import pixel_shares
 from rtsr_cli.core.weights import SHIPPED
 from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
-from rtsr_cli.models.rt_percept.transforms import restored, transformed
+from rtsr_cli.models.rt_percept.loss import restore_errors, transform_errors
 
 SYSTEM = "rt-percept"
 DERIVED = (Rate.HALF, Rate.QUARTER)
@@ -117,9 +117,9 @@ def tallies(
     each: dict[str, dict[str, Tally]] = defaultdict(dict)
     unseen = 1.0 - frame.seen
     for index, rate in enumerate(config.predicted):
-        wanted = transformed(frame.true[rate], mean, config)
-        predicted = transformed(frame.predicted[:, index : index + 1], mean, config)
-        proxy = transformed(frame.proxy[rate], mean, config)
+        wanted = transform_errors(frame.true[rate], mean, config)
+        predicted = transform_errors(frame.predicted[:, index : index + 1], mean, config)
+        proxy = transform_errors(frame.proxy[rate], mean, config)
         each["network"][rate.label] = tally(predicted, wanted)
         each["network, seen"][rate.label] = tally(predicted, wanted, frame.seen)
         each["network, unseen"][rate.label] = tally(predicted, wanted, unseen)
@@ -133,8 +133,10 @@ def tallies(
     if metric == "psnr":
         return each
     for rate in DERIVED:
-        wanted = transformed(frame.true[rate], mean, config)
-        each["extrapolated"][rate.label] = tally(transformed(derived[rate], mean, config), wanted)
+        wanted = transform_errors(frame.true[rate], mean, config)
+        each["extrapolated"][rate.label] = tally(
+            transform_errors(derived[rate], mean, config), wanted
+        )
     return each
 
 
@@ -172,7 +174,7 @@ def frontier(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 def curves(frames: list[Known], loaded: Loaded) -> list[Curve]:
     """What is saved against the true error, a curve an estimator."""
     reach = float(
-        restored(torch.ones(1, 1, 1, 1), loaded.network.get_buffer("mean"), loaded.config)
+        restore_errors(torch.ones(1, 1, 1, 1), loaded.network.get_buffer("mean"), loaded.config)
     )
     own = [reach * (step / STEPS) ** 2 for step in range(1, STEPS)]
     analytic = [0.005 * 1.35**step for step in range(STEPS)]

@@ -47,7 +47,7 @@ from rtsr_cli.models import rate_predictor_names
     "weights_file",
     type=opt.FOLDER,
     metavar="FILE",
-    help="Of rtsr train rt-percept; those that come with rtsr by default.",
+    help=f"Of rtsr train {rate_predictor_names()[0]}; those that come with rtsr by default.",
 )
 @click.option(
     "--margin",

@@ -11,6 +11,21 @@ MATERIAL_EPSILON = 4e-3
 """Smallest channel of a material term that radiance is divided by."""
 
 
+class SystemTask(StrEnum):
+    """What a system predicts."""
+
+    UPSCALE = "upscale"
+    EXTRAPOLATE = "extrapolate"
+    PREDICT_VRS = "predict-vrs"
+
+
+class Preset(StrEnum):
+    """What surrounds a network's layers: this project's choices, or the publication's."""
+
+    RTSR = "rtsr"
+    PAPER = "paper"
+
+
 class MissingPolicy(StrEnum):
     """What a hole in the numbering means for the run."""
 

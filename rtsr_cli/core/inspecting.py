@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.capture import Capture
@@ -37,7 +38,7 @@ from rtsr_cli.core.readiness import (
     pairing,
     readiness,
 )
-from rtsr_cli.core.system import System, Task
+from rtsr_cli.core.system import System
 
 MOST_FRAMES = 64
 """Frames whose pixels are looked at, evenly spaced, unless all are asked for."""
@@ -153,7 +154,9 @@ def inspect_shot(
         name=shot.name, root=shot.root, main=main, hr=hr, systems={}, capture=capture
     )
     ready = {
-        s.name: readiness(s, sources, found.problems) for s in systems if s.task is Task.UPSCALE
+        s.name: readiness(s, sources, found.problems)
+        for s in systems
+        if s.task is SystemTask.UPSCALE
     }
     return replace(found, systems=ready)
 
@@ -162,7 +165,7 @@ def refused(root: Path, message: str, systems: Iterable[System]) -> ShotInspecti
     """Inspect a folder in which not even shots can be found."""
     problem = Problem(text=message, gravity=Gravity.REFUSED)
     main = _nothing_known(FrameSet(root=root, streams={}), {}, [problem])
-    ready = {s.name: readiness(s, [], [problem]) for s in systems if s.task is Task.UPSCALE}
+    ready = {s.name: readiness(s, [], [problem]) for s in systems if s.task is SystemTask.UPSCALE}
     return ShotInspection(name=".", root=root, main=main, hr=None, systems=ready)
 
 

@@ -1,9 +1,8 @@
 """Lighting as networks see, predict and are judged on it; what lighting systems share.
 
-Preset `rtsr`: networks work on e = log(1 + lighting / k), k of the whole frame, their output is
-multiplied by the HR material, emission is added, and the sky is enlarged on its own. Preset `paper`
-[FuseSR, code]: lighting is radiance / softplus(F) as it is, and everything is multiplied back;
-radiance is bounded at 10, of the input and of the reference.
+Networks work on e = log(1 + lighting / k), k of the whole frame; their output is added to an
+enlargement of the lighting and multiplied by the HR material, emission is added, and the sky is
+enlarged on its own. A system that departs from this says so in `Surroundings` of its own.
 
 Conventions: HR tensors among inputs, outputs and goal lie on the grid that `alignment` moves, so
 that the LR sample is pixel (S//2, S//2) of its block.
@@ -11,6 +10,8 @@ that the LR sample is pixel (S//2, S//2) of its block.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import StrEnum
 
@@ -32,9 +33,6 @@ from rtsr_cli.core.system import Prediction, Tensors, Window
 MAX_LIGHTING = 64.0
 """Bound of lighting in a network's input: quotients over dark materials have none."""
 
-MAX_PAPER_RADIANCE = 10.0
-"""Bound of the radiance in the preset `paper` [FuseSR, code]."""
-
 LR_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
 HR_BUFFERS = (Buffer.MATERIAL, Buffer.SKY)
 HR_OPTIONAL = (Buffer.EMISSION,)
@@ -51,13 +49,6 @@ class Base(StrEnum):
     CUBIC = "cubic"
 
 
-class Preset(StrEnum):
-    """What surrounds a network's layers."""
-
-    RTSR = "rtsr"
-    PAPER = "paper"
-
-
 @dataclass(frozen=True, kw_only=True)
 class LossWeights:
     """Weights of the loss' terms: mean absolute differences, or squared where named so.
@@ -67,7 +58,8 @@ class LossWeights:
         tonemapped: of the remodulated image after c / (1 + c), sky left out.
         tonemapped_squared: the same squared, which is what PSNR measures; noise in captures moves
             the absolute difference's optimum to the median, this one's to the mean.
-        radiance: of the remodulated linear image, bounded as the paper's [FuseSR, code].
+        radiance: of the remodulated linear image, the capture's radiance bounded as the system's
+            `Surroundings` say.
     """
 
     log: float = 0.1
@@ -87,9 +79,6 @@ class LossWeights:
             raise ConfigError(f"network.loss: one of {', '.join(names)} has to be above 0")
 
 
-PAPER_LOSS = LossWeights(log=0.0, tonemapped=0.0, radiance=1.0)
-
-
 def encode_lighting(lighting: Color, scale: Tensor) -> Color:
     """e = log(1 + lighting / k); k broadcasts over a batch."""
     return torch.log1p(lighting.clamp(min=0.0) / scale)
@@ -100,24 +89,14 @@ def decode_lighting(encoded: Color, scale: Tensor) -> Color:
     return torch.expm1(encoded.clamp(min=0.0)) * scale
 
 
-def network_depth(depth_m: Plane, preset: Preset) -> Plane:
-    """1 / (1 + depth), 0 on sky; as stored in `paper`."""
-    if preset is Preset.PAPER:
-        return depth_m
+def inverse_depth(depth_m: Plane) -> Plane:
+    """1 / (1 + depth), 0 on sky."""
     return (1.0 - sky_mask(depth_m)) / (1.0 + depth_m.clamp(min=0.0))
 
 
-def network_lighting(frame: Frame, preset: Preset) -> Color:
-    """LR lighting of a frame with its own k; 0 where nothing was divided.
-
-    In `paper` that of radiance bounded at 10: min(c, 10) / F = L min(1, 10 / c).
-    """
-    lighting = frame.gbuffer[Buffer.LIGHTING]
-    if preset is Preset.PAPER:
-        color = frame.gbuffer[Buffer.COLOR]
-        return lighting * (MAX_PAPER_RADIANCE / color).nan_to_num().clamp(0.0, 1.0)
-    bounded = lighting.clamp(max=MAX_LIGHTING)
-    return encode_lighting(bounded, scale_of(frame)) * frame.gbuffer[Buffer.LIGHTING_MASK]
+def stored_depth(depth_m: Plane) -> Plane:
+    """Depth as it is stored."""
+    return depth_m
 
 
 def network_normal(frame: Frame) -> Vector3:
@@ -172,61 +151,6 @@ def hr_frame(window: Window) -> Frame:
     return window.hr
 
 
-def lighting_inputs(
-    window: Window,
-    preset: Preset,
-    base: Base = Base.GUIDED,
-    *,
-    emission_apart: bool = True,
-) -> dict[str, Tensor]:
-    """`material`, `emission` (HR, aligned), `lighting_scale`, and `base` where there is one.
-
-    `base` is the enlargement of log lighting that a network corrects; `paper` has none. Emission is
-    0 where it was not taken out of the radiance before that was divided (`emission_apart`).
-    """
-    frame, hr = window.current, hr_frame(window)
-    material = hr.gbuffer[Buffer.MATERIAL]
-    emission = hr.gbuffer.buffers.get(Buffer.EMISSION) if emission_apart else None
-    inputs = {
-        "material": aligned(window, material),
-        "lighting_scale": scale_of(frame),
-    }
-    if preset is Preset.RTSR:
-        inputs["emission"] = (
-            torch.zeros_like(material) if emission is None else aligned(window, emission)
-        )
-        inputs["base"] = enlarged_lighting(window, base)
-    return inputs
-
-
-def predicted_lighting(predicted: Color, inputs: Tensors, preset: Preset) -> Color:
-    """Lighting that a network's output stands for."""
-    if preset is Preset.PAPER:
-        return predicted
-    return decode_lighting(predicted, inputs["lighting_scale"])
-
-
-def relit_material(lighting: Color, inputs: Tensors) -> Color:
-    """Radiance = lighting * HR material + emission, sky not treated; `paper` has no emission."""
-    return remodulate(lighting, inputs["material"], inputs.get("emission"))
-
-
-def recomposed(predicted: Color, inputs: Tensors, preset: Preset) -> Color:
-    """Radiance of a network's output, sky not treated."""
-    return relit_material(predicted_lighting(predicted, inputs, preset), inputs)
-
-
-def compose_lighting(
-    preset: Preset, window: Window, inputs: Tensors, predicted: Color
-) -> Prediction:
-    """Multiply by HR material, add emission, put in the sky."""
-    lighting = predicted_lighting(predicted.float(), inputs, preset)
-    image = unaligned(window, relit_material(lighting, inputs)).clamp(min=0.0)
-    if preset is Preset.RTSR:
-        image = with_sky(window, image)
-    return Prediction(image=image, debug={"lighting": unaligned(window, lighting)})
-
-
 SKY_MARGIN_PX = 6
 """LR rows around the sky that its enlargement sees: cubic 2 and jitter 1, highlights 2, and one."""
 
@@ -248,21 +172,116 @@ def with_sky(window: Window, image: Color) -> Color:
     return torch.cat([image[:, :, : changed.start], band, image[:, :, changed.stop :]], dim=2)
 
 
-def lighting_goal(preset: Preset, window: Window, reference: Frame) -> dict[str, Tensor]:
-    """What a network is held against: the capture's lighting and radiance, on the aligned grid.
+def keep_picture(window: Window, image: Color) -> Color:
+    """`Surroundings.finish` of whoever adds nothing to the picture."""
+    del window
+    return image
 
-    Keys: `color`, `surface_mask` (1 = no sky), and in `rtsr` `encoded`, `divided_mask`.
+
+def keep_lighting(predicted: Color, scale: Tensor) -> Color:
+    """`Surroundings.decode` of whoever predicts lighting itself."""
+    del scale
+    return predicted
+
+
+Goal = Callable[[Frame, Tensor], dict[str, Tensor]]
+"""(capture, k of the LR frame) -> the lighting that a network is held against."""
+
+
+def log_goal(reference: Frame, scale: Tensor) -> dict[str, Tensor]:
+    """`encoded`: log lighting, bounded; `divided_mask`: where there is any."""
+    lighting = reference.gbuffer[Buffer.LIGHTING].clamp(max=MAX_LIGHTING)
+    return {
+        "encoded": encode_lighting(lighting, scale),
+        "divided_mask": reference.gbuffer[Buffer.LIGHTING_MASK],
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surroundings:
+    """What surrounds the layers of a network that predicts lighting; by default this project's.
+
+    Attributes:
+        show_depth: depth in metres -> as a network sees it.
+        decode: (output of a network, k) -> the lighting that it stands for.
+        corrects_base: whether the output is added to the enlarged lighting, emission to the
+            picture; the layers start as the identity then.
+        finish: (window, picture of the surfaces at the target size) -> the whole picture.
+        goal: the capture's lighting, as the loss compares with it.
+        max_radiance: bound of the capture's radiance in the loss' term of that name.
+    """
+
+    show_depth: Callable[[Plane], Plane] = inverse_depth
+    decode: Callable[[Color, Tensor], Color] = decode_lighting
+    corrects_base: bool = True
+    finish: Callable[[Window, Color], Color] = with_sky
+    goal: Goal = log_goal
+    max_radiance: float = math.inf
+
+
+LOG_LIGHTING = Surroundings()
+"""Log lighting, corrected, with emission and sky apart."""
+
+
+def lighting_inputs(
+    window: Window,
+    surroundings: Surroundings,
+    base: Base = Base.GUIDED,
+    *,
+    emission_apart: bool = True,
+) -> dict[str, Tensor]:
+    """`material`, `emission` (HR, aligned), `lighting_scale`, and `base` where there is one.
+
+    `base` is the enlargement of log lighting that a network corrects. Emission comes with it, and
+    is 0 where it was not taken out of the radiance before that was divided (`emission_apart`).
+    """
+    frame, hr = window.current, hr_frame(window)
+    material = hr.gbuffer[Buffer.MATERIAL]
+    emission = hr.gbuffer.buffers.get(Buffer.EMISSION) if emission_apart else None
+    inputs = {
+        "material": aligned(window, material),
+        "lighting_scale": scale_of(frame),
+    }
+    if surroundings.corrects_base:
+        inputs["emission"] = (
+            torch.zeros_like(material) if emission is None else aligned(window, emission)
+        )
+        inputs["base"] = enlarged_lighting(window, base)
+    return inputs
+
+
+def relit_material(lighting: Color, inputs: Tensors) -> Color:
+    """Radiance = lighting * HR material + emission where there is one, sky not treated."""
+    return remodulate(lighting, inputs["material"], inputs.get("emission"))
+
+
+def recomposed(predicted: Color, inputs: Tensors, surroundings: Surroundings) -> Color:
+    """Radiance of a network's output, sky not treated."""
+    return relit_material(surroundings.decode(predicted, inputs["lighting_scale"]), inputs)
+
+
+def compose_lighting(
+    surroundings: Surroundings, window: Window, inputs: Tensors, predicted: Color
+) -> Prediction:
+    """Multiply by HR material, add emission, and finish: put in the sky."""
+    lighting = surroundings.decode(predicted.float(), inputs["lighting_scale"])
+    image = unaligned(window, relit_material(lighting, inputs)).clamp(min=0.0)
+    return Prediction(
+        image=surroundings.finish(window, image), debug={"lighting": unaligned(window, lighting)}
+    )
+
+
+def lighting_goal(
+    surroundings: Surroundings, window: Window, reference: Frame
+) -> dict[str, Tensor]:
+    """What a network is held against: the capture's radiance and lighting, on the aligned grid.
+
+    Keys: `color`, `surface_mask` (1 = no sky), and those of `Surroundings.goal`.
     """
     gbuffer = reference.gbuffer
-    color = gbuffer[Buffer.COLOR]
-    goal = {"color": aligned(window, color), "surface_mask": 1.0 - gbuffer[Buffer.SKY]}
-    if preset is Preset.RTSR:
-        lighting = gbuffer[Buffer.LIGHTING].clamp(max=MAX_LIGHTING)
-        encoded = encode_lighting(lighting, scale_of(window.current))
-        goal["encoded"] = aligned(window, encoded)
-        goal["divided_mask"] = aligned(window, gbuffer[Buffer.LIGHTING_MASK])
-    goal["surface_mask"] = aligned(window, goal["surface_mask"])
-    return goal
+    goal = {"color": gbuffer[Buffer.COLOR], "surface_mask": 1.0 - gbuffer[Buffer.SKY]}
+    goal |= surroundings.goal(reference, scale_of(window.current))
+    return {name: aligned(window, image) for name, image in goal.items()}
 
 
 def masked_mean(values: Image, mask: Mask) -> Tensor:
@@ -275,15 +294,20 @@ def masked_mean(values: Image, mask: Mask) -> Tensor:
 
 
 def lighting_loss(
-    weights: LossWeights, predicted: Color, *, inputs: Tensors, goal: Tensors, preset: Preset
+    surroundings: Surroundings,
+    weights: LossWeights,
+    predicted: Color,
+    *,
+    inputs: Tensors,
+    goal: Tensors,
 ) -> dict[str, Tensor]:
-    """Terms of `LossWeights` that weigh anything."""
+    """Terms of `LossWeights` that weigh anything; that of log lighting where the goal is that."""
     predicted = predicted.float()
     terms: dict[str, Tensor] = {}
     if weights.log and "encoded" in goal:
         difference = (predicted - goal["encoded"]).abs()
         terms["log"] = weights.log * masked_mean(difference, goal["divided_mask"])
-    image = recomposed(predicted, inputs, preset)
+    image = recomposed(predicted, inputs, surroundings)
     if weights.tonemapped or weights.tonemapped_squared:
         difference = (encode_reinhard(image) - encode_reinhard(goal["color"])).abs()
         if weights.tonemapped:
@@ -292,6 +316,6 @@ def lighting_loss(
             squared = masked_mean(difference.square(), goal["surface_mask"])
             terms["tonemapped_squared"] = weights.tonemapped_squared * squared
     if weights.radiance:
-        bounded = goal["color"].clamp(max=MAX_PAPER_RADIANCE)
+        bounded = goal["color"].clamp(max=surroundings.max_radiance)
         terms["radiance"] = weights.radiance * (image - bounded).abs().mean()
     return terms

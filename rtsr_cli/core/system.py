@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -20,14 +20,6 @@ from rtsr_cli.core.shapes import Color, Image, TileMap
 
 State = Any
 """What a recurrent system carries from frame to frame; opaque to core, None at a reset."""
-
-
-class Task(StrEnum):
-    """What a system predicts."""
-
-    UPSCALE = "upscale"
-    EXTRAPOLATE = "extrapolate"
-    PREDICT_VRS = "predict-vrs"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +175,7 @@ class System:
     name: str
     summary: str
     citation: str
-    task: Task = Task.UPSCALE
+    task: SystemTask = SystemTask.UPSCALE
     lr_inputs: tuple[Buffer, ...]
     lr_optional: tuple[Buffer, ...] = ()
     hr_inputs: tuple[Buffer, ...] = ()

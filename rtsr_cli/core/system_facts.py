@@ -6,9 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.networks import shipped_weights
-from rtsr_cli.core.system import System, Task
+from rtsr_cli.core.system import System
 
 OUTPUT_SIZE = (1080, 1920)
 """(height, width) that multiply-accumulates are counted for."""
@@ -104,7 +105,7 @@ def network_scales(system: System) -> tuple[int, ...]:
     """Scales that a system has a network for; none if it has no network."""
     if system.learning is None:
         return ()
-    return system.scales if system.task is Task.UPSCALE else (1,)
+    return system.scales if system.task is SystemTask.UPSCALE else (1,)
 
 
 def default_parameters(system: System) -> dict[str, int]:

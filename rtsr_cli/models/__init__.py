@@ -1,59 +1,91 @@
-"""The systems, by name; none is imported before it is asked for.
+"""The systems, a row each; none is imported before it is asked for.
 
-A new system is its file and one line in `SYSTEM_MODULES`.
+A new system is its module or folder and one row in `ROWS`. What is trained is a folder: `__init__`
+(what it is, `SYSTEMS`), `config`, `inputs`, `network`, `loss`, and `published` where this project
+departs from the publication. A baseline has no network and no loss: one file.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from rtsr_cli.core.system import System
 
-SYSTEM_MODULES = {
-    "bicubic": "bicubic",
-    "demod-bicubic": "bicubic",
-    "demod-guided": "guided",
-    "taau": "taau",
-    "fusesr": "fusesr",
-    "fusesr-fast": "fusesr",
-    "fusesr-direct": "fusesr",
-    "nsrd": "nsrd",
-    "rt-percept": "rt_percept",
-}
-"""System name -> module of this package; the order is that of listings."""
 
-TRAINABLE = ("fusesr", "fusesr-fast", "fusesr-direct", "nsrd", "rt-percept")
-"""Systems with a network; a test holds them to their declarations."""
+@dataclass(frozen=True, kw_only=True)
+class SystemRow:
+    """What is known of a system without importing it; a test holds rows to declarations.
 
-OTHER_TASKS = ("rt-percept",)
-"""Systems that do not upscale; a test holds them to their declarations."""
+    Attributes:
+        name: what users type.
+        module: of this package, that declares it.
+        task: what it predicts.
+        trainable: whether it has a network.
+        rank: place in the order of preference of its task, 1 = first; None = only by name.
+    """
 
-PREFERENCE = ("fusesr", "fusesr-fast", "demod-guided", "demod-bicubic", "bicubic")
-"""What `upscale` uses by default: the first of these that inputs, scale and weights allow."""
+    name: str
+    module: str
+    task: SystemTask = SystemTask.UPSCALE
+    trainable: bool = False
+    rank: int | None = None
 
 
-def system_names() -> tuple[str, ...]:
-    """Every system's name, without importing one."""
-    return tuple(SYSTEM_MODULES)
+ROWS = (
+    SystemRow(name="bicubic", module="bicubic", rank=5),
+    SystemRow(name="demod-bicubic", module="bicubic", rank=4),
+    SystemRow(name="demod-guided", module="guided", rank=3),
+    SystemRow(name="taau", module="taau"),
+    SystemRow(name="fusesr", module="fusesr", trainable=True, rank=1),
+    SystemRow(name="fusesr-fast", module="fusesr", trainable=True, rank=2),
+    SystemRow(name="fusesr-direct", module="fusesr", trainable=True),
+    SystemRow(name="nsrd", module="nsrd", trainable=True),
+    SystemRow(
+        name="rt-percept",
+        module="rt_percept",
+        task=SystemTask.PREDICT_VRS,
+        trainable=True,
+        rank=1,
+    ),
+)
+"""Every system, in the order of listings."""
+
+
+def system_names(task: SystemTask | None = None) -> tuple[str, ...]:
+    """Names of the systems, those of a task or all, without importing one."""
+    return tuple(row.name for row in ROWS if task is None or row.task is task)
 
 
 def upscaler_names() -> tuple[str, ...]:
     """Names of the systems that `upscale` takes, without importing one."""
-    return tuple(name for name in SYSTEM_MODULES if name not in OTHER_TASKS)
+    return system_names(SystemTask.UPSCALE)
 
 
 def rate_predictor_names() -> tuple[str, ...]:
     """Names of the systems that `predict-vrs` takes, best first, without importing one."""
-    return OTHER_TASKS
+    best = preferred_names(SystemTask.PREDICT_VRS)
+    return (*best, *(n for n in system_names(SystemTask.PREDICT_VRS) if n not in best))
 
 
 def trainable_names() -> tuple[str, ...]:
     """Names of the systems that `train` takes, without importing one."""
-    return TRAINABLE
+    return tuple(row.name for row in ROWS if row.trainable)
+
+
+def preferred_names(task: SystemTask) -> tuple[str, ...]:
+    """Names of a task's systems by preference, without importing one."""
+    ranked = [(row.rank, row.name) for row in ROWS if row.task is task and row.rank is not None]
+    return tuple(name for _, name in sorted(ranked))
+
+
+PREFERENCE = preferred_names(SystemTask.UPSCALE)
+"""What `upscale` uses by default: the first of these that inputs, scale and weights allow."""
 
 
 def load_system(name: str) -> System:
@@ -62,8 +94,8 @@ def load_system(name: str) -> System:
     Raises:
         ConfigError: there is no such system; suggests one.
     """
-    if name not in SYSTEM_MODULES:
-        raise ConfigError(f"no system is called '{name}'{did_you_mean(name, SYSTEM_MODULES)}")
-    module = import_module(f"rtsr_cli.models.{SYSTEM_MODULES[name]}")
-    systems: tuple[System, ...] = module.SYSTEMS
+    modules = {row.name: row.module for row in ROWS}
+    if name not in modules:
+        raise ConfigError(f"no system is called '{name}'{did_you_mean(name, modules)}")
+    systems: tuple[System, ...] = import_module(f"{__name__}.{modules[name]}").SYSTEMS
     return next(system for system in systems if system.name == name)

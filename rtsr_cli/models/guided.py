@@ -19,8 +19,8 @@ from rtsr_cli.core.lighting import (
     GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
+    LOG_LIGHTING,
     LR_BUFFERS,
-    Preset,
     compose_lighting,
     lighting_inputs,
 )
@@ -38,8 +38,8 @@ class DemodGuidedConfig:
 def predict(network: nn.Module, window: Window, state: State) -> Prediction:
     """Enlarge lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     del network, state
-    inputs = lighting_inputs(window, Preset.RTSR)
-    return compose_lighting(Preset.RTSR, window, inputs, inputs["base"])
+    inputs = lighting_inputs(window, LOG_LIGHTING)
+    return compose_lighting(LOG_LIGHTING, window, inputs, inputs["base"])
 
 
 DEMOD_GUIDED = System(

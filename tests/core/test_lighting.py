@@ -14,21 +14,22 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.enlarging import enlarge_where
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
 from rtsr_cli.core.lighting import (
-    MAX_LIGHTING,
-    PAPER_LOSS,
+    LOG_LIGHTING,
     LossWeights,
-    Preset,
+    Surroundings,
     aligned,
     compose_lighting,
     decode_lighting,
     encode_lighting,
+    inverse_depth,
+    keep_lighting,
+    keep_picture,
     lighting_goal,
     lighting_inputs,
     lighting_loss,
     masked_mean,
-    network_depth,
-    network_lighting,
     recomposed,
+    stored_depth,
     unaligned,
     with_sky,
 )
@@ -98,27 +99,8 @@ def test_negative_predictions_are_no_light() -> None:
 def test_depth_of_sky_is_zero_for_a_network() -> None:
     depth = torch.tensor([SKY_DEPTH_M, 0.0, 1.0, 3.0]).view(1, 1, 1, 4)
     expected = torch.tensor([0.0, 1.0, 0.5, 0.25]).view(1, 1, 1, 4)
-    assert torch.equal(network_depth(depth, Preset.RTSR), expected)
-    assert torch.equal(network_depth(depth, Preset.PAPER), depth)
-
-
-def test_what_is_not_divided_is_black_for_a_network_and_the_rest_is_bounded() -> None:
-    lighting = torch.full((1, 3, 1, 2), 1e4)
-    mask = torch.tensor([1.0, 0.0]).view(1, 1, 1, 2)
-    seen = network_lighting(
-        frame({Buffer.LIGHTING: lighting, Buffer.LIGHTING_MASK: mask}), Preset.RTSR
-    )
-    bound = math.log(1 + MAX_LIGHTING / K)
-    assert torch.allclose(seen[0, :, 0], torch.tensor([bound, 0.0]))
-
-
-def test_paper_bounds_the_radiance_that_is_divided() -> None:
-    color = torch.tensor([0.0, 4.0, 10.0, 50.0]).view(1, 1, 1, 4).expand(1, 3, 1, 4)
-    divisor = torch.tensor([0.1, 0.5, 0.25, 2.0])
-    seen = network_lighting(
-        frame({Buffer.COLOR: color, Buffer.LIGHTING: color / divisor}), Preset.PAPER
-    )
-    assert torch.allclose(seen, color.clamp(max=10.0) / divisor)
+    assert torch.equal(inverse_depth(depth), expected)
+    assert torch.equal(stored_depth(depth), depth)
 
 
 @pytest.mark.parametrize("offset", [(0, 0), (2, 2), (3, 1)])
@@ -131,37 +113,46 @@ def test_alignment_is_undone_inside(offset: tuple[int, int]) -> None:
 @pytest.mark.parametrize("offset", [(2, 2), (1, 3)])
 def test_a_perfect_prediction_has_no_loss(offset: tuple[int, int]) -> None:
     seen = window(offset)
-    inputs, goal = lighting_inputs(seen, Preset.RTSR), lighting_goal(Preset.RTSR, seen, capture())
-    terms = lighting_loss(
-        LossWeights(), goal["encoded"], inputs=inputs, goal=goal, preset=Preset.RTSR
-    )
+    inputs, goal = lighting_inputs(seen, LOG_LIGHTING), lighting_goal(LOG_LIGHTING, seen, capture())
+    terms = lighting_loss(LOG_LIGHTING, LossWeights(), goal["encoded"], inputs=inputs, goal=goal)
     assert set(terms) == {"log", "tonemapped"}
     assert all(float(term) < 1e-6 for term in terms.values())
 
 
-def test_a_perfect_prediction_has_no_loss_in_paper() -> None:
+BARE = Surroundings(
+    show_depth=stored_depth,
+    decode=keep_lighting,
+    corrects_base=False,
+    finish=keep_picture,
+    goal=lambda reference, scale: {},
+    max_radiance=2.0,
+)
+"""Of a network that predicts lighting itself, with nothing around it."""
+
+
+def test_without_surroundings_a_perfect_prediction_is_the_quotient() -> None:
     seen = window()
-    # paper divides everything by the same material that it multiplies by, without emission
-    quotient = capture().gbuffer[Buffer.COLOR] / capture().gbuffer[Buffer.MATERIAL]
-    terms = lighting_loss(
-        PAPER_LOSS,
-        quotient,
-        inputs=lighting_inputs(seen, Preset.PAPER),
-        goal=lighting_goal(Preset.PAPER, seen, capture()),
-        preset=Preset.PAPER,
-    )
+    # everything is divided by the same material that it is multiplied by, without emission
+    color = capture().gbuffer[Buffer.COLOR].clamp(max=BARE.max_radiance)
+    quotient = color / capture().gbuffer[Buffer.MATERIAL]
+    inputs, goal = lighting_inputs(seen, BARE), lighting_goal(BARE, seen, capture())
+    assert set(inputs) == {"material", "lighting_scale"}
+    assert set(goal) == {"color", "surface_mask"}
+    weights = LossWeights(log=1.0, tonemapped=0.0, radiance=1.0)
+    terms = lighting_loss(BARE, weights, quotient, inputs=inputs, goal=goal)
     assert set(terms) == {"radiance"}
     assert float(terms["radiance"]) < 1e-6
+    image = compose_lighting(BARE, seen, inputs, quotient).image
+    assert image is not None
+    assert torch.allclose(image, color, rtol=1e-5)
 
 
 def test_masked_pixels_do_not_count() -> None:
     seen = window()
-    inputs, goal = lighting_inputs(seen, Preset.RTSR), lighting_goal(Preset.RTSR, seen, capture())
+    inputs, goal = lighting_inputs(seen, LOG_LIGHTING), lighting_goal(LOG_LIGHTING, seen, capture())
 
     def terms(predicted: Tensor) -> dict[str, float]:
-        found = lighting_loss(
-            LossWeights(), predicted, inputs=inputs, goal=goal, preset=Preset.RTSR
-        )
+        found = lighting_loss(LOG_LIGHTING, LossWeights(), predicted, inputs=inputs, goal=goal)
         return {name: float(term) for name, term in found.items()}
 
     right = goal["encoded"]
@@ -182,11 +173,11 @@ def test_a_masked_mean_is_over_its_pixels_alone() -> None:
 
 def test_a_perfect_prediction_is_the_capture() -> None:
     seen, whole = window(), capture().gbuffer
-    inputs, goal = lighting_inputs(seen, Preset.RTSR), lighting_goal(Preset.RTSR, seen, capture())
+    inputs, goal = lighting_inputs(seen, LOG_LIGHTING), lighting_goal(LOG_LIGHTING, seen, capture())
     surface = whole[Buffer.SKY] < 0.5
-    image = recomposed(goal["encoded"], inputs, Preset.RTSR)
+    image = recomposed(goal["encoded"], inputs, LOG_LIGHTING)
     assert torch.allclose(image, whole[Buffer.COLOR], rtol=1e-4)
-    composed = compose_lighting(Preset.RTSR, seen, inputs, goal["encoded"]).image
+    composed = compose_lighting(LOG_LIGHTING, seen, inputs, goal["encoded"]).image
     assert composed is not None
     every = surface.expand_as(composed)
     assert torch.allclose(composed[every], whole[Buffer.COLOR][every], rtol=1e-4)
@@ -195,10 +186,10 @@ def test_a_perfect_prediction_is_the_capture() -> None:
 
 def test_the_sky_is_never_the_networks() -> None:
     seen = window()
-    inputs = lighting_inputs(seen, Preset.RTSR)
+    inputs = lighting_inputs(seen, LOG_LIGHTING)
     sky = seen.hr is not None and seen.hr.gbuffer[Buffer.SKY].expand(1, 3, -1, -1) > 0.5
     dark, bright = (
-        compose_lighting(Preset.RTSR, seen, inputs, torch.full((1, 3, *SIZE), value)).image
+        compose_lighting(LOG_LIGHTING, seen, inputs, torch.full((1, 3, *SIZE), value)).image
         for value in (0.0, 3.0)
     )
     assert dark is not None

@@ -11,18 +11,18 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from rtsr_cli.core.choices import DemodulationMode
+from rtsr_cli.core.choices import DemodulationMode, Preset
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
-from rtsr_cli.core.lighting import Base, Preset
+from rtsr_cli.core.lighting import MAX_LIGHTING, Base, LossWeights
 from rtsr_cli.core.settings import Source, resolve
 from rtsr_cli.core.system import System, Window
 from rtsr_cli.models import load_system
-from rtsr_cli.models.fusesr import compose, derivation, history_inputs, prepare
+from rtsr_cli.models.fusesr import compose
 from rtsr_cli.models.fusesr.config import (
     FuseSRConfig,
     FuseSRDirectConfig,
@@ -30,6 +30,8 @@ from rtsr_cli.models.fusesr.config import (
     Fusion,
     Variant,
 )
+from rtsr_cli.models.fusesr.inputs import SURROUNDINGS, derivation, history_inputs, prepare
+from rtsr_cli.models.fusesr.loss import goal, loss
 from rtsr_cli.models.fusesr.network import WarpAttention
 
 FULL, FAST, DIRECT = (load_system(n) for n in ("fusesr", "fusesr-fast", "fusesr-direct"))
@@ -270,6 +272,47 @@ def test_lr_samples_are_one_pixel_of_their_block_whatever_the_jitter(
         assert torch.allclose(inputs["base"][middle], encoded, atol=1e-6), offset
 
 
+def lit(window: Window, lighting: Tensor, mask: Tensor) -> Frame:
+    """Return the current frame with other lighting, its radiance that over a material of 1/2."""
+    frame = window.current
+    buffers = {Buffer.LIGHTING: lighting, Buffer.LIGHTING_MASK: mask, Buffer.COLOR: lighting / 2}
+    return replace(frame, gbuffer=frame.gbuffer.with_buffers(buffers))
+
+
+def test_what_is_not_divided_is_black_and_the_rest_is_bounded(make_windows: MakeWindows) -> None:
+    (window,) = make_windows(FULL, 4, count=1)
+    mask = torch.ones(1, 1, *window.current.size)
+    mask[..., 1:] = 0.0
+    frame = lit(window, 1e4 * mask.new_ones(1, 3, *window.current.size), mask)
+    shown = SURROUNDINGS[Preset.RTSR].show_lighting(frame)
+    bound = math.log(1 + MAX_LIGHTING / frame.lighting_scale)
+    assert torch.allclose(shown[..., :1], torch.tensor(bound))
+    assert not shown[..., 1:].any()
+
+
+def test_paper_bounds_the_radiance_that_is_divided(make_windows: MakeWindows) -> None:
+    (window,) = make_windows(FULL, 4, count=1)
+    height, width = window.current.size
+    lighting = torch.linspace(0.0, 80.0, width).expand(1, 3, height, width)
+    frame = lit(window, lighting, torch.ones(1, 1, height, width))
+    shown = SURROUNDINGS[Preset.PAPER].show_lighting(frame)
+    # radiance of up to 10 over 1/2
+    assert torch.allclose(shown, lighting.clamp(max=20.0))
+
+
+def test_the_loss_of_paper_is_of_bounded_radiance_whatever_the_config_says(
+    make_windows: MakeWindows,
+) -> None:
+    (window,) = make_windows(FULL, 4, count=1)
+    assert window.hr is not None
+    config = FuseSRConfig(preset=Preset.PAPER, loss=LossWeights(tonemapped=3.0))
+    color = torch.full_like(window.hr.gbuffer[Buffer.MATERIAL], 30.0)
+    captured = replace(window.hr, gbuffer=window.hr.gbuffer.with_buffers({Buffer.COLOR: color}))
+    inputs, target = prepare(config, window), goal(config, window, captured)
+    terms = loss(config, inputs, {"predicted": torch.zeros_like(color)}, target)
+    assert {name: float(term) for name, term in terms.items()} == {"radiance": 10.0}
+
+
 def test_paper_has_no_base_and_divides_by_softplus(make_windows: MakeWindows) -> None:
     config = FuseSRConfig(preset=Preset.PAPER)
     assert derivation(config).mode is DemodulationMode.SOFTPLUS
@@ -311,7 +354,7 @@ def test_motion_to_the_frame_before_the_last_is_chained_in_order(
     older[:, 0], older[:, 1] = 0.25 * columns, -0.5 * columns
     frames = (with_motion(window.lr[0], newer), with_motion(window.lr[1], older), window.lr[2])
     frames = (*frames[:2], replace(frames[2], camera=CameraMetadata()))
-    inputs = history_inputs(replace(window, lr=frames), Preset.RTSR)
+    inputs = history_inputs(replace(window, lr=frames), SURROUNDINGS[Preset.RTSR])
     fetched = (columns + 3.0).clamp(max=width - 1)
     assert torch.equal(inputs["motion_1"], newer)
     assert torch.allclose(inputs["motion_2"][0, 0], 3.0 + 0.25 * fetched)
@@ -330,7 +373,7 @@ def test_motion_is_between_samples(make_windows: MakeWindows) -> None:
             window.lr, ((0.25, -0.125), (-0.25, 0.0), (0.0, 0.375)), strict=True
         )
     ]
-    inputs = history_inputs(replace(window, lr=tuple(moved)), Preset.RTSR)
+    inputs = history_inputs(replace(window, lr=tuple(moved)), SURROUNDINGS[Preset.RTSR])
     # p + jitter in frame t is p' + jitter' in the frame before
     assert torch.allclose(inputs["motion_1"][0, :, 0, 0], torch.tensor([0.5, -0.125]))
     assert torch.allclose(inputs["motion_2"][0, :, 5, 5], torch.tensor([0.25, -0.5]))

@@ -12,16 +12,17 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from rtsr_cli.core.choices import DemodulationMode, SsimConvention
+from rtsr_cli.core.choices import DemodulationMode, Preset, SsimConvention
 from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.lighting import Base, Preset, encode_lighting
+from rtsr_cli.core.lighting import Base, encode_lighting
 from rtsr_cli.core.metrics.ssim import ssim
 from rtsr_cli.core.system import Window
 from rtsr_cli.models import load_system
-from rtsr_cli.models.nsrd import goal, loss
 from rtsr_cli.models.nsrd.config import NSRDConfig, NSRDLossWeights
+from rtsr_cli.models.nsrd.inputs import SURROUNDINGS, prepare
+from rtsr_cli.models.nsrd.loss import goal, loss
 from rtsr_cli.models.nsrd.network import (
     ChannelAttentionBlock,
     ConvLSTM,
@@ -29,7 +30,6 @@ from rtsr_cli.models.nsrd.network import (
     doubled,
 )
 from rtsr_cli.models.nsrd.published import warp_frame, warp_output
-from rtsr_cli.models.nsrd.seeing import prepare
 
 NSRD = load_system("nsrd")
 CONFIG = NSRDConfig()
@@ -247,7 +247,7 @@ def test_the_last_output_comes_back_where_its_surfaces_are(make_windows: MakeWin
     _, state = run(network, prepare(CONFIG, windows[0]))
     inputs = prepare(CONFIG, windows[1])
     with torch.inference_mode():
-        previous = network._previous(inputs, state)
+        previous = SURROUNDINGS[Preset.RTSR].fetch_output(state.lighting, inputs)
     # the pattern moves by one LR pixel to the left: 4 HR pixels, not 1
     expected = encode_lighting(state.lighting, inputs["lighting_scale"]).roll(-4, dims=3)
     inner = (..., slice(16, -8), slice(8, -8))

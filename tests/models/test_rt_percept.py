@@ -22,11 +22,10 @@ from rtsr_cli.core.vrs.errors import ErrorConfig, tile_errors
 from rtsr_cli.core.vrs.rates import Rate
 from rtsr_cli.core.vrs.reprojection import displayed, reprojected
 from rtsr_cli.models import load_system
-from rtsr_cli.models.rt_percept import goal, loss
 from rtsr_cli.models.rt_percept.config import Groups, Inputs, RtPerceptConfig, Transform
 from rtsr_cli.models.rt_percept.inputs import SETS, prepare
+from rtsr_cli.models.rt_percept.loss import goal, loss, restore_errors, transform_errors
 from rtsr_cli.models.rt_percept.network import pool_sizes
-from rtsr_cli.models.rt_percept.transforms import restored, transformed
 
 SYSTEM = load_system("rt-percept")
 CONFIG = RtPerceptConfig(mean=0.5)
@@ -111,7 +110,7 @@ def mean_of(value: float) -> Tensor:
 
 def test_the_clamped_transform_is_its_equation() -> None:
     errors = torch.tensor([0.0, 0.25, 0.5, 1.0, 3.0])
-    found = transformed(errors, mean_of(0.5), CONFIG)
+    found = transform_errors(errors, mean_of(0.5), CONFIG)
     assert found.flatten().tolist() == pytest.approx([0.0, 0.25, 0.5, 1.0, 1.0])
 
 
@@ -121,7 +120,7 @@ def test_the_logistic_transform_is_its_equation() -> None:
     def curve(y: float) -> float:
         return 1.0 / (1.0 + math.exp(-10.0 * (y - 0.3)))
 
-    found = transformed(torch.tensor([0.0, 0.3, 1.0]), mean_of(0.3), config)
+    found = transform_errors(torch.tensor([0.0, 0.3, 1.0]), mean_of(0.3), config)
     middle = (0.5 - curve(0.0)) / (curve(1.0) - curve(0.0))
     assert found.flatten().tolist() == pytest.approx([0.0, middle, 1.0], abs=1e-6)
 
@@ -133,15 +132,15 @@ def test_transforms_are_undone(kind: Transform, metric: VrsMetric, level: float)
     config = replace(CONFIG, transform=kind, error=ErrorConfig(metric=metric))
     errors = torch.linspace(0.0, 0.9, 20) * (60.0 if metric is VrsMetric.PSNR else 1.0)
     mean = mean_of(level)
-    back = restored(transformed(errors, mean, config), mean, config)
+    back = restore_errors(transform_errors(errors, mean, config), mean, config)
     assert torch.allclose(back.flatten(), errors, atol=1e-4, rtol=1e-4)
     for edge in (0.0, 1.0):
-        assert torch.isfinite(restored(torch.tensor([edge]), mean, config)).all()
+        assert torch.isfinite(restore_errors(torch.tensor([edge]), mean, config)).all()
 
 
 def test_psnr_has_the_published_transform() -> None:
     config = replace(CONFIG, error=ErrorConfig(metric=VrsMetric.PSNR))
-    found = transformed(torch.tensor([0.0, 20.0, 100.0]), mean_of(1.0), config)
+    found = transform_errors(torch.tensor([0.0, 20.0, 100.0]), mean_of(1.0), config)
     assert found.flatten().tolist() == pytest.approx([1.0, 0.7, 0.0])
 
 

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import is_dataclass, replace
-from importlib.util import find_spec
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 import torch
 
+import rtsr_cli.models
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import ConfigError, MissingBufferError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
-from rtsr_cli.core.system import Prediction, System, Task, Window
-from rtsr_cli.models import PREFERENCE, SYSTEM_MODULES, load_system, system_names, upscaler_names
+from rtsr_cli.core.system import Prediction, System, Window
+from rtsr_cli.models import (
+    PREFERENCE,
+    ROWS,
+    load_system,
+    preferred_names,
+    system_names,
+    trainable_names,
+    upscaler_names,
+)
 
-NAMES = [n for n in system_names() if find_spec(f"rtsr_cli.models.{SYSTEM_MODULES[n]}")]
+NAMES = system_names()
 
 SCALES = (2, 3, 4)
 
@@ -34,11 +45,11 @@ def run(system: System, windows: list[Window], seed: int = 1) -> list[Prediction
 
 
 def upscales(system: System, scale: int) -> bool:
-    return system.task is Task.UPSCALE and (not system.scales or scale in system.scales)
+    return system.task is SystemTask.UPSCALE and (not system.scales or scale in system.scales)
 
 
 def first_scale(system: System) -> int:
-    return (system.scales or (2,))[0] if system.task is Task.UPSCALE else 1
+    return (system.scales or (2,))[0] if system.task is SystemTask.UPSCALE else 1
 
 
 @pytest.fixture(params=NAMES)
@@ -57,11 +68,38 @@ def test_a_declaration_is_complete(system: System) -> None:
 
 
 def test_upscalers_are_those_whose_task_it_is(system: System) -> None:
-    assert (system.name in upscaler_names()) == (system.task is Task.UPSCALE)
+    assert (system.name in upscaler_names()) == (system.task is SystemTask.UPSCALE)
+
+
+def test_a_row_says_what_the_declaration_does(system: System) -> None:
+    (row,) = [row for row in ROWS if row.name == system.name]
+    assert row.task is system.task
+    assert row.trainable == (system.learning is not None)
+    assert (row.name in trainable_names()) == row.trainable
+    module = import_module(f"rtsr_cli.models.{row.module}")
+    declared = [row.name for row in ROWS if row.module == module.__name__.rpartition(".")[2]]
+    assert [declaration.name for declaration in module.SYSTEMS] == declared
+
+
+def test_a_trained_system_is_a_folder_of_one_shape() -> None:
+    folder = Path(rtsr_cli.models.__file__).parent
+    trained = {row.module for row in ROWS if row.trainable}
+    assert {path.name for path in folder.iterdir() if (path / "__init__.py").is_file()} == trained
+    for module in trained:
+        names = {path.stem for path in (folder / module).glob("*.py")} - {"published"}
+        assert names == {"__init__", "config", "inputs", "network", "loss"}, module
+
+
+@pytest.mark.parametrize("task", list(SystemTask))
+def test_no_two_systems_of_a_task_are_preferred_alike(task: SystemTask) -> None:
+    ranks = [row.rank for row in ROWS if row.task is task and row.rank is not None]
+    assert sorted(ranks) == list(range(1, len(ranks) + 1))
+    assert len(preferred_names(task)) == len(ranks)
+    assert set(preferred_names(task)) <= set(system_names(task))
 
 
 def test_no_system_asks_for_radiance_at_the_target_size(system: System) -> None:
-    if system.task is Task.UPSCALE:
+    if system.task is SystemTask.UPSCALE:
         assert not {*system.hr_inputs, *system.hr_optional} & RADIANCE_BUFFERS
 
 
@@ -183,5 +221,6 @@ def test_an_unknown_system_gets_a_suggestion_and_the_list() -> None:
     assert all(name in str(caught.value) for name in system_names())
 
 
-def test_what_upscale_prefers_are_systems() -> None:
-    assert set(PREFERENCE) <= set(system_names())
+def test_what_upscale_prefers_are_upscalers_the_network_first() -> None:
+    assert set(PREFERENCE) <= set(upscaler_names())
+    assert PREFERENCE == ("fusesr", "fusesr-fast", "demod-guided", "demod-bicubic", "bicubic")

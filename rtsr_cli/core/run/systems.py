@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rtsr_cli.core.choices import NonfinitePolicy
+from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.pairs import DECLARED_MOTION, Inputs, PairSource
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.run.inputs import HistoryReach
-from rtsr_cli.core.system import System, Task
+from rtsr_cli.core.system import System
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ def check_system(system: System, source: PairSource, inputs: Inputs) -> None:
     Raises:
         FrameFolderError: names the folder, what is missing and what would help.
     """
-    another = ", or choose another --system" if system.task is Task.UPSCALE else ""
+    another = ", or choose another --system" if system.task is SystemTask.UPSCALE else ""
     check_inputs(f"system '{system.name}'", source, inputs, remedy=another)
     if system.scales and source.scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)

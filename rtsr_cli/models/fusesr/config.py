@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar
 
-from rtsr_cli.core.choices import DemodulationMode, LutConvention
+from rtsr_cli.core.choices import DemodulationMode, LutConvention, Preset
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.lighting import (
-    PAPER_LOSS,
-    Base,
-    LossWeights,
-    Preset,
-)
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.lighting import Base, LossWeights, Surroundings
+from rtsr_cli.core.shapes import Color
 
 HISTORY_FRAMES = 2
 
@@ -49,6 +47,23 @@ HR_PARTS = {
     Variant.FAST: (Buffer.MATERIAL,),
 }
 """HR buffers that each network sees, in the published order."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FuseSRSurroundings(Surroundings):
+    """What surrounds the layers.
+
+    Attributes:
+        show_lighting: LR frame -> its lighting as the network sees it.
+        loss: weights of the loss' terms whatever the config says; None = those of the config.
+        brdf: what divides radiance where the config says `brdf`.
+        warps_depth: whether depth of the history is fetched where each pixel was.
+    """
+
+    show_lighting: Callable[[Frame], Color]
+    loss: LossWeights | None
+    brdf: DemodulationMode
+    warps_depth: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,11 +113,6 @@ class FuseSRConfig:
     def hr_channels(self) -> int:
         """Their channels."""
         return sum(HR_CHANNELS[buffer] for buffer in self.hr_parts)
-
-    @property
-    def loss_weights(self) -> LossWeights:
-        """Weights of the preset."""
-        return PAPER_LOSS if self.preset is Preset.PAPER else self.loss
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,16 +18,11 @@ from rtsr_cli.core.blocks import (
     separable,
 )
 from rtsr_cli.core.imaging.warping import backward_warp
-from rtsr_cli.core.lighting import (
-    Preset,
-)
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.strips import in_strips
-from rtsr_cli.core.system import (
-    State,
-    Tensors,
-)
+from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.fusesr.config import HISTORY_FRAMES, LR_CHANNELS, FuseSRConfig, Fusion, Variant
+from rtsr_cli.models.fusesr.inputs import surroundings_of
 
 MAIN_WIDTHS = (64, 64, 32, 24, 24, 32, 32)
 """Channels through the encoder's main path [FuseSR, code]."""
@@ -157,9 +152,8 @@ class FuseSRNetwork(nn.Module):
             nn.ReLU(inplace=True),
             *(ResidualBlock(128) for _ in range(BACKBONE_BLOCKS)),
         )
-        self.decoder = Decoder(
-            128 + MAIN_WIDTHS[0], self.fusion, corrects=config.preset is Preset.RTSR
-        )
+        corrects = surroundings_of(config).corrects_base
+        self.decoder = Decoder(128 + MAIN_WIDTHS[0], self.fusion, corrects=corrects)
 
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Encode, fetch history, fuse, decode."""
@@ -199,7 +193,7 @@ class FuseSRNetwork(nn.Module):
         """Features where each pixel was, weighted."""
         motion_px = inputs[f"motion_{age}"]
         depth_past = inputs[f"frame_{age}"][:, 3:4]
-        if self.config.preset is Preset.RTSR:
+        if surroundings_of(self.config).warps_depth:
             depth_past, _ = backward_warp(depth_past, motion_px, mode="nearest")
         assert self.attention is not None
         depth = inputs["frame_0"][:, 3:4]
@@ -225,7 +219,9 @@ class FuseSRFastNetwork(nn.Module):
             nn.ReLU(inplace=True),
             *(InvertedResidual(width) for _ in range(BACKBONE_BLOCKS)),
         )
-        self.decoder = Decoder(2 * width, self.fusion, corrects=config.preset is Preset.RTSR)
+        self.decoder = Decoder(
+            2 * width, self.fusion, corrects=surroundings_of(config).corrects_base
+        )
 
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Encode, fuse, decode."""

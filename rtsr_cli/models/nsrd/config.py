@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from rtsr_cli.core.choices import DemodulationMode, LutConvention
+from rtsr_cli.core.choices import DemodulationMode, LutConvention, Preset
 from rtsr_cli.core.derive import DerivationConfig
-from rtsr_cli.core.lighting import Base, LossWeights, Preset
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.history import DualMotion
+from rtsr_cli.core.lighting import Base, LossWeights, Surroundings
 from rtsr_cli.core.settings import check_numbers
+from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
+from rtsr_cli.core.system import Tensors, Window
 
 HISTORY_FRAMES = 2
 
@@ -36,9 +41,39 @@ class NSRDLossWeights(LossWeights):
     temporal: float = 0.05
 
 
-PAPER_LOSS = NSRDLossWeights(
-    log=0.0, tonemapped=0.0, tonemapped_squared=0.0, smooth=1.0, structure=1.0, temporal=1.0
-)
+Mark = Callable[[DualMotion], Mask]
+"""1 where the frame before must not be trusted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NSRDSurroundings(Surroundings):
+    """What surrounds the layers.
+
+    Attributes:
+        show_lighting: (LR frame, current frame) -> its lighting as the network sees it.
+        chain_motion: (motion of the newer step, of the older, what marks either) -> motion over
+            both in pixels, and where it must not be trusted.
+        move_frame: (features of a past frame, motion, current ones) -> them where each pixel was;
+            the current ones where that is outside.
+        enlarge_motion: (window, LR motion and other fields of vectors, n c h w) -> motion of HR
+            pixels; the fields at HR; what a vector of one LR pixel counts in them.
+        fetch_output: (last output's lighting, inputs) -> what was predicted where each pixel was,
+            as this frame expresses lighting.
+        show_output: (what `fetch_output` gave, inputs) -> what the network sees of it.
+        moves_state: whether the LSTM's state may move with the surfaces.
+        compared: name of the goal that predictions are compared with.
+        loss: weights of the loss' terms whatever the config says; None = those of the config.
+    """
+
+    show_lighting: Callable[[Frame, Frame], Color]
+    chain_motion: Callable[[DualMotion, DualMotion, Mark], tuple[MotionPx, Mask]]
+    move_frame: Callable[[Image, MotionPx, Image], Image]
+    enlarge_motion: Callable[[Window, Image], tuple[MotionPx, Image, int]]
+    fetch_output: Callable[[Color, Tensors], Color]
+    show_output: Callable[[Color, Tensors], Color]
+    moves_state: bool
+    compared: str
+    loss: NSRDLossWeights | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,13 +117,3 @@ class NSRDConfig:
     def derivation(self) -> DerivationConfig:
         """What divides the radiance."""
         return DerivationConfig(mode=self.demodulation, lut=self.lut)
-
-    @property
-    def loss_weights(self) -> NSRDLossWeights:
-        """Weights of the preset."""
-        return PAPER_LOSS if self.preset is Preset.PAPER else self.loss
-
-    @property
-    def moves_state(self) -> bool:
-        """Whether the state is warped."""
-        return self.warp_state and self.preset is Preset.RTSR

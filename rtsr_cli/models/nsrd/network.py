@@ -10,11 +10,10 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.blocks import conv3, pixel_unshuffle
 from rtsr_cli.core.imaging.warping import backward_warp
-from rtsr_cli.core.lighting import MAX_LIGHTING, Preset, decode_lighting, encode_lighting
 from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, LR_CHANNELS, NSRDConfig
-from rtsr_cli.models.nsrd.published import warp_output
+from rtsr_cli.models.nsrd.inputs import surroundings_of
 
 WIDTH = 32
 """Channels of each of the four parts that the LSTM sees."""
@@ -176,6 +175,7 @@ class NSRDNetwork(nn.Module):
         """Build for a config and a scale; starts as the identity on `base` where there is one."""
         super().__init__()
         self.config = config
+        self.surroundings = surroundings_of(config)
         self.scale = scale
         self.current = conv3(LR_CHANNELS, WIDTH)
         self.reliable = GatedConvolution(LR_CHANNELS + 1, WIDTH)
@@ -183,7 +183,7 @@ class NSRDNetwork(nn.Module):
         self.memory = ConvLSTM((2 + HISTORY_FRAMES) * WIDTH, UNET_WIDTH)
         self.reconstruction = Reconstruction()
         self.output = conv3(WIDTH, 3 * scale**2)
-        if config.preset is Preset.RTSR:
+        if self.surroundings.corrects_base:
             nn.init.zeros_(self.output.weight)
             nn.init.zeros_(cast(Tensor, self.output.bias))
 
@@ -192,7 +192,9 @@ class NSRDNetwork(nn.Module):
         before = cast(NSRDState | None, state)
         current = self.current(inputs["frame_0"])
         past = [self.reliable(inputs[f"past_{age + 1}"]) for age in range(HISTORY_FRAMES)]
-        previous = None if before is None else self._previous(inputs, before)
+        previous = None
+        if before is not None:
+            previous = self.surroundings.fetch_output(before.lighting, inputs)
         last = self.last(pixel_unshuffle(self._shown(inputs, previous), self.scale, like=current))
         seen = torch.cat([current, *past, last], dim=1)
         hidden, cell = self.memory(seen, *self._remembered(inputs, before, seen))
@@ -205,24 +207,11 @@ class NSRDNetwork(nn.Module):
             outputs["previous"] = previous
         return outputs, self._left(inputs, predicted, hidden, cell, before)
 
-    def _previous(self, inputs: Tensors, before: NSRDState) -> Color:
-        """Last prediction where each pixel was, as this frame expresses lighting."""
-        if self.config.preset is Preset.PAPER:
-            return warp_output(before.lighting, inputs["motion_hr"])
-        moved, _ = backward_warp(before.lighting, inputs["motion_hr"])
-        exposed = (moved * inputs["brightening"]).clamp(max=MAX_LIGHTING)
-        return encode_lighting(exposed, inputs["lighting_scale"])
-
     def _shown(self, inputs: Tensors, previous: Color | None) -> Color:
-        """What the network sees of the last output: zeros where there is none.
-
-        `rtsr`: its difference from `base`, where it is reliable.
-        """
+        """What the network sees of the last output: zeros where there is none."""
         if previous is None or not self.config.feedback:
             return torch.zeros_like(inputs["material"])
-        if self.config.preset is Preset.PAPER:
-            return previous
-        return (previous - inputs["base"]) * (1.0 - inputs["unreliable_hr"])
+        return self.surroundings.show_output(previous, inputs)
 
     def _remembered(
         self, inputs: Tensors, before: NSRDState | None, seen: Image
@@ -231,7 +220,7 @@ class NSRDNetwork(nn.Module):
         if before is None or not self.config.lstm:
             hidden = torch.zeros_like(seen[:, :UNET_WIDTH])
             return hidden, hidden.float()
-        if not self.config.moves_state:
+        if not (self.config.warp_state and self.surroundings.moves_state):
             return before.hidden, before.cell
         hidden, cell = (
             backward_warp(image, inputs["motion_1"], mode="nearest", border="zero")[0]
@@ -248,9 +237,7 @@ class NSRDNetwork(nn.Module):
         before: NSRDState | None,
     ) -> NSRDState:
         """Make the state; gradients are cut where the config says so."""
-        lighting = predicted
-        if self.config.preset is Preset.RTSR:
-            lighting = decode_lighting(predicted, inputs["lighting_scale"])
+        lighting = self.surroundings.decode(predicted, inputs["lighting_scale"])
         linked = 1 if before is None else before.linked + 1
         if linked < self.config.gradient_frames:
             return NSRDState(lighting, hidden, cell, linked)

@@ -1,7 +1,9 @@
-"""The warps of the published code, for the preset `paper`; both shift what does not move.
+"""What the paper and its code surround NSRD's layers with, for the preset `paper`.
 
-Positions are divided by W and H instead of W - 1 and H - 1, so that a vector of zero fetches up to
-one pixel to the left or above; motion of the HR output is in LR pixels [NSRD, code].
+Raw lighting, depth as stored; vectors of two steps are added pixel by pixel; the LSTM's state stays
+where it is; radiance is replaced by emission where there is any. The warps shift what does not
+move: positions are divided by W and H instead of W - 1 and H - 1, so that a vector of zero fetches
+up to one pixel to the left or above; motion of the HR output is in LR pixels [NSRD, code].
 """
 
 from __future__ import annotations
@@ -10,8 +12,17 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.history import DualMotion
 from rtsr_cli.core.imaging.warping import own_index
-from rtsr_cli.core.shapes import Color, Image, MotionPx
+from rtsr_cli.core.lighting import hr_frame, keep_lighting, stored_depth, with_sky
+from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
+from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.models.nsrd.config import Mark, NSRDLossWeights, NSRDSurroundings
+
+EMISSIVE = 1e-4
+"""Emission from which, in any channel, it is shown instead of the prediction [NSRD, code]."""
 
 
 def published_grid(motion_px: MotionPx) -> Tensor:
@@ -37,3 +48,68 @@ def warp_frame(frame: Image, motion_px: MotionPx, current: Image) -> Image:
 def warp_output(output: Color, motion_px: MotionPx) -> Color:
     """The last HR output where each pixel was, borders clamped."""
     return _sampled(output, published_grid(motion_px))
+
+
+def show_lighting(frame: Frame, now: Frame) -> Color:
+    """LR lighting of a frame as it is."""
+    del now
+    return frame.gbuffer[Buffer.LIGHTING]
+
+
+def add_motion(newer: DualMotion, older: DualMotion, mark: Mark) -> tuple[MotionPx, Mask]:
+    """Vectors of both steps, added pixel by pixel, and what is marked of the sums."""
+    motion, dual = newer.motion_px + older.motion_px, newer.dual_px + older.dual_px
+    return motion, mark(DualMotion(motion, dual, newer.known * older.known))
+
+
+def enlarge_motion(window: Window, fields: Image) -> tuple[MotionPx, Image, int]:
+    """Corners aligned; vectors stay in LR pixels."""
+    size = [side * window.scale for side in fields.shape[-2:]]
+    large = F.interpolate(fields, size=size, mode="bilinear", align_corners=True)
+    return large[:, :2], large, 1
+
+
+def fetch_output(lighting: Color, inputs: Tensors) -> Color:
+    """The last output's lighting where each pixel was."""
+    return warp_output(lighting, inputs["motion_hr"])
+
+
+def show_output(previous: Color, inputs: Tensors) -> Color:
+    """It as it is."""
+    del inputs
+    return previous
+
+
+def show_emission(window: Window, image: Color) -> Color:
+    """Emission instead of the prediction where there is any; sky enlarged on its own."""
+    emission = hr_frame(window).gbuffer.buffers.get(Buffer.EMISSION)
+    if emission is not None:
+        shines = (emission.abs() >= EMISSIVE).any(dim=1, keepdim=True)
+        image = torch.where(shines, emission, image)
+    return with_sky(window, image)
+
+
+def raw_goal(reference: Frame, scale: Tensor) -> dict[str, Tensor]:
+    """`lighting`: the capture's, as it is."""
+    del scale
+    return {"lighting": reference.gbuffer[Buffer.LIGHTING]}
+
+
+PUBLISHED = NSRDSurroundings(
+    show_lighting=show_lighting,
+    show_depth=stored_depth,
+    decode=keep_lighting,
+    corrects_base=False,
+    finish=show_emission,
+    goal=raw_goal,
+    compared="lighting",
+    loss=NSRDLossWeights(
+        log=0.0, tonemapped=0.0, tonemapped_squared=0.0, smooth=1.0, structure=1.0, temporal=1.0
+    ),
+    chain_motion=add_motion,
+    move_frame=warp_frame,
+    enlarge_motion=enlarge_motion,
+    fetch_output=fetch_output,
+    show_output=show_output,
+    moves_state=False,
+)

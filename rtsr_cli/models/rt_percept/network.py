@@ -1,4 +1,16 @@
-"""The visual-error network, layer by layer [rt-percept, code]."""
+"""The visual-error network, layer by layer [rt-percept, code], and in another order for inference.
+
+For inference the same function is computed otherwise. A layer is
+
+    n = max over the pool of (a r + b), r = relu(w x + c),   a and b of its batch norm
+
+    a >= 0:  n = a relu(max(w x + c)) + b
+    a <  0:  n = a relu(min(w x + c)) + b,   min(y) = -max(-y)
+
+so that all but the convolution works on pooled values. Where nothing is pooled, |a| goes into the
+layer's own convolution, and sign(a) and b into the next one. That pads with zeros, which b is not:
+at the borders, what b gave beyond them is taken off again.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +18,13 @@ import copy
 from itertools import pairwise
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from rtsr_cli.core.shapes import Image, TileMap
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.core.vrs.tiles import padded
 from rtsr_cli.models.rt_percept.config import WIDTH, RtPerceptConfig
-from rtsr_cli.models.rt_percept.frozen import FrozenLayer
 from rtsr_cli.models.rt_percept.inputs import SETS
 
 LAYERS = 5
@@ -46,6 +58,94 @@ class ErrorLayer(nn.Module):
         """Return the pooled features."""
         pooled: Image = self.pool(self.norm(torch.relu_(self.conv(features))))
         return pooled
+
+
+def affine(norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
+    """(a, b): y = a x + b of a batch norm that keeps its statistics."""
+    assert norm.running_mean is not None
+    assert norm.running_var is not None
+    a = norm.weight * torch.rsqrt(norm.running_var + norm.eps)
+    return a, norm.bias - a * norm.running_mean
+
+
+def side_sums(weight: Tensor, shift: Tensor, groups: int) -> Tensor:
+    """What a constant input gives through each tap: output channels 3 3."""
+    outputs, inputs = weight.shape[:2]
+    split = weight.view(groups, outputs // groups, inputs, 3, 3)
+    return (split * shift.view(groups, 1, inputs, 1, 1)).sum(2).view(outputs, 3, 3)
+
+
+class FrozenLayer(nn.Module):
+    """One layer; `carried` are sign and shift that the layer before leaves to it."""
+
+    taps: Tensor | None
+    sign: Tensor
+    a: Tensor
+    b: Tensor
+
+    def __init__(
+        self,
+        convolution: nn.Conv2d,
+        norm: nn.BatchNorm2d,
+        pool: int,
+        carried: tuple[Tensor, Tensor] | None,
+        *,
+        last: bool,
+    ) -> None:
+        """Fold what can be folded."""
+        super().__init__()
+        assert convolution.bias is not None
+        weight, bias = convolution.weight.detach(), convolution.bias.detach()
+        groups = convolution.groups
+        a, b = (part.detach() for part in affine(norm))
+        taps = None
+        if carried is not None:
+            sign, shift = carried
+            taps = side_sums(weight, shift, groups)
+            bias = bias + taps.sum((1, 2))
+            each = sign.view(groups, 1, -1, 1, 1)
+            weight = (weight.view(groups, -1, *weight.shape[1:]) * each).view_as(weight)
+        sign = torch.where(a < 0, -1.0, 1.0)
+        self.pool = pool
+        self.leaves: tuple[Tensor, Tensor] | None = None
+        if pool == 1 and not last:
+            factor = a.abs()
+            self.leaves = (sign, b)
+        else:
+            factor = sign
+        outer = factor.view(-1, 1, 1, 1)
+        self.convolution = nn.Conv2d(
+            convolution.in_channels, convolution.out_channels, 3, padding=1, groups=groups
+        )
+        self.convolution.weight = nn.Parameter(weight * outer, requires_grad=False)
+        self.convolution.bias = nn.Parameter(bias * factor, requires_grad=False)
+        for name, tensor in (
+            ("taps", None if taps is None else taps * factor.view(-1, 1, 1)),
+            ("sign", sign.view(-1, 1, 1)),
+            ("a", a.view(-1, 1, 1)),
+            ("b", b.view(-1, 1, 1)),
+        ):
+            self.register_buffer(name, tensor)
+
+    def forward(self, features: Image) -> Image:
+        """Convolve, pool, rectify, normalise."""
+        found: Image = self.convolution(features)
+        if self.taps is not None:
+            self._mend_borders(found, self.taps.to(found.dtype))
+        if self.leaves is not None:
+            return found.relu_()
+        if self.pool > 1:
+            found = F.max_pool2d(found, self.pool)
+        return torch.relu(found * self.sign) * self.a + self.b
+
+    def _mend_borders(self, found: Image, taps: Tensor) -> None:
+        """Take off what the shift gave beyond the frame."""
+        for row, tap in ((0, 0), (-1, 2)):
+            found[..., row, :] -= taps[:, tap].sum(1).view(-1, 1)
+            for column, beside in ((0, 0), (-1, 2)):
+                found[..., row, column] += taps[:, tap, beside]
+        for column, tap in ((0, 0), (-1, 2)):
+            found[..., column] -= taps[:, :, tap].sum(1).view(-1, 1)
 
 
 class RtPerceptNetwork(nn.Module):

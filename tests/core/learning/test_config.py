@@ -9,7 +9,7 @@ import pytest
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.learning.config import TrainingConfig
 from rtsr_cli.core.lighting import LossWeights
-from rtsr_cli.models.nsrd.config import PAPER_LOSS, NSRDConfig, NSRDLossWeights
+from rtsr_cli.models.nsrd.config import NSRDConfig, NSRDLossWeights
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,6 @@ def test_terms_of_a_loss_weigh_nothing_or_more(value: float) -> None:
 def test_a_loss_of_no_terms_is_refused() -> None:
     with pytest.raises(ConfigError, match="one of log, tonemapped, tonemapped_squared, radiance"):
         LossWeights(log=0.0, tonemapped=0.0)
-    assert PAPER_LOSS.smooth == 1.0
 
 
 def test_a_gradient_flows_through_one_frame_at_least() -> None:
