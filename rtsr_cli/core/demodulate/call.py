@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 from rtsr_cli.core.demodulate.frame_parts import divided, recomposed
 from rtsr_cli.core.demodulate.request import DemodulateRequest
 from rtsr_cli.core.derive import DerivationConfig, needs
-from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.io.exr import read_header, write_exr
 from rtsr_cli.core.io.nonfinite import checked
@@ -19,13 +19,12 @@ from rtsr_cli.core.io.opening import open_radiance
 from rtsr_cli.core.io.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
 from rtsr_cli.core.io.provenance import color_tag, provenance
 from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.streaming import read_ahead
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
 from rtsr_cli.core.run.frames import read_options
 from rtsr_cli.core.run.inputs import ShotInputs
-from rtsr_cli.core.run.loop import Outcome, Pace, Product
+from rtsr_cli.core.run.loop import Outcome, Product
 from rtsr_cli.core.run.plan import Outputs, ShotPlan, check_selection, plan_shot
-from rtsr_cli.core.run.shots import NONFINITE, frame_facts, run_shots
+from rtsr_cli.core.run.shots import NONFINITE, ShotJob, frame_facts, run_shots
 
 COMMAND = "demodulate"
 
@@ -184,47 +183,27 @@ def _frame_bytes(reader: FrameReader, read: frozenset[Buffer], request: Demodula
     return height * width * a_pixel + HEADER_BYTES
 
 
-class DivisionJob:
+class DivisionJob(ShotJob[Product]):
     """A frame set and its division, for the frame loop: frames are divided where they are read."""
 
     def __init__(self, plan: ShotPlan, request: DemodulateRequest) -> None:
         """Remember the plan."""
-        self.plan = plan
+        super().__init__(plan, frame_bytes=plan.inputs.reader.frame_bytes)
         self._request = request
         self._read = read_buffers(plan.inputs.reader, request)
 
-    @property
-    def folders(self) -> Iterable[Path]:
-        """Folder of the outputs."""
-        return (self.plan.outputs.folder,)
-
-    @property
-    def kept(self) -> Iterable[int]:
-        """Numbers of outputs that are there."""
-        return (number for number in self.plan.selected if number not in self.plan.pending)
-
-    @property
-    def order(self) -> Iterable[int]:
-        """Numbers to go through."""
-        return self.plan.order
-
-    def pace(self, jobs: int) -> Pace:
-        """Return how much is under way at a time with `jobs` readers and writers."""
-        ahead = read_ahead(jobs, self.plan.inputs.reader.frame_bytes)
-        return Pace(ahead=ahead, writers=jobs, queued=jobs + 1)
-
-    def load(self, number: int) -> Product:
+    def load(self, key: int) -> Product:
         """Read and divide a frame.
 
         Raises:
             RtsrError: the frame cannot be read, or is not what it was when the run was planned.
         """
         plan, request, reader = self.plan, self._request, self.plan.inputs.reader
-        source = reader.path(number)
-        with plan.digests.unchanged(plan.inputs.files(number)):
-            stamp = plan.stamps.of_output(number)
+        source = reader.path(key)
+        with plan.digests.unchanged(plan.inputs.files(key)):
+            stamp = plan.stamps.of_output(key)
             attributes = read_header(source).attributes
-            frame = reader.read(number, self._read)
+            frame = reader.read(key, self._read)
         frame, fixed = checked(frame, request.on_nonfinite)
         transform = recomposed if request.inverse else divided
         parts = transform(frame, derivation_config(request), full=request.full)
@@ -238,7 +217,7 @@ class DivisionJob:
 
         def write() -> None:
             write_exr(
-                plan.path(number),
+                plan.path(key),
                 parts.channels,
                 attributes={**attributes, **known},
                 data_window=reader.region,
@@ -248,13 +227,10 @@ class DivisionJob:
         facts = {NONFINITE: fixed, "error": parts.error, "undivided": parts.undivided}
         return Product(write=write, facts=facts)
 
-    def compute(self, number: int, loaded: Product) -> Product:
+    def compute(self, key: int, loaded: Product) -> Product:
         """Give on what was divided already."""
-        del number
+        del key
         return loaded
-
-    def fail(self, number: int, error: RtsrError) -> None:
-        """Go on: frames do not depend on each other."""
 
     def event(self, outcome: Outcome[int]) -> FrameDivided:
         """Return the event of a frame's end."""

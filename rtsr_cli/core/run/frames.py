@@ -6,7 +6,7 @@ are the same whatever it does with them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -20,13 +20,11 @@ from rtsr_cli.core.io.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
 from rtsr_cli.core.io.pairs import FramePair, Inputs, PairSource
 from rtsr_cli.core.io.passing import Passed
 from rtsr_cli.core.io.provenance import provenance
-from rtsr_cli.core.io.streaming import read_ahead
-from rtsr_cli.core.run.events import FrameDone
 from rtsr_cli.core.run.inputs import ShotInputs
-from rtsr_cli.core.run.loop import Outcome, Pace, Product
+from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.run.plan import ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
-from rtsr_cli.core.run.shots import NONFINITE, frame_facts
+from rtsr_cli.core.run.shots import NONFINITE, ShotJob
 from rtsr_cli.core.run.window import SlidingWindow
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import Window
@@ -149,7 +147,7 @@ class _Loaded:
     passed: Mapping[str, Plane]
 
 
-class PairJob:
+class PairJob(ShotJob[_Loaded]):
     """A shot's pairs and what is done with them, for the frame loop."""
 
     def __init__(
@@ -170,33 +168,13 @@ class PairJob:
             history_frames: predecessors in the window.
             device: torch device of the frames.
         """
-        self.plan = plan
+        super().__init__(plan, frame_bytes=reading.source.frame_bytes)
         self._reading, self._work, self._device = reading, work, device
         self._window = SlidingWindow(
             plan.sequence, history_frames=history_frames, scale=reading.source.scale
         )
 
-    @property
-    def folders(self) -> Iterable[Path]:
-        """Folder of the outputs."""
-        return (self.plan.outputs.folder,)
-
-    @property
-    def kept(self) -> Iterable[int]:
-        """Numbers of outputs that are there."""
-        return (number for number in self.plan.selected if number not in self.plan.pending)
-
-    @property
-    def order(self) -> Iterable[int]:
-        """Numbers to go through."""
-        return self.plan.order
-
-    def pace(self, jobs: int) -> Pace:
-        """Return how much is under way at a time with `jobs` readers and writers."""
-        ahead = read_ahead(jobs, self._reading.source.frame_bytes)
-        return Pace(ahead=ahead, writers=jobs, queued=jobs + 1)
-
-    def load(self, number: int) -> _Loaded:
+    def load(self, key: int) -> _Loaded:
         """Read a frame, and see to it that what was hashed is what is read.
 
         Raises:
@@ -205,19 +183,19 @@ class PairJob:
         """
         plan, reading = self.plan, self._reading
         size = reading.output_size
-        with plan.digests.unchanged(plan.inputs.files(number)):
-            plan.stamps.of_input(number)
-            pair = reading.source.load(number, reading.inputs).to(self._device)
+        with plan.digests.unchanged(plan.inputs.files(key)):
+            plan.stamps.of_input(key)
+            pair = reading.source.load(key, reading.inputs).to(self._device)
             passed = {
                 name: plane
                 for part in reading.passed
-                for name, plane in part.read(number, size).items()
+                for name, plane in part.read(key, size).items()
             }
         return _Loaded(pair, passed)
 
-    def compute(self, number: int, loaded: _Loaded) -> Product | None:
+    def compute(self, key: int, loaded: _Loaded) -> Product | None:
         """Do the work on a frame."""
-        begins = not self._window.follows(number)
+        begins = not self._window.follows(key)
         window = self._window.slide(loaded.pair)
         moment = Moment(
             plan=self.plan,
@@ -225,16 +203,12 @@ class PairJob:
             window=window,
             passed=loaded.passed,
             begins=begins,
-            wanted=number in self.plan.pending,
+            wanted=key in self.plan.pending,
         )
         return self._work(moment)
 
-    def fail(self, number: int, error: RtsrError) -> None:
+    def fail(self, key: int, error: RtsrError) -> None:
         """Let history restart after a frame that failed."""
         self._window.forget()
         if isinstance(error, InputChangedError):
-            self.plan.stamps.spoil(number)
-
-    def event(self, outcome: Outcome[int]) -> FrameDone:
-        """Return the event of a frame's end."""
-        return FrameDone(**frame_facts(self.plan, outcome))
+            self.plan.stamps.spoil(key)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
-from rtsr_cli.core.errors import OutputBlockedError
+from rtsr_cli.core.errors import OutputBlockedError, RtsrError
 from rtsr_cli.core.io.atomic import check_writable
+from rtsr_cli.core.io.streaming import read_ahead
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, Status
-from rtsr_cli.core.run.loop import Job, Outcome, Pace, run_job, until_stopped
+from rtsr_cli.core.run.loop import Outcome, Pace, Product, run_job, until_stopped
 from rtsr_cli.core.run.plan import ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 
@@ -17,22 +20,59 @@ NONFINITE = "nonfinite"
 """Fact of a product: NaN and Inf that were repaired in its inputs."""
 
 
-class ShotJob(Job[int, Any], Protocol):
-    """What a run does to one planned shot."""
+L = TypeVar("L")
+
+
+class ShotJob(ABC, Generic[L]):
+    """A planned shot and what is done with its frames, for the frame loop.
+
+    Attributes:
+        plan: of the shot.
+    """
+
+    def __init__(self, plan: ShotPlan, *, frame_bytes: int) -> None:
+        """Remember the plan; `frame_bytes` is the memory that reading one frame takes."""
+        self.plan = plan
+        self._frame_bytes = frame_bytes
 
     @property
-    def plan(self) -> ShotPlan:
-        """Of the shot."""
+    def folders(self) -> Iterable[Path]:
+        """Folder of the outputs."""
+        return (self.plan.outputs.folder,)
+
+    @property
+    def kept(self) -> Iterable[int]:
+        """Numbers of outputs that are there."""
+        return (number for number in self.plan.selected if number not in self.plan.pending)
+
+    @property
+    def order(self) -> Iterable[int]:
+        """Numbers to go through."""
+        return self.plan.order
 
     def pace(self, jobs: int) -> Pace:
         """Return how much is under way at a time with `jobs` readers and writers."""
+        ahead = read_ahead(jobs, self._frame_bytes)
+        return Pace(ahead=ahead, writers=jobs, queued=jobs + 1)
+
+    @abstractmethod
+    def load(self, key: int) -> L:
+        """Read what a frame needs, in any thread."""
+
+    @abstractmethod
+    def compute(self, key: int, loaded: L) -> Product | None:
+        """Compute a frame in the loop's thread, in order; None where nothing is to be written."""
+
+    def fail(self, key: int, error: RtsrError) -> None:
+        """Hear that a frame failed; frames that do not depend on each other go on."""
 
     def event(self, outcome: Outcome[int]) -> FrameDone:
         """Return the event of a frame's end."""
+        return FrameDone(**frame_facts(self.plan, outcome))
 
 
 def run_shots(
-    jobs: Sequence[ShotJob], request: FramesRequest
+    jobs: Sequence[ShotJob[Any]], request: FramesRequest
 ) -> Iterator[RunStarted | FrameDone | RunDone]:
     """Go through checked shots.
 
@@ -68,7 +108,7 @@ def run_shots(
         )
 
 
-def shot_events(job: ShotJob, jobs: int) -> Iterator[FrameDone]:
+def shot_events(job: ShotJob[Any], jobs: int) -> Iterator[FrameDone]:
     """Run a shot; yield an event for every output that is asked for."""
     return (job.event(outcome) for outcome in run_job(job, job.pace(jobs)))
 
