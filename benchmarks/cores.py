@@ -160,12 +160,13 @@ def main(
     work: Path | None,
 ) -> None:  # fmt: skip
     """Print a line a command, and one for each tree."""
-    trees = {path.name: path.resolve() for path in (before, tree) if path is not None}
+    trees = {"before": before.resolve()} if before else {}
+    trees["now"] = tree.resolve()
     with tempfile.TemporaryDirectory() as folder:
         place = work or Path(folder)
         make_frames(tree.resolve(), place, frames)
         print(f"{SIZE}, {frames} frames, {os.cpu_count()} cores, medians of {rounds}")
-        print(f"{'':24}{'':14}   wall      cpu   cpu/wall others")
+        print(f"{'':24}{'':8}   wall      cpu   cpu/wall others")
         for name, line in command_lines(tree.resolve(), place).items():
             if only and not name.startswith(only):
                 continue
@@ -174,7 +175,7 @@ def main(
                 for key, path in trees.items():
                     costs[key].append(measure_in_folder(path, line))
             for key, measured in costs.items():
-                print(f"{name:24}{key[:13]:14}{cells(middle(measured))}", flush=True)
+                print(f"{name:24}{key:8}{cells(middle(measured))}", flush=True)
 
 
 if __name__ == "__main__":
