@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from rtsr_cli.core.planning import system_inputs
-from rtsr_cli.core.upscaling import History
 
 from rtsr_cli.core.choices import JitterMode, NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
@@ -21,7 +19,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.io.exr import write_exr
 from rtsr_cli.core.io.opening import ReadOptions, open_pairs
-from rtsr_cli.core.io.pairs import Inputs, PairSource, simulated_pairs
+from rtsr_cli.core.io.pairs import PairSource, simulated_pairs
 from rtsr_cli.core.io.reading import FrameReader
 from rtsr_cli.core.learning.augmentation import Turn
 from rtsr_cli.core.learning.clips import Clip, read_clips
@@ -40,7 +38,9 @@ from rtsr_cli.core.learning.recording import Captured, record, wanted_by
 from rtsr_cli.core.learning.sampling import Sampler
 from rtsr_cli.core.learning.steps import sample_steps, whole_window
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.system import Prediction, Window
+from rtsr_cli.core.run.systems import system_inputs
+from rtsr_cli.core.run.window import SlidingWindow
+from rtsr_cli.core.system import Window
 from rtsr_cli.models import load_system, trainable_names
 
 Planes = Mapping[str, NDArray[Any]]
@@ -153,29 +153,27 @@ def simulation_of(task: Task, **changed: Any) -> Simulation:
 def upscaled(source: PairSource, task: Task) -> Iterator[Window]:
     """Windows of every frame as `upscale` makes them."""
     reader = source.reader
-    inputs = system_inputs(task.system, Inputs(lr=()), task.config)
-    sequence = FrameSequence(
-        numbers=reader.numbers,
-        load_frame=lambda number: source.load(number, inputs).lr,
-        step=reader.step,
-        cuts=reader.resets,
-    )
-    history = History(sequence, task.system, source.scale)
+    inputs = system_inputs(task.system, NonfinitePolicy.ERROR, task.config)
+    sequence = FrameSequence(numbers=reader.numbers, step=reader.step, cuts=reader.resets)
+    window = SlidingWindow(sequence, history_frames=task.system.history_frames, scale=source.scale)
     for number in reader.numbers:
-        pair = source.load(number, inputs)
-        history.advance(pair, lambda window, state: Prediction())
-        yield history.window(pair)
+        yield window.slide(source.load(number, inputs))
 
 
 def recorded(source: PairSource, task: Task, folder: Path) -> Clip:
     """The one clip of a shot, as `train` records and reads it."""
-    (path,) = record(
+    lines = record(
         Captured(source),
         wanted_by(task.system, task.config, task.scale),
         cache=folder,
         policy=NonfinitePolicy.ERROR,
-        said=lambda line: None,
     )
+    while True:
+        try:
+            next(lines)
+        except StopIteration as end:
+            (path,) = end.value
+            break
     (clip,), _ = read_clips(path)
     return clip
 
