@@ -41,7 +41,7 @@ def test_strips_give_the_bytes_of_the_whole_frame(
     frame: Frame, monkeypatch: pytest.MonkeyPatch, full: bool
 ) -> None:
     whole = frame_parts.divided(frame, DerivationConfig(), full=full)
-    monkeypatch.setattr(dividing, "STRIP_PIXELS", 5 * SIZE[1])
+    monkeypatch.setattr(frame_parts, "STRIP_PIXELS", 5 * SIZE[1])
     assert [top for top, _ in frame_parts.strips(frame)] == [0, 5, 10]
     parts = frame_parts.divided(frame, DerivationConfig(), full=full)
     assert parts.error == whole.error
