@@ -50,7 +50,7 @@ from rtsr_cli.core.vrs.coarse import coarse_shading
 from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, tile_errors
 from rtsr_cli.core.vrs.estimating import VrsOptions, chosen_errors, estimate
 from rtsr_cli.core.vrs.rates import Rate, extrapolated, rate_shares, shaded_share
-from rtsr_cli.core.vrs.reprojection import moved_picture
+from rtsr_cli.core.vrs.reprojection import reproject
 from rtsr_cli.core.vrs.tiles import pixel_shares
 from rtsr_cli.core.weights import SHIPPED
 from rtsr_cli.models import load_system
@@ -78,7 +78,7 @@ class Known:
 
 def proxy_errors(window: Window, rates: tuple[Rate, ...], config: ErrorConfig) -> dict[Rate, Any]:
     """Errors of rates on the frame before, moved; what it does not show is the nearest it does."""
-    moved = moved_picture(window)
+    moved = reproject(window).moved
     # a display transform of single samples: coarse shading of what is shown is the same
     return {rate: tile_errors(coarse_shading(moved, rate), moved, config) for rate in rates}
 

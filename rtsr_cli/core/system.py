@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -17,6 +17,8 @@ from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.shapes import Color, Image, TileMap
+
+T = TypeVar("T")
 
 State = Any
 """What a recurrent system carries from frame to frame; opaque to core, None at a reset."""
@@ -36,11 +38,24 @@ class Window:
     lr: tuple[Frame, ...]
     hr: Frame | None = None
     scale: int = 1
+    _known: dict[Callable[[Window], Any], Any] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def current(self) -> Frame:
         """The frame to reconstruct."""
         return self.lr[0]
+
+    def compute_once(self, function: Callable[[Window], T]) -> T:
+        """Return what a function gives for this window; it is called the first time alone.
+
+        For what both a prediction and a decision upon it need, and neither should do again.
+        """
+        if function not in self._known:
+            self._known[function] = function(self)
+        value: T = self._known[function]
+        return value
 
 
 @dataclass(frozen=True, kw_only=True)

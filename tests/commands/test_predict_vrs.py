@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from click.testing import Result
 
 from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.choices import VrsMetric
+from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.vrs.errors import ErrorConfig
@@ -292,6 +296,33 @@ def test_rates_are_chosen_and_accounted_for(
     told = {"predicted_error"} if estimator == "network" else set()
     told |= set() if estimator == "analytic" else {"r2", "mae", "under"}
     assert {"predicted_error", "r2", "mae", "under"} & found["total"].keys() == told
+
+
+@pytest.mark.parametrize("choice", ["network", "analytic", "hybrid", "reuse"])
+def test_the_frame_before_is_moved_once_a_frame(
+    rtsr: Run, small_capture: Path, tmp_path: Path, choice: str
+) -> None:
+    given: tuple[object, ...] = ("--estimator", choice)
+    if choice == "reuse":
+        given = ("--reuse",)
+    if choice != "analytic":
+        settings = {"inputs": "reuse", "reuse": True} if choice == "reuse" else {}
+        given = (*given, "--weights", random_weights(tmp_path / "w.safetensors", **settings))
+    moved: Counter[str] = Counter()
+
+    def count(frame: FrameType, event: str, argument: object) -> None:
+        del argument
+        if event == "call" and frame.f_code is backward_warp.__code__:
+            moved[Path(frame.f_back.f_code.co_filename).stem if frame.f_back else ""] += 1
+
+    sys.setprofile(count)
+    try:
+        result = rtsr("predict-vrs", small_capture, tmp_path / "out", *given)
+    finally:
+        sys.setprofile(None)
+    assert result.exit_code == 0, result.output
+    # the first of the four frames has none before it
+    assert moved["reprojection"] == 3
 
 
 def test_a_run_that_goes_on_counts_what_was_there(

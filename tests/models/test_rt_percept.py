@@ -20,7 +20,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.errors import ErrorConfig, tile_errors
 from rtsr_cli.core.vrs.rates import Rate
-from rtsr_cli.core.vrs.reprojection import displayed, reprojected
+from rtsr_cli.core.vrs.reprojection import displayed, reproject
 from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept.config import Groups, Inputs, RtPerceptConfig, Transform
 from rtsr_cli.models.rt_percept.inputs import SETS, prepare
@@ -161,7 +161,8 @@ def test_the_radiance_of_the_frame_itself_is_not_looked_at(
 
 def test_without_a_frame_before_nothing_is_seen(make_windows: MakeWindows) -> None:
     window = make_windows(SYSTEM, 1, count=1)[0]
-    picture, seen = reprojected(window)
+    before = reproject(window)
+    picture, seen = before.picture, before.seen
     assert not picture.any()
     assert not seen.any()
     assert not prepare(CONFIG, window)["mask"].any()
@@ -169,7 +170,8 @@ def test_without_a_frame_before_nothing_is_seen(make_windows: MakeWindows) -> No
 
 def test_what_the_frame_before_shows_comes_along(make_windows: MakeWindows) -> None:
     window = make_windows(SYSTEM, 1)[-1]
-    picture, seen = reprojected(window)
+    before = reproject(window)
+    picture, seen = before.picture, before.seen
     # the pattern moves one pixel to the left a frame
     expected = displayed(window.lr[1].gbuffer[Buffer.COLOR]).roll(-1, dims=3)
     there = seen.expand_as(picture) > 0
@@ -229,7 +231,7 @@ def test_the_mean_runs_with_the_errors_and_keeps_still_when_judged() -> None:
 def test_what_reuse_predicts_is_the_error_of_the_frame_before(make_windows: MakeWindows) -> None:
     config = RtPerceptConfig(mean=0.5, reuse=True, error=ErrorConfig(metric=VrsMetric.JNYANG))
     window = make_windows(SYSTEM, 1)[-1]
-    picture, _ = reprojected(window)
+    picture = reproject(window).picture
     found = goal(config, window, window.current)["errors"]
     shown = displayed(window.current.gbuffer[Buffer.COLOR])
     assert found.shape[1] == 1

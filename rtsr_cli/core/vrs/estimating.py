@@ -13,7 +13,7 @@ from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.adaptive import AdaptiveConfig, adaptive_codes, axis_errors, scaled_errors
 from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, from_amplitude, luma
 from rtsr_cli.core.vrs.rates import REDUCED, Errors, Rate, chosen_codes, extrapolated
-from rtsr_cli.core.vrs.reprojection import moved_picture, reprojected
+from rtsr_cli.core.vrs.reprojection import reproject
 from rtsr_cli.core.vrs.tiles import tile_mean
 
 MOSTLY = 0.5
@@ -71,7 +71,7 @@ def estimate(
         rates: those that it predicts.
         options: how.
     """
-    _, mask = reprojected(window)
+    mask = reproject(window).seen
     seen = (tile_mean(mask, options.error.tile) >= MOSTLY).to(mask.dtype)
     analytic = None
     if options.estimator is not Estimator.NETWORK:
@@ -102,7 +102,7 @@ def analytic_estimate(window: Window, seen: Mask, config: AdaptiveConfig) -> Est
     """
     motion = window.current.gbuffer[Buffer.MOTION].abs()
     speeds = tuple(tile_mean(motion[:, axis : axis + 1], config.tile) for axis in (0, 1))
-    ends = axis_errors(luma(moved_picture(window)), config)
+    ends = axis_errors(luma(reproject(window).moved), config)
     codes = adaptive_codes(ends, (speeds[0], speeds[1]), config)
     (half_x, quarter_x), (half_y, quarter_y) = (
         scaled_errors(error, speed, config) for error, speed in zip(ends, speeds, strict=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
@@ -27,37 +29,45 @@ def displayed(color: Color) -> Color:
     return encode_srgb(encode_reinhard(color))
 
 
-def reprojected(window: Window) -> tuple[Color, Mask]:
-    """The frame before where each pixel was, and 1 where it shows the same surface.
+@dataclass(frozen=True, kw_only=True)
+class Reprojection:
+    """The frame before where each pixel of this one was, at this frame's exposure.
 
-    0 where it does not: outside of it, by depth, normals and, where there are any, object ids.
+    Attributes:
+        moved: the frame before as displayed, whatever it shows there. Whole pixels are fetched: a
+            blend of neighbours would take off the contrast that errors are made of. What lies
+            outside is the nearest pixel inside; without a frame before, black.
+        seen: 1 where it shows the same surface; 0 outside of it, by depth, normals and, where
+            there are any, object ids, and everywhere without a frame before.
     """
+
+    moved: Color
+    seen: Mask
+
+    @property
+    def picture(self) -> Color:
+        """What it shows of this frame's surfaces, elsewhere black."""
+        return self.moved * self.seen
+
+
+def reproject(window: Window) -> Reprojection:
+    """Bring the frame before to this one's pixels, once a window."""
+    return window.compute_once(_reproject)
+
+
+def _reproject(window: Window) -> Reprojection:
     now = window.current
     if len(window.lr) == 1:
         nothing = torch.zeros_like(now.gbuffer[Buffer.NORMAL])
-        return nothing, nothing[:, :1]
+        return Reprojection(moved=nothing, seen=nothing[:, :1])
     before = window.lr[1]
     motion = sample_motion(now, before)
     hidden = disocclusion_mask(
         motion, current=_surfaces(now), previous=_surfaces(before), thresholds=SAME_SURFACE
     )
-    seen = 1.0 - hidden
-    return moved_picture(window) * seen, seen
-
-
-def moved_picture(window: Window) -> Color:
-    """The frame before where each pixel was, seen or not, at this frame's exposure.
-
-    Whole pixels are fetched: a blend of neighbours would take off the contrast that errors are
-    made of. What lies outside is the nearest pixel inside; without a frame before, black.
-    """
-    now = window.current
-    if len(window.lr) == 1:
-        return torch.zeros_like(now.gbuffer[Buffer.NORMAL])
-    before = window.lr[1]
     color = before.gbuffer[Buffer.COLOR] * brightening(now, before)
-    picture, _ = backward_warp(displayed(color), sample_motion(now, before), mode="nearest")
-    return picture
+    moved, _ = backward_warp(displayed(color), motion, mode="nearest")
+    return Reprojection(moved=moved, seen=1.0 - hidden)
 
 
 def _surfaces(frame: Frame) -> SurfaceBuffers:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from rtsr_cli.core.shapes import Color, TileMap
 from rtsr_cli.core.system import Window
 from rtsr_cli.core.vrs.errors import ErrorConfig, tile_errors
-from rtsr_cli.core.vrs.reprojection import displayed, reprojected
+from rtsr_cli.core.vrs.reprojection import displayed, reproject
 from rtsr_cli.core.vrs.tiles import tile_mean
 
 
@@ -20,11 +20,9 @@ def reuse_errors(window: Window, color: Color, config: ErrorConfig) -> TileMap:
         color: radiance of the frame.
         config: metric and tiles.
     """
-    picture, _ = reprojected(window)
-    return tile_errors(picture, displayed(color), config)
+    return tile_errors(reproject(window).picture, displayed(color), config)
 
 
 def seen_share(window: Window, tile: int) -> TileMap:
     """Share of a tile's pixels that the frame before shows."""
-    _, seen = reprojected(window)
-    return tile_mean(seen, tile)
+    return tile_mean(reproject(window).seen, tile)

@@ -16,7 +16,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.shapes import Color, Image, Mask
 from rtsr_cli.core.system import Tensors, Window
 from rtsr_cli.core.vrs.errors import luma
-from rtsr_cli.core.vrs.reprojection import displayed, reprojected
+from rtsr_cli.core.vrs.reprojection import displayed, reproject
 from rtsr_cli.models.rt_percept.config import Inputs, RtPerceptConfig
 
 DIELECTRIC_F0 = 0.04
@@ -117,6 +117,7 @@ SETS: dict[Inputs, tuple[int, Channels]] = {
 
 def prepare(config: RtPerceptConfig, window: Window) -> Tensors:
     """`seen`: channels of the network; `mask`: 1 where the frame before shows the surface."""
-    picture, mask = reprojected(window)
+    before = reproject(window)
     _, channels = SETS[config.inputs]
-    return {"seen": channels(window.current, picture, mask), "mask": mask}
+    seen = channels(window.current, before.picture, before.seen)
+    return {"seen": seen, "mask": before.seen}
