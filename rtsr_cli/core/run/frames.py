@@ -14,7 +14,7 @@ from typing import Any
 
 from rtsr_cli.core.errors import InputChangedError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.exr import Plane
+from rtsr_cli.core.io.exr import Plane, read_header
 from rtsr_cli.core.io.opening import ReadOptions
 from rtsr_cli.core.io.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
 from rtsr_cli.core.io.pairs import FramePair, Inputs, PairSource
@@ -91,6 +91,8 @@ class Moment:
         pair: what was read.
         window: the same, with the frames that are its history.
         passed: channels that are handed through, by name.
+        source: the file that names the frame.
+        attributes: of its header.
         begins: True where there is no history: at the start, after a cut, a gap or a failure.
         wanted: True if an output is to be made; else the frame is history of others.
     """
@@ -99,6 +101,8 @@ class Moment:
     pair: FramePair
     window: Window
     passed: Mapping[str, Plane]
+    source: Path
+    attributes: Mapping[str, Any]
     begins: bool
     wanted: bool
 
@@ -111,11 +115,6 @@ class Moment:
     def path(self) -> Path:
         """The output's."""
         return self.plan.path(self.number)
-
-    @property
-    def source(self) -> Path:
-        """The file that names the frame."""
-        return self.plan.inputs.reader.path(self.number)
 
     def provenance(self, extra: Mapping[str, Any]) -> dict[str, Any]:
         """Header attributes of the output; `extra` are those of the kind of run."""
@@ -145,6 +144,8 @@ Raises:
 class _Loaded:
     pair: FramePair
     passed: Mapping[str, Plane]
+    source: Path
+    attributes: Mapping[str, Any]
 
 
 class PairJob(ShotJob[_Loaded]):
@@ -191,7 +192,9 @@ class PairJob(ShotJob[_Loaded]):
                 for part in reading.passed
                 for name, plane in part.read(key, size).items()
             }
-        return _Loaded(pair, passed)
+            source = plan.inputs.reader.path(key)
+            attributes = read_header(source).attributes
+        return _Loaded(pair, passed, source, attributes)
 
     def compute(self, key: int, loaded: _Loaded) -> Product | None:
         """Do the work on a frame."""
@@ -202,6 +205,8 @@ class PairJob(ShotJob[_Loaded]):
             pair=loaded.pair,
             window=window,
             passed=loaded.passed,
+            source=loaded.source,
+            attributes=loaded.attributes,
             begins=begins,
             wanted=key in self.plan.pending,
         )

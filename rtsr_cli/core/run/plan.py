@@ -58,6 +58,7 @@ class ShotPlan:
         selected: numbers whose outputs are asked for.
         pending: those that are not done yet.
         order: numbers to process: pending ones, and the history they need.
+        paths: number -> the output that is asked for.
         stamps: of the outputs.
     """
 
@@ -67,11 +68,13 @@ class ShotPlan:
     selected: tuple[int, ...]
     pending: frozenset[int]
     order: tuple[int, ...]
+    paths: Mapping[int, Path]
     stamps: Stamps
 
     def path(self, number: int) -> Path:
-        """Return the output of a frame."""
-        return self.outputs.folder / output_name(self.inputs.reader, number)
+        """Return the output of a frame, asked for or not."""
+        known = self.paths.get(number)
+        return known or self.outputs.folder / output_name(self.inputs.reader, number)
 
     @property
     def digests(self) -> FileDigests:
@@ -133,12 +136,13 @@ def plan_shot(
         selected=selected,
         pending=frozenset(selected),
         order=(),
+        paths={n: outputs.folder / output_name(reader, n) for n in selected},
         stamps=stamps,
     )
-    refuse_inputs([plan.path(n) for n in selected], inputs.readers)
+    refuse_inputs(list(plan.paths.values()), inputs.readers)
     states = {n: _state(plan, n) for n in selected}
     if not overwrite:
-        foreign = [plan.path(n) for n, state in states.items() if state is OutputState.FOREIGN]
+        foreign = [plan.paths[n] for n, state in states.items() if state is OutputState.FOREIGN]
         refuse_foreign(foreign, f"rtsr {outputs.command}")
     pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
     plan = replace(plan, pending=pending, order=_order(sequence, stamps.starts, pending))
@@ -149,7 +153,7 @@ def plan_shot(
 
 def _state(plan: ShotPlan, number: int) -> OutputState:
     """State of an output; its inputs are hashed only where a file is there."""
-    path = plan.path(number)
+    path = plan.paths[number]
     if not path.exists():
         return OutputState.ABSENT
     stamp = plan.stamps.of_output(number)

@@ -12,7 +12,6 @@ from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
-from rtsr_cli.core.io.exr import read_header
 from rtsr_cli.core.io.outputs import OutputFrame
 from rtsr_cli.core.io.pairs import PairSource
 from rtsr_cli.core.io.provenance import color_tag
@@ -83,7 +82,9 @@ class Reconstruction:
             debug: an EXR of what the system saw and decided.
         """
         self._predictor = Predictor(run)
-        self._system, self._source = run.system, source
+        self._system, self._windows = run.system, source.output_window
+        self._colorspace = source.reader.conventions.colorspace
+        self._tag = color_tag(source.reader.conventions)
         self._previews, self._debug = previews, debug
 
     def __call__(self, moment: Moment) -> Product | None:
@@ -101,15 +102,14 @@ class Reconstruction:
         """
         if prediction.image is None:
             raise FrameFolderError(f"{moment.source}: system '{self._system.name}' gave no image")
-        conventions = self._source.reader.conventions
-        known = moment.provenance({"rtsr:system": self._system.name, **color_tag(conventions)})
+        known = moment.provenance({"rtsr:system": self._system.name, **self._tag})
         return OutputFrame(
             path=moment.path,
             color=prediction.image,
             alpha=enlarged_alpha(moment),
-            attributes={**read_header(moment.source).attributes, **known},
-            windows=self._source.output_window,
-            colorspace=conventions.colorspace,
+            attributes={**moment.attributes, **known},
+            windows=self._windows,
+            colorspace=self._colorspace,
             passed=moment.passed,
             previews=self._previews,
             debug=debug_pictures(moment, prediction) if self._debug else None,
