@@ -22,7 +22,8 @@ import click
 from click.testing import CliRunner
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.synth import random_scene, render_frame
+from rtsr_cli.core.synth.exposure import random_scene
+from rtsr_cli.core.synth.render import render_frame
 
 FULL_HD = (1080, 1920)
 SEEDS = range(5)

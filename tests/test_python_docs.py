@@ -6,17 +6,12 @@ import re
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from rtsr_cli.api import PLACES
-from rtsr_cli.cli import group
 
 ROOT = Path(__file__).resolve().parents[1]
 
 BLOCK = re.compile(r"^## (.+?)\n.*?^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-
-PENDING = frozenset({"upscale", "demodulate", "label", "predict-vrs", "synth"})
-"""Calls whose lines are written and who are not there yet: take them out as they come."""
 
 BLOCKS = dict(BLOCK.findall((ROOT / "docs" / "python.md").read_text(encoding="utf-8")))
 """Title -> lines, in the order in which they are run."""
@@ -27,9 +22,6 @@ def folder(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that holds the sample, in which all blocks run."""
     place = tmp_path_factory.mktemp("python")
     (place / "sample_data").symlink_to(sample_root)
-    if "upscale" in PENDING:
-        arguments = ["upscale", str(place / "sample_data"), str(place / "out")]
-        assert CliRunner().invoke(group, [*arguments, "--system", "bicubic"]).exit_code == 0
     return place
 
 
@@ -37,8 +29,6 @@ def folder(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_lines_of_a_call_run(
     title: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if title in PENDING:
-        pytest.skip("the call is not there yet")
     monkeypatch.chdir(folder)
     exec(compile(BLOCKS[title], "docs/python.md", "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out.strip()
@@ -52,7 +42,3 @@ def test_every_call_has_its_lines_and_none_is_long() -> None:
         title: len(lines.replace("\n\n", "\n").splitlines()) for title, lines in BLOCKS.items()
     }
     assert max(counts.values()) == 5
-
-
-def test_what_is_pending_is_not_there() -> None:
-    assert not {title.replace("-", "_") for title in PENDING} & set(PLACES)

@@ -164,7 +164,7 @@ class ResultFile(click.ParamType[Path]):
 @opt.verbose
 @opt.quiet
 @click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(ctx: click.Context, /, *, as_json: bool, **chosen: Any) -> None:
     """Judge result folders TEST... against the reference REF, frame by frame and as sequences.
 
     Shots go by their paths below each folder, frames by number. With one TEST folder and no --ref
@@ -176,4 +176,4 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
         from rtsr_cli.api import evaluate
         from rtsr_cli.commands.evaluation_text import show_evaluation
 
-        ctx.exit(show_evaluation(evaluate(request), phase, as_json=chosen["as_json"]))
+        ctx.exit(show_evaluation(evaluate(request), phase, as_json=as_json))

@@ -32,7 +32,7 @@ from rtsr_cli.core.inspect.request import InspectRequest
 @opt.capture
 @opt.layout
 @click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(ctx: click.Context, /, *, as_json: bool, **chosen: Any) -> None:
     """Say what rtsr understands of the frames in IN, and what it needs to be told.
 
     Finds out which way the motion vectors run by warping neighbouring frames under every reading
@@ -48,7 +48,7 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     from rtsr_cli.api import inspect
     from rtsr_cli.commands.inspection_text import show_facts, show_report
 
-    show = show_facts if chosen["as_json"] else show_report
+    show = show_facts if as_json else show_report
     # while nothing is to be written, a signal ends the process at once
     with unwinding() if request.write else nullcontext():
         ctx.exit(show(inspect(request)))

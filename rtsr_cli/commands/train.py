@@ -57,7 +57,7 @@ from rtsr_cli.models import trainable_names
 @opt.verbose
 @opt.quiet
 @click.pass_context
-def command(ctx: click.Context, /, **chosen: Any) -> None:
+def command(ctx: click.Context, /, *, as_json: bool, **chosen: Any) -> None:
     """Train SYSTEM on the shots of DATA: HR captures with radiance, or LR/HR pairs.
 
     LR frames are made from HR captures by decimation. A folder's manifest.json, or
@@ -68,5 +68,4 @@ def command(ctx: click.Context, /, **chosen: Any) -> None:
     from rtsr_cli.api import train
     from rtsr_cli.commands.training_text import show_training
 
-    as_json = chosen["as_json"]
     ctx.exit(show_training(train(request), dry_run=request.dry_run, as_json=as_json))

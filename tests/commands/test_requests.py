@@ -16,10 +16,15 @@ from rtsr_cli.api import PLACES
 from rtsr_cli.commands import options as opt
 
 MINIMAL: dict[str, tuple[str, list[str]]] = {
+    "DemodulateRequest": ("demodulate", ["a", "b"]),
     "EvaluateRequest": ("evaluate", ["a", "b"]),
     "InspectRequest": ("inspect", ["a"]),
+    "LabelRequest": ("label", ["a", "b", "--kind", "vrs"]),
     "PrecomputeLutRequest": ("precompute-lut", ["a.exr"]),
+    "PredictVrsRequest": ("predict-vrs", ["a", "b"]),
+    "SynthRequest": ("synth", ["a"]),
     "TrainRequest": ("train", ["fusesr", "a", "--out", "run"]),
+    "UpscaleRequest": ("upscale", ["a", "b"]),
 }
 """Request -> the command that makes it, and the least that has to be said."""
 

@@ -74,7 +74,8 @@ def test_a_pair_has_no_radiance_at_high_resolution_and_nothing_else_in_its_refer
 def test_declared_jitter_is_where_the_samples_of_a_pair_lie(pair):
     from rtsr_cli.core.frames.buffers import Buffer
     from rtsr_cli.core.io.capture import read_capture
-    from rtsr_cli.core.synth import random_scene, render_frame
+    from rtsr_cli.core.synth.exposure import random_scene
+    from rtsr_cli.core.synth.render import render_frame
 
     capture = read_capture(pair / "capture.toml")
     assert capture.scale == 4

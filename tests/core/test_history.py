@@ -14,10 +14,10 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.history import brightening, dual_motion_between, sample_motion
 from rtsr_cli.core.imaging.splatting import UNRELIABLE_PX
 from rtsr_cli.core.imaging.warping import inside_frame
-from rtsr_cli.core.synth import random_scene, render_frame
+from rtsr_cli.core.synth.exposure import random_scene
 from rtsr_cli.core.synth.motion import motion_px
 from rtsr_cli.core.synth.rays import EVERYWHERE, TILE_PX, Rays, strip_rays, trace
-from rtsr_cli.core.synth.render import Shot, prepare
+from rtsr_cli.core.synth.render import Shot, prepare, render_frame
 from rtsr_cli.core.synth.scene import Scene
 
 SIZE = (136, 240)

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.synth import Scene, random_scene, render_frame
+from rtsr_cli.core.synth.exposure import random_scene
+from rtsr_cli.core.synth.render import render_frame
+from rtsr_cli.core.synth.scene import Scene
 
 SIZE = (64, 96)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
-from rtsr_cli.core.synth import render_frame
+from rtsr_cli.core.synth.render import render_frame
 
 SIZE = (64, 96)
 SEEDS = (0, 1, 2, 3, 4)

@@ -10,8 +10,9 @@ from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.camera import view_cosine_from_camera
 from rtsr_cli.core.imaging.color import luminance
 from rtsr_cli.core.imaging.resampling import box_mean, decimate, sample_jitter
-from rtsr_cli.core.synth import random_scene, render, render_frame, render_reference
-from rtsr_cli.core.synth.render import ALL_BUFFERS
+from rtsr_cli.core.synth import render
+from rtsr_cli.core.synth.exposure import random_scene
+from rtsr_cli.core.synth.render import ALL_BUFFERS, render_frame, render_reference
 
 SIZE = (64, 96)
 SEEDS = (0, 1, 2, 3, 4)

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.synth import render_frame
 from rtsr_cli.core.synth.placing import place
+from rtsr_cli.core.synth.render import render_frame
 from rtsr_cli.core.synth.scene import (
     Body,
     CameraPath,
