@@ -19,12 +19,13 @@ from rtsr_cli.core.precision import settled
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frames import PairJob, PairReading, read_options
 from rtsr_cli.core.run.plan import Outputs, check_selection, plan_shot
+from rtsr_cli.core.run.prediction import NetworkRun
 from rtsr_cli.core.run.shots import run_shots
 from rtsr_cli.core.run.systems import SystemTable, check_system, history_reach, system_inputs
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import System
 from rtsr_cli.core.tiling import tile_side
-from rtsr_cli.core.upscale.reconstruction import NetworkRun, Reconstruction
+from rtsr_cli.core.upscale.reconstruction import Reconstruction
 from rtsr_cli.core.upscale.request import UpscaleRequest
 from rtsr_cli.core.weights import read_weights
 

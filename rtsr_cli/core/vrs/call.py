@@ -20,12 +20,12 @@ from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frames import Moment, PairJob, PairReading, read_options
 from rtsr_cli.core.run.inputs import HistoryReach
 from rtsr_cli.core.run.plan import Outputs, ShotPlan, check_selection, plan_shot
+from rtsr_cli.core.run.prediction import NetworkRun, Predictor
 from rtsr_cli.core.run.shots import run_shots
 from rtsr_cli.core.run.systems import SystemTable, check_inputs, check_system, system_inputs
 from rtsr_cli.core.shading_files import OVERLAY_SUFFIX, Decide, RateChoice, figures_of, summary
 from rtsr_cli.core.shading_rates import RateDecider, ReuseDecider
 from rtsr_cli.core.shapes import TileMap
-from rtsr_cli.core.upscale.reconstruction import NetworkRun, Predictor
 from rtsr_cli.core.vrs.estimating import VrsOptions
 from rtsr_cli.core.vrs.predictor import (
     ANALYTIC_INPUTS,

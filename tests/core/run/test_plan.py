@@ -24,10 +24,11 @@ from rtsr_cli.core.io.selection import Selection, Shard
 from rtsr_cli.core.run.events import Status
 from rtsr_cli.core.run.frames import PairJob, PairReading
 from rtsr_cli.core.run.plan import Outputs, plan_shot
+from rtsr_cli.core.run.prediction import NetworkRun
 from rtsr_cli.core.run.shots import shot_events
 from rtsr_cli.core.run.systems import check_system, history_reach, system_inputs
 from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
-from rtsr_cli.core.upscale.reconstruction import NetworkRun, Reconstruction
+from rtsr_cli.core.upscale.reconstruction import Reconstruction
 
 
 @dataclass(frozen=True, kw_only=True)
