@@ -6,6 +6,7 @@ from collections import deque
 
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.io.pairs import FramePair
+from rtsr_cli.core.pairs.window import join_window
 from rtsr_cli.core.system import Window
 
 
@@ -21,7 +22,7 @@ class SlidingWindow:
             scale: output pixels per LR pixel.
         """
         self._sequence = sequence
-        self._scale = scale
+        self._history, self._scale = history_frames, scale
         self._lr: deque[Frame] = deque(maxlen=history_frames + 1)
         self._previous: int | None = None
 
@@ -40,4 +41,4 @@ class SlidingWindow:
             self.forget()
         self._lr.appendleft(pair.lr)
         self._previous = pair.lr.number
-        return Window(lr=tuple(self._lr), hr=pair.hr, scale=self._scale)
+        return join_window(self._lr, pair.hr, scale=self._scale, history=self._history)
