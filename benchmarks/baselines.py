@@ -21,11 +21,11 @@ from rtsr_cli.core.choices import JitterMode, NonfinitePolicy
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.imaging.color import encode_reinhard
-from rtsr_cli.core.io.opening import ReadOptions, open_pairs
-from rtsr_cli.core.io.pairs import PairSource
+from rtsr_cli.core.pairs.opening import ReadOptions, open_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.run.systems import system_inputs
-from rtsr_cli.core.run.window import SlidingWindow
+from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.run.sliding_window import SlidingWindow
+from rtsr_cli.core.run.system_inputs import resolve_system_inputs
 from rtsr_cli.core.shapes import Color
 from rtsr_cli.core.system import State, System
 from rtsr_cli.models import load_system
@@ -43,7 +43,7 @@ def psnr(test: Color, reference: Color) -> float:
 
 def scores(system: System, source: PairSource) -> Iterator[tuple[int, float]]:
     """Yield frame number and PSNR of every frame of a shot."""
-    inputs = system_inputs(system, NonfinitePolicy.ERROR)
+    inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
     network = system.build(system.config(), source.scale)
     reader = source.reader
     sequence = FrameSequence(numbers=reader.numbers, step=reader.step, cuts=reader.resets)

@@ -22,11 +22,11 @@ from pathlib import Path
 import click
 import torch
 
-from rtsr_cli.core.learning.clips import read_clips
-from rtsr_cli.core.learning.config import TrainingConfig
-from rtsr_cli.core.learning.crops import Task
-from rtsr_cli.core.learning.sampling import Sampler
 from rtsr_cli.core.memory import keep_freed
+from rtsr_cli.core.training.clips import read_clips
+from rtsr_cli.core.training.config import TrainingConfig
+from rtsr_cli.core.training.sampler import SampleDrawer
+from rtsr_cli.core.training.samples import SampleTask
 from rtsr_cli.models import load_system
 
 SCALE = 4
@@ -53,8 +53,8 @@ def main(*, data: Path, name: str, threads: int, rounds: int, count: int, packed
         )  # fmt: skip
         size = file.stat().st_size
         clips, _ = read_clips(file)
-        task = Task(system=system, config=system.config(), scale=SCALE)
-        sampler = Sampler(clips, task, TrainingConfig(scale=SCALE))
+        task = SampleTask(system=system, config=system.config(), scale=SCALE)
+        sampler = SampleDrawer(clips, task, TrainingConfig(scale=SCALE))
         rates = []
         torch.set_num_threads(1)
         with ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:

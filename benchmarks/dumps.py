@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.io.exr import read_channels
+from rtsr_cli.core.files.exr import read_channels
 
 
 def outputs(folder: Path, out: Path, system: str, scale: int) -> dict[int, NDArray[np.float64]]:

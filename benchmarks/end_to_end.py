@@ -39,12 +39,12 @@ import torch
 from network_speed import seconds
 from results import rtsr
 
-from rtsr_cli.core import tiling
 from rtsr_cli.core.choices import Precision
-from rtsr_cli.core.networks import has_weights
-from rtsr_cli.core.precision import settled
+from rtsr_cli.core.network import tiling
+from rtsr_cli.core.network.load import has_weights
+from rtsr_cli.core.network.precision import resolve_precision
+from rtsr_cli.core.network.weights import save_weights
 from rtsr_cli.core.settings import to_plain
-from rtsr_cli.core.weights import save_weights
 from rtsr_cli.models import load_system
 
 SCALE, LR_SIZE = 4, (270, 480)
@@ -125,18 +125,18 @@ def upscaled(work: Work, frames: int, *more: str) -> float:
 def network_run(work: Work, precision: Precision) -> Callable[[], Any]:
     """Return the prediction of the last frame of a run in this process, to be made again."""
     calls: list[tuple[Any, ...]] = []
-    predict = tiling.predict
+    predict = tiling.predict_in_tiles
 
     def record(*given: Any) -> Any:
         calls.append(given)
         return predict(*given)
 
     shutil.rmtree(work.out, ignore_errors=True)
-    tiling.predict = record
+    tiling.predict_in_tiles = record
     try:
         rtsr(*arguments(work, FIRST + 1))
     finally:
-        tiling.predict = predict
+        tiling.predict_in_tiles = predict
     half = precision is Precision.BF16 and any(True for _ in calls[-1][1].parameters())
 
     def run() -> Any:
@@ -218,7 +218,7 @@ def weight_options(name: str, weights: Path | None, folder: Path) -> tuple[str, 
 @click.option("--weights", type=click.Path(path_type=Path))
 def main(*, name: str, frames: int, rounds: int, weights: Path | None) -> None:
     """Print seconds a frame, of the whole, of network and files, and ratios."""
-    precision = settled(Precision.AUTO, torch.device("cpu"))
+    precision = resolve_precision(Precision.AUTO, torch.device("cpu"))
     torch.set_num_threads(os.cpu_count() or 1)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)

@@ -17,10 +17,10 @@ import torch
 from numpy.typing import NDArray
 from pictures import GAP_PX, labelled
 
-from rtsr_cli.core.io.exr import read_channels
-from rtsr_cli.core.io.png import write_png
-from rtsr_cli.core.io.preview import preview
-from rtsr_cli.core.metrics.temporal import epi
+from rtsr_cli.core.files.exr import read_channels
+from rtsr_cli.core.files.png import write_png
+from rtsr_cli.core.imaging.preview import encode_preview
+from rtsr_cli.core.metrics.temporal import stack_rows
 
 
 def frame_number(path: Path) -> int:
@@ -35,7 +35,7 @@ def strip(folder: Path, row: int, columns: slice) -> NDArray[np.uint8]:
         planes = read_channels(path, "RGB")
         color = np.stack([planes[c][row : row + 1, columns].astype(np.float32) for c in "RGB"])
         rows.append(torch.from_numpy(color)[None])
-    return preview(epi(rows))
+    return encode_preview(stack_rows(rows))
 
 
 @click.command()

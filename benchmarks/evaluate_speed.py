@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.io.exr import read_channels, write_exr
+from rtsr_cli.core.files.exr import read_channels, write_exr
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "reference"
 SIZE = (1080, 1920)

@@ -22,16 +22,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.measuring.decision import measure_and_decide
+from rtsr_cli.core.captures.measuring.geometry_finder import project_points, unproject_depth
+from rtsr_cli.core.captures.survey import open_frames
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Axes, MotionConvention, MotionDirection, MotionUnit, YAxis
-from rtsr_cli.core.imaging.geometry_finder import projected, to_world
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
 from rtsr_cli.core.imaging.splatting import forward_motion_by_splat
-from rtsr_cli.core.io.capture import Capture
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
-from rtsr_cli.core.io.opening import ReadOptions, shots_of
-from rtsr_cli.core.io.settling import settle
-from rtsr_cli.core.io.survey import open_frames
+from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of
 
 Motion = NDArray[np.float32]
 Motions = Mapping[int, Motion]
@@ -139,9 +139,9 @@ def to_next_frame(files: Mapping[int, Path], motions: Motions) -> Motions:
         height, width = motion.shape[1:]
         view = View(display=(height, width))
         depth = torch.from_numpy(now["depth.Z"])[None, None]
-        world = to_world(depth, camera_of(files[number]), view)
+        world = unproject_depth(depth, camera_of(files[number]), view)
         assert world is not None
-        landed = projected(world, camera_of(files[number + 1]), view)
+        landed = project_points(world, camera_of(files[number + 1]), view)
         assert landed is not None
         y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
         still = landed[0] - torch.stack([x, y])
@@ -167,10 +167,10 @@ def write(files: Mapping[int, Path], motions: Motions, folder: Path, *, camera: 
 
 def cell(folder: Path, name: str, expected: MotionConvention) -> tuple[str, float]:
     """Measure a folder without any declaration; return the table's cell and the seconds."""
-    shot = shots_of(folder, ReadOptions())[0]
-    reader = open_frames(shot.frames, layout=None, capture=Capture(), side_car={})
+    shot = find_shots_of(folder, ReadOptions())[0]
+    reader = open_frames(shot.frames, layout=None, capture=CaptureDeclaration(), side_car={})
     started = time.perf_counter()
-    measured = settle(reader, Capture(), named=False).measured
+    measured = measure_and_decide(reader, CaptureDeclaration(), named=False).measured
     seconds = time.perf_counter() - started
     finding, best = measured.motion, measured.best
     assert finding is not None

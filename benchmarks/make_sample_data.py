@@ -14,8 +14,8 @@ from pathlib import Path
 import click
 import numpy as np
 
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.imaging.resampling import sample_jitter
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
 
 SCALE = 4
 RADIANCE = ("R", "G", "B")

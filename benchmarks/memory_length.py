@@ -17,7 +17,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"
 SIZE, REPEAT, FILES = (1080, 1920), 4, 6

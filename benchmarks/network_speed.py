@@ -26,8 +26,8 @@ import torch
 from torch import nn
 from torch.profiler import ProfilerActivity, profile
 
-from rtsr_cli.core.acceleration import accelerated
-from rtsr_cli.core.complexity import uniform_window
+from rtsr_cli.core.network.acceleration import accelerate_network
+from rtsr_cli.core.network.cost import make_uniform_window
 from rtsr_cli.core.system import Tensors
 from rtsr_cli.models import load_system
 
@@ -66,8 +66,8 @@ def ways(name: str, scale: int, size: tuple[int, int]) -> dict[str, Run]:
     built = system.build(config, scale).eval().requires_grad_(False)
     for parameter in built.parameters():
         parameter.copy_(0.05 * torch.randn_like(parameter))
-    inputs = noisy(system.learning.prepare(config, uniform_window(system, scale, size)))
-    fast = accelerated(built)
+    inputs = noisy(system.learning.prepare(config, make_uniform_window(system, scale, size)))
+    fast = accelerate_network(built)
     return {
         PLAIN: runner(built, inputs, half=False),
         "accelerated, fp32": runner(fast, inputs, half=False),

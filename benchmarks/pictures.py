@@ -16,10 +16,10 @@ import OpenImageIO as oiio  # noqa: N813
 import torch
 from numpy.typing import NDArray
 
+from rtsr_cli.core.files.exr import read_channels
+from rtsr_cli.core.files.png import write_png
+from rtsr_cli.core.imaging.preview import encode_preview
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.io.exr import read_channels
-from rtsr_cli.core.io.png import write_png
-from rtsr_cli.core.io.preview import preview
 
 GAP_PX = 4
 LABEL_PX = 18
@@ -31,7 +31,7 @@ def picture(folder: Path, frame: int, width: int | None) -> NDArray[np.uint8]:
     planes = read_channels(path, "RGB")
     color = torch.stack([torch.from_numpy(planes[c].astype(np.float32)) for c in "RGB"])[None]
     factor = 1 if width is None else max(1, width // color.shape[-1])
-    return preview(upsample_nearest(color, factor))
+    return encode_preview(upsample_nearest(color, factor))
 
 
 def labelled(image: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:

@@ -22,7 +22,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"
 FILES = 6

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.io.exr import read_channels
+from rtsr_cli.core.files.exr import read_channels
 
 MODES = ("brdf", "softplus", "albedo", "glossy-albedo")
 

@@ -39,8 +39,8 @@ from tables import Row, write_csv
 
 from rtsr_cli.cli import group
 from rtsr_cli.core.choices import SystemTask
-from rtsr_cli.core.networks import has_weights
-from rtsr_cli.models import load_system, trainable_names
+from rtsr_cli.core.network.load import has_weights
+from rtsr_cli.models import list_trainable_names, load_system
 
 BASELINES = ("bicubic", "demod-bicubic", "taau")
 UNTRAINED = "demod-guided"
@@ -60,7 +60,7 @@ def rtsr(*arguments: object) -> None:
 
 def methods(scale: int) -> tuple[str, ...]:
     """Baselines, what needs no training, and networks with weights for a scale."""
-    systems = [load_system(name) for name in trainable_names()]
+    systems = [load_system(name) for name in list_trainable_names()]
     upscalers = [s for s in systems if s.task is SystemTask.UPSCALE and has_weights(s, scale)]
     return (*BASELINES, UNTRAINED, *(system.name for system in upscalers))
 

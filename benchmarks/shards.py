@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.models import load_system
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"

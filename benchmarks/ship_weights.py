@@ -11,8 +11,8 @@ from pathlib import Path
 
 import click
 
-from rtsr_cli.core.settings import Source, resolve
-from rtsr_cli.core.weights import SHIPPED, read_weights, save_weights, shipped_name
+from rtsr_cli.core.network.weights import SHIPPED, name_shipped, read_weights, save_weights
+from rtsr_cli.core.settings import SettingsSource, resolve_settings
 from rtsr_cli.models import load_system
 
 
@@ -25,8 +25,8 @@ def main(path: Path, *, half: bool) -> None:
     system = load_system(weights.system)
     if system.weights is None:
         raise click.ClickException(f"system '{weights.system}' ships no weights")
-    config = resolve(system.config, Source(str(path), weights.config))
-    target = SHIPPED / shipped_name(system.weights, weights.scale, config)
+    config = resolve_settings(system.config, SettingsSource(str(path), weights.config))
+    target = SHIPPED / name_shipped(system.weights, weights.scale, config)
     save_weights(
         target,
         weights.tensors,

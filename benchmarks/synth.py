@@ -22,7 +22,7 @@ import click
 from click.testing import CliRunner
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.synth.exposure import random_scene
+from rtsr_cli.core.synth.exposure import draw_scene
 from rtsr_cli.core.synth.render import render_frame
 
 FULL_HD = (1080, 1920)
@@ -39,7 +39,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def rendered(seed: int) -> float:
     """Seconds to render one frame."""
-    scene = random_scene(seed)
+    scene = draw_scene(seed)
     started = time.perf_counter()
     render_frame(scene, 1, FULL_HD)
     return time.perf_counter() - started
@@ -79,7 +79,7 @@ def main(frames: int) -> None:
     times = {}
     for seed in SEEDS:
         times[seed] = rendered(seed), written(seed, frames)
-        place = random_scene(seed).arrangement
+        place = draw_scene(seed).arrangement
         render, write = times[seed]
         print(f"seed {seed} ({place}): {render:.2f} s rendered, {write:.2f} s with writing",
               flush=True)  # fmt: skip

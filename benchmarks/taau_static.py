@@ -20,7 +20,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
 SYSTEMS = ("bicubic", "taau")
 SAMPLES, SCALE = 2, 2

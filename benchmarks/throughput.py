@@ -29,7 +29,7 @@ import OpenEXR
 from click.testing import CliRunner
 
 from rtsr_cli.cli import group
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_data"
 SIZE = (1080, 1920)

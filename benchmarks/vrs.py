@@ -35,30 +35,30 @@ from vrs_text import (
     write_text,
 )
 
-from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.choices import Estimator, NonfinitePolicy, VrsMetric
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import FrameSequence
-from rtsr_cli.core.io.opening import ReadOptions, open_single
-from rtsr_cli.core.networks import Loaded, load_network
-from rtsr_cli.core.run.systems import system_inputs
-from rtsr_cli.core.run.window import SlidingWindow
-from rtsr_cli.core.system import Window
-from rtsr_cli.core.vrs.accuracy import Tally, accuracy, tally, together
-from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
-from rtsr_cli.core.vrs.coarse import coarse_shading
-from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude, tile_errors
-from rtsr_cli.core.vrs.estimating import VrsOptions, chosen_errors, estimate
-from rtsr_cli.core.vrs.rates import Rate, extrapolated, rate_shares, shaded_share
+from rtsr_cli.core.network.load import LoadedNetwork, load_network
+from rtsr_cli.core.network.weights import SHIPPED
+from rtsr_cli.core.pairs.opening import ReadOptions, open_single_sets
+from rtsr_cli.core.run.sliding_window import SlidingWindow
+from rtsr_cli.core.run.system_inputs import resolve_system_inputs
+from rtsr_cli.core.system import FrameWindow
+from rtsr_cli.core.vrs.accuracy import AccuracyTally, average_accuracy, join_tallies, tally_errors
+from rtsr_cli.core.vrs.adaptive_estimate import AdaptiveConfig
+from rtsr_cli.core.vrs.captured_rates import measure_true_errors
+from rtsr_cli.core.vrs.coarse_shading import shade_coarsely
+from rtsr_cli.core.vrs.estimate import VrsOptions, errors_of_codes, estimate_rates
+from rtsr_cli.core.vrs.rates import ShadingRate, extrapolate_errors, rate_shares, shaded_share
 from rtsr_cli.core.vrs.reprojection import reproject
-from rtsr_cli.core.vrs.tiles import pixel_shares
-from rtsr_cli.core.weights import SHIPPED
+from rtsr_cli.core.vrs.shading_error import ErrorConfig, tile_errors, to_amplitude
+from rtsr_cli.core.vrs.tile_pooling import pixel_shares
 from rtsr_cli.models import load_system
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
 from rtsr_cli.models.rt_percept.loss import restore_errors, transform_errors
 
 SYSTEM = "rt-percept"
-DERIVED = (Rate.HALF, Rate.QUARTER)
+DERIVED = (ShadingRate.HALF, ShadingRate.QUARTER)
 STEPS = 18
 """Thresholds of a curve."""
 
@@ -69,25 +69,27 @@ FOLDER = Path("docs/results")
 class Known:
     """What is known of a frame: its window, true and predicted errors of every reduced rate."""
 
-    window: Window
-    true: Mapping[Rate, Tensor]
+    window: FrameWindow
+    true: Mapping[ShadingRate, Tensor]
     predicted: Tensor
-    proxy: Mapping[Rate, Tensor]
+    proxy: Mapping[ShadingRate, Tensor]
     seen: Tensor
 
 
-def proxy_errors(window: Window, rates: tuple[Rate, ...], config: ErrorConfig) -> dict[Rate, Any]:
+def proxy_errors(
+    window: FrameWindow, rates: tuple[ShadingRate, ...], config: ErrorConfig
+) -> dict[ShadingRate, Any]:
     """Errors of rates on the frame before, moved; what it does not show is the nearest it does."""
     moved = reproject(window).moved
     # a display transform of single samples: coarse shading of what is shown is the same
-    return {rate: tile_errors(coarse_shading(moved, rate), moved, config) for rate in rates}
+    return {rate: tile_errors(shade_coarsely(moved, rate), moved, config) for rate in rates}
 
 
-def frames_of(folder: Path, loaded: Loaded) -> Iterator[Known]:
+def frames_of(folder: Path, loaded: LoadedNetwork) -> Iterator[Known]:
     """Run a sequence; the first frame, which has none before it, is left out."""
     system, config = load_system(SYSTEM), loaded.config
-    inputs = system_inputs(system, NonfinitePolicy.ERROR, config)
-    for _, source in open_single(folder, ReadOptions()):
+    inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR, config)
+    for _, source in open_single_sets(folder, ReadOptions()):
         reader = source.reader
         sequence = FrameSequence(numbers=reader.numbers, step=reader.step, cuts=reader.resets)
         sliding = SlidingWindow(sequence, history_frames=system.history_frames, scale=1)
@@ -101,47 +103,51 @@ def frames_of(folder: Path, loaded: Loaded) -> Iterator[Known]:
             options = VrsOptions(error=config.error)
             yield Known(
                 window=window,
-                true=true_errors(color, config.error),
+                true=measure_true_errors(color, config.error),
                 predicted=predicted,
                 proxy=proxy_errors(window, config.predicted, config.error),
-                seen=estimate(window, predicted, config.predicted, options).seen,
+                seen=estimate_rates(window, predicted, config.predicted, options).seen,
             )
 
 
 def tallies(
-    frame: Known, loaded: Loaded, space: RtPerceptConfig | None = None
-) -> dict[str, dict[str, Tally]]:
+    frame: Known, loaded: LoadedNetwork, space: RtPerceptConfig | None = None
+) -> dict[str, dict[str, AccuracyTally]]:
     """Kind of prediction and of tile -> rate -> sums, in the weights' own space or another one."""
     config = space or loaded.config
     mean = loaded.network.get_buffer("mean")
-    each: dict[str, dict[str, Tally]] = defaultdict(dict)
+    each: dict[str, dict[str, AccuracyTally]] = defaultdict(dict)
     unseen = 1.0 - frame.seen
     for index, rate in enumerate(config.predicted):
         wanted = transform_errors(frame.true[rate], mean, config)
         predicted = transform_errors(frame.predicted[:, index : index + 1], mean, config)
         proxy = transform_errors(frame.proxy[rate], mean, config)
-        each["network"][rate.label] = tally(predicted, wanted)
-        each["network, seen"][rate.label] = tally(predicted, wanted, frame.seen)
-        each["network, unseen"][rate.label] = tally(predicted, wanted, unseen)
-        each["proxy"][rate.label] = tally(proxy, wanted)
+        each["network"][rate.label] = tally_errors(predicted, wanted)
+        each["network, seen"][rate.label] = tally_errors(predicted, wanted, frame.seen)
+        each["network, unseen"][rate.label] = tally_errors(predicted, wanted, unseen)
+        each["proxy"][rate.label] = tally_errors(proxy, wanted)
     metric = config.error.metric
     given = {
-        rate: amplitude(frame.predicted[:, i : i + 1], metric)
+        rate: to_amplitude(frame.predicted[:, i : i + 1], metric)
         for i, rate in enumerate(config.predicted)
     }
-    derived = extrapolated(given)
+    derived = extrapolate_errors(given)
     if metric == "psnr":
         return each
     for rate in DERIVED:
         wanted = transform_errors(frame.true[rate], mean, config)
-        each["extrapolated"][rate.label] = tally(
+        each["extrapolated"][rate.label] = tally_errors(
             transform_errors(derived[rate], mean, config), wanted
         )
     return each
 
 
 def decided(
-    frames: list[Known], loaded: Loaded, estimator: Estimator, threshold: float, analytic: float
+    frames: list[Known],
+    loaded: LoadedNetwork,
+    estimator: Estimator,
+    threshold: float,
+    analytic: float,
 ) -> tuple[float, float]:
     """(true error, saved share) over frames; errors beyond `WORST` count as that."""
     config = loaded.config
@@ -153,8 +159,8 @@ def decided(
     )
     each = []
     for frame in frames:
-        found = estimate(frame.window, frame.predicted, config.predicted, options)
-        worst = chosen_errors(frame.true, found.codes, config.error.metric)
+        found = estimate_rates(frame.window, frame.predicted, config.predicted, options)
+        worst = errors_of_codes(frame.true, found.codes, config.error.metric)
         pixels = pixel_shares(frame.window.current.gbuffer.size, config.error.tile, found.codes)
         shares = rate_shares(found.codes, pixels)
         each.append((float(worst.mean()), 1.0 - shaded_share(shares)))
@@ -171,7 +177,7 @@ def frontier(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return best
 
 
-def curves(frames: list[Known], loaded: Loaded) -> list[Curve]:
+def curves(frames: list[Known], loaded: LoadedNetwork) -> list[Curve]:
     """What is saved against the true error, a curve an estimator."""
     reach = float(
         restore_errors(torch.ones(1, 1, 1, 1), loaded.network.get_buffer("mean"), loaded.config)
@@ -225,7 +231,7 @@ def mean_accuracy(each: Sequence[Mapping[str, Mapping[str, float]]]) -> dict[str
     return means
 
 
-def measure_accuracy(loaded: Loaded, data: Path) -> tuple[list[Row], list[Known]]:
+def measure_accuracy(loaded: LoadedNetwork, data: Path) -> tuple[list[Row], list[Known]]:
     """Rows of each sequence and of their mean, and the frames whose camera moves."""
     manifest = json.loads((data / "manifest.json").read_text(encoding="utf-8"))
     rows: list[Row] = []
@@ -235,7 +241,9 @@ def measure_accuracy(loaded: Loaded, data: Path) -> tuple[list[Row], list[Known]
         frames = list(frames_of(data / name, loaded))
         sums = [tallies(frame, loaded) for frame in frames]
         kinds = {kind for one in sums for kind in one}
-        each.append({k: accuracy(together(one.get(k, {}) for one in sums)) for k in kinds})
+        each.append(
+            {k: average_accuracy(join_tallies(one.get(k, {}) for one in sums)) for k in kinds}
+        )
         scene = "seen in training" if shot["seen_in_training"] else "unseen"
         rows.append({"sequence": name, "scene": scene, **accuracy_cells(each[-1])})
         if moving(frames):
@@ -244,7 +252,7 @@ def measure_accuracy(loaded: Loaded, data: Path) -> tuple[list[Row], list[Known]
     return rows, moved
 
 
-def measure_savings(loaded: Loaded, moved: list[Known], plot: Path) -> list[Row]:
+def measure_savings(loaded: LoadedNetwork, moved: list[Known], plot: Path) -> list[Row]:
     """Rows of what estimators save at the same true error; draws their curves."""
     metric = loaded.config.error.metric
     lines = curves(moved, loaded)

@@ -22,10 +22,10 @@ from tables import Row, markdown, read_csv, write_csv
 from vrs import SYSTEM, accuracy_cells, frames_of, mean_accuracy, tallies
 from vrs_text import FIGURES
 
-from rtsr_cli.core.networks import load_network
-from rtsr_cli.core.vrs.accuracy import accuracy, together
+from rtsr_cli.core.network.load import load_network
+from rtsr_cli.core.vrs.accuracy import average_accuracy, join_tallies
 from rtsr_cli.models import load_system
-from rtsr_cli.models.rt_percept.config import Transform
+from rtsr_cli.models.rt_percept.config import ErrorTransform
 
 ROWS: dict[str, tuple[str, ...]] = {
     "JNFLIP, 4 inputs with luma, clamped": (),
@@ -76,13 +76,15 @@ def figures_of(data: Path, weights: Path) -> Row:
     loaded = load_network(load_system(SYSTEM), 1, "cpu", weights)
     loaded.network.config = replace(loaded.config, margin=0.0)
     manifest = json.loads((data / "manifest.json").read_text(encoding="utf-8"))
-    space = replace(loaded.config, transform=Transform.CLAMPED)
+    space = replace(loaded.config, transform=ErrorTransform.CLAMPED)
     kinds = {kind for kind, _ in COLUMNS.values()}
     each = []
     for shot in (s for s in manifest["sequences"] if s["split"] != "train"):
         folder = data / shot["scene"] / shot["sequence"]
         sums = [tallies(frame, loaded, space) for frame in frames_of(folder, loaded)]
-        each.append({k: accuracy(together(one.get(k, {}) for one in sums)) for k in kinds})
+        each.append(
+            {k: average_accuracy(join_tallies(one.get(k, {}) for one in sums)) for k in kinds}
+        )
     cells = accuracy_cells(mean_accuracy(each))
     return {column: cells[column] for column in COLUMNS}
 

@@ -22,10 +22,10 @@ import flip_evaluator
 import torch
 from network_speed import Run, runner, seconds
 
-from rtsr_cli.core.acceleration import accelerated
-from rtsr_cli.core.networks import shipped_weights
-from rtsr_cli.core.settings import Source, resolve
-from rtsr_cli.core.weights import load_into, read_weights
+from rtsr_cli.core.network.acceleration import accelerate_network
+from rtsr_cli.core.network.load import find_shipped_weights
+from rtsr_cli.core.network.weights import fill_network, read_weights
+from rtsr_cli.core.settings import SettingsSource, resolve_settings
 from rtsr_cli.models import load_system
 
 SYSTEM = "rt-percept"
@@ -36,13 +36,15 @@ RATES = 4
 def built() -> torch.nn.Module:
     """The network with its weights, random ones where none come with the package."""
     system = load_system(SYSTEM)
-    path = shipped_weights(system, 1)
+    path = find_shipped_weights(system, 1)
     if path is None:
         torch.manual_seed(0)
         return system.build(system.config(), 1).eval().requires_grad_(False)
     weights = read_weights(Path(path))
-    network = system.build(resolve(system.config, Source(str(path), weights.config)), 1)
-    load_into(network, weights)
+    network = system.build(
+        resolve_settings(system.config, SettingsSource(str(path), weights.config)), 1
+    )
+    fill_network(network, weights)
     return network.eval().requires_grad_(False)
 
 
@@ -52,7 +54,7 @@ def ways(height: int, width: int) -> dict[str, Run]:
     network = built()
     inputs = {"seen": torch.rand(1, 4, height, width)}
     pictures = torch.rand(2, height, width, 3).numpy()
-    fast = accelerated(network)
+    fast = accelerate_network(network)
 
     def metric() -> None:
         for _ in range(RATES):

@@ -13,7 +13,7 @@ from typing import NoReturn
 import click
 
 from rtsr_cli import __version__
-from rtsr_cli.commands.interruption import INTERRUPTED, SIGNALLED, STOPPING, leave
+from rtsr_cli.commands.interrupts import INTERRUPTED, SIGNALLED, STOPPING, end_at_once
 from rtsr_cli.core.errors import RequestError, RtsrError, did_you_mean
 
 COMMANDS = {
@@ -139,6 +139,6 @@ def main() -> NoReturn:
     # threads that spin while they wait take the cores from those they wait for: 5x when busy
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     for number in STOPPING:
-        signal.signal(number, leave)
+        signal.signal(number, end_at_once)
     group(prog_name="rtsr")
     raise AssertionError("click ends the process")

@@ -10,14 +10,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rtsr_cli.api.frames import demodulate as demodulate
-    from rtsr_cli.api.frames import label as label
-    from rtsr_cli.api.frames import predict_vrs as predict_vrs
-    from rtsr_cli.api.frames import synth as synth
-    from rtsr_cli.api.frames import upscale as upscale
-    from rtsr_cli.api.inspection import inspect as inspect
-    from rtsr_cli.api.systems import describe_systems as describe_systems
-    from rtsr_cli.api.training import train as train
+    from rtsr_cli.api.frame_calls import demodulate as demodulate
+    from rtsr_cli.api.frame_calls import label as label
+    from rtsr_cli.api.frame_calls import predict_vrs as predict_vrs
+    from rtsr_cli.api.frame_calls import synth as synth
+    from rtsr_cli.api.frame_calls import upscale as upscale
+    from rtsr_cli.api.inspection_calls import inspect as inspect
+    from rtsr_cli.api.system_calls import describe_systems as describe_systems
+    from rtsr_cli.api.training_calls import train as train
     from rtsr_cli.core.demodulate.request import DemodulateRequest as DemodulateRequest
     from rtsr_cli.core.errors import RtsrError as RtsrError
     from rtsr_cli.core.evaluation.evaluation import evaluate as evaluate
@@ -42,16 +42,16 @@ PLACES = {
     "SynthRequest": "rtsr_cli.core.synth.request",
     "TrainRequest": "rtsr_cli.core.training.request",
     "UpscaleRequest": "rtsr_cli.core.upscale.request",
-    "demodulate": "rtsr_cli.api.frames",
-    "describe_systems": "rtsr_cli.api.systems",
+    "demodulate": "rtsr_cli.api.frame_calls",
+    "describe_systems": "rtsr_cli.api.system_calls",
     "evaluate": "rtsr_cli.core.evaluation.evaluation",
-    "inspect": "rtsr_cli.api.inspection",
-    "label": "rtsr_cli.api.frames",
+    "inspect": "rtsr_cli.api.inspection_calls",
+    "label": "rtsr_cli.api.frame_calls",
     "precompute_lut": "rtsr_cli.core.lut.table_file",
-    "predict_vrs": "rtsr_cli.api.frames",
-    "synth": "rtsr_cli.api.frames",
-    "train": "rtsr_cli.api.training",
-    "upscale": "rtsr_cli.api.frames",
+    "predict_vrs": "rtsr_cli.api.frame_calls",
+    "synth": "rtsr_cli.api.frame_calls",
+    "train": "rtsr_cli.api.training_calls",
+    "upscale": "rtsr_cli.api.frame_calls",
 }
 """Name -> module that defines it; a test holds both lists to each other."""
 

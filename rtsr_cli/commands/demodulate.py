@@ -11,7 +11,7 @@ from rtsr_cli.core.choices import DemodulationMode, LutConvention
 from rtsr_cli.core.demodulate.request import DemodulateRequest
 
 
-@opt.defaults_of(DemodulateRequest)
+@opt.take_defaults_of(DemodulateRequest)
 @click.command("demodulate")
 @opt.input_folder
 @opt.output_folder
@@ -36,7 +36,7 @@ from rtsr_cli.core.demodulate.request import DemodulateRequest
 @click.option("--inverse", is_flag=True, help="Multiply lighting by material, add emission.")
 @click.option("--float", "full", is_flag=True, help="Write 32-bit float instead of half.")
 @opt.overwrite
-@opt.reads_frames
+@opt.frame_options
 @click.pass_context
 def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Divide the radiance of IN by its material term into OUT.

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.commands.interruption import keeping_nothing
+from rtsr_cli.commands.interrupts import discard_on_interrupt
 from rtsr_cli.core.choices import MetricName, MissingPolicy, ProtocolName, SsimConvention
 from rtsr_cli.core.evaluation.request import (
     MOST_JOBS,
@@ -57,7 +57,7 @@ class ResultFile(click.ParamType[Path]):
         return path
 
 
-@opt.defaults_of(EvaluateRequest)
+@opt.take_defaults_of(EvaluateRequest)
 @click.command("evaluate")
 @click.argument("tests", metavar="TEST...", nargs=-1, required=True, type=opt.FOLDER)
 @click.option(
@@ -172,7 +172,7 @@ def command(ctx: click.Context, /, *, as_json: bool, **chosen: Any) -> None:
     """
     request = opt.request_from(EvaluateRequest, chosen)
     with ExitStack() as phase:
-        phase.enter_context(keeping_nothing())
+        phase.enter_context(discard_on_interrupt())
         from rtsr_cli.api import evaluate
         from rtsr_cli.commands.evaluation_text import show_evaluation
 

@@ -10,7 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from rtsr_cli.commands.exit_codes import FAILED
-from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.core.evaluation.events import (
@@ -24,7 +24,7 @@ from rtsr_cli.core.evaluation.events import (
     ResultWritten,
 )
 from rtsr_cli.core.evaluation.result_files import encode_numbers
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.frames.selection import format_ranges
 
 Result = Mapping[str, Any]
 
@@ -57,7 +57,7 @@ def show_evaluation(events: Iterable[EvaluationEvent], phase: ExitStack, *, as_j
             case ResultReady():
                 phase.close()
                 show_result(event.result, as_json=as_json)
-                phase.enter_context(unwinding())
+                phase.enter_context(unwind_on_signals())
             case EvaluationDone():
                 log_shortfalls(event)
                 code = 0 if event.passed else FAILED
@@ -84,7 +84,7 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
     height, width = plan.size
     facts = {
         "shot": plan.shot,
-        "frames": ranges(plan.frames),
+        "frames": format_ranges(plan.frames),
         "size": [width, height],
         "reference": str(plan.reference),
         "gbuffer": None if plan.gbuffer is None else str(plan.gbuffer),
@@ -110,10 +110,10 @@ def show_result(result: Result, *, as_json: bool) -> None:
     if as_json:
         emit({"event": "done", **encode_numbers(result)})
         return
-    for line in (*table(result), *perfect_frames(result)):
+    for line in (*list_table_lines(result), *list_perfect_frame_lines(result)):
         LOG.info("%s", line)
     if any(any(r for r in test["regions"].values()) for test in result["tests"].values()):
-        for line in region_table(result):
+        for line in list_region_lines(result):
             LOG.debug("%s", line)
     for key, test in result["tests"].items():
         for note in test["notes"]:
@@ -128,27 +128,27 @@ def log_shortfalls(done: EvaluationDone) -> None:
         LOG.error("Failed: %s", reason)
 
 
-def decimals(values: Iterable[float | None]) -> int:
+def choose_decimals(values: Iterable[float | None]) -> int:
     """Decimals of scores that stand together: four where all lie below 10, else two."""
     sizes = [abs(v) for v in values if v is not None and math.isfinite(v)]
     return FEW if any(size >= SMALL for size in sizes) else MANY
 
 
-def number(value: float | None, places: int | None = None) -> str:
+def format_score(value: float | None, places: int | None = None) -> str:
     """Write a score with so many decimals, by its own size if nothing is said; `-` for none."""
     if value is None or math.isnan(value):
         return NOTHING
     if math.isinf(value):
         return "inf"
-    return f"{value:.{decimals([value]) if places is None else places}f}"
+    return f"{value:.{choose_decimals([value]) if places is None else places}f}"
 
 
-def _best(values: Sequence[float | None], better: str) -> float | None:
+def _find_best(values: Sequence[float | None], better: str) -> float | None:
     known = [v for v in values if v is not None and not math.isnan(v)]
     return (max(known) if better == "higher" else min(known)) if known else None
 
 
-def table(result: Result) -> Iterator[str]:
+def list_table_lines(result: Result) -> Iterator[str]:
     """Lines of a table: a row a test, the best of each shot marked; then the methods' means."""
     tests = result["tests"]
     shots = list(dict.fromkeys(test["shot"] for test in tests.values()))
@@ -161,32 +161,33 @@ def table(result: Result) -> Iterator[str]:
     units = [f" {metrics[n]['unit']}" if metrics[n]["unit"] else "" for n in names]
     head = ["test", *(metrics[n]["title"] + unit for n, unit in zip(names, units, strict=True))]
     places = {
-        n: decimals(mean.get(n) for group in groups for mean in group.values()) for n in names
+        n: choose_decimals(mean.get(n) for group in groups for mean in group.values())
+        for n in names
     }
-    rows = [row for group in groups for row in _rows(group, metrics, places)]
+    rows = [row for group in groups for row in _list_rows(group, metrics, places)]
     widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
     for row in (head, *rows):
         cells = [c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)]
         yield GAP.join([row[0].ljust(widths[0]), *cells]).rstrip()
 
 
-def _rows(
+def _list_rows(
     group: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Any], places: Mapping[str, int]
 ) -> Iterator[list[str]]:
     """Cells of the tests of one shot; what reads like the best is marked, unless all does."""
-    written = {n: [number(mean.get(n), places[n]) for mean in group.values()] for n in places}
+    written = {n: [format_score(mean.get(n), places[n]) for mean in group.values()] for n in places}
     marked: dict[str, str] = {}
     for name, cells in written.items():
-        best = _best([mean.get(name) for mean in group.values()], metrics[name]["better"])
+        best = _find_best([mean.get(name) for mean in group.values()], metrics[name]["better"])
         told = {cell for cell in cells if cell != NOTHING}
         if best is not None and len(told) > 1 and not name.endswith(OF_REFERENCE):
-            marked[name] = number(best, places[name])
+            marked[name] = format_score(best, places[name])
     for row, key in enumerate(group):
         own = {name: values[row] for name, values in written.items()}
         yield [key, *(c + ("*" if c == marked.get(name) else " ") for name, c in own.items())]
 
 
-def perfect_frames(result: Result) -> Iterator[str]:
+def list_perfect_frame_lines(result: Result) -> Iterator[str]:
     """Lines that tell which means leave out perfect frames, whose values are infinite."""
     for key, test in result["tests"].items():
         counted = [facts for facts in test["frames"].values() if facts["counted"]]
@@ -200,7 +201,7 @@ def perfect_frames(result: Result) -> Iterator[str]:
                 )
 
 
-def region_table(result: Result) -> Iterator[str]:
+def list_region_lines(result: Result) -> Iterator[str]:
     """Lines of a table by region: its share of the pixels, then every metric; `-` where none."""
     metrics = result["metrics"]
     for key, test in result["tests"].items():
@@ -210,6 +211,6 @@ def region_table(result: Result) -> Iterator[str]:
                 yield f"    {region:<22} {NOTHING} (cannot be made from these buffers)"
                 continue
             listed = GAP.join(
-                f"{metrics[n]['title']} {number(scores[n])}" for n in metrics if n in scores
+                f"{metrics[n]['title']} {format_score(scores[n])}" for n in metrics if n in scores
             )
             yield f"    {region:<22} {scores['share']:6.1%}  {listed}"

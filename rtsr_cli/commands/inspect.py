@@ -8,11 +8,11 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.core.inspect.request import InspectRequest
 
 
-@opt.defaults_of(InspectRequest)
+@opt.take_defaults_of(InspectRequest)
 @click.command("inspect")
 @opt.input_folder
 @click.option(
@@ -50,5 +50,5 @@ def command(ctx: click.Context, /, *, as_json: bool, **chosen: Any) -> None:
 
     show = show_facts if as_json else show_report
     # while nothing is to be written, a signal ends the process at once
-    with unwinding() if request.write else nullcontext():
+    with unwind_on_signals() if request.write else nullcontext():
         ctx.exit(show(inspect(request)))

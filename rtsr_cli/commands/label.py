@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rtsr_cli.core.run.events import ShotPlanned
 
 
-@opt.defaults_of(LabelRequest)
+@opt.take_defaults_of(LabelRequest)
 @click.command("label")
 @opt.input_folder
 @opt.output_folder
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @click.option("--keep-edges", is_flag=True, help="Emulated rates stop at other objects.")
 @click.option("--preview", "previews", is_flag=True, help="A PNG of the errors beside each EXR.")
 @opt.overwrite
-@opt.reads_frames
+@opt.frame_options
 @click.pass_context
 def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Make training labels of IN's frames: error.<AxB> of every reduced rate, one pixel a tile.

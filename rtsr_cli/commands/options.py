@@ -17,17 +17,17 @@ from typing import Any, TypeVar
 
 import click
 
+from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.errors import RequestError, did_you_mean
-from rtsr_cli.core.io.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.frames.selection import format_ranges
 
 F = TypeVar("F", bound=Callable[..., Any])
 E = TypeVar("E", bound=StrEnum)
 R = TypeVar("R")
 
 DOTS = re.compile(r"(?<=\d)\.\.(?=-?\d)")
-"""Between the bounds of a range, as `ranges` writes them where one is negative."""
+"""Between the bounds of a range, as `format_ranges` writes them where one is negative."""
 
 JSON_CHOSEN = "rtsr.json"
 """Key of a context's `meta`: whether events go to stdout."""
@@ -54,7 +54,7 @@ class Frames(click.ParamType[frozenset[int]]):
 
     def write(self, value: frozenset[int]) -> str:
         """Write a default as users would."""
-        return ranges(value)
+        return format_ranges(value)
 
 
 class ShardOf(click.ParamType[tuple[int, int]]):
@@ -156,10 +156,10 @@ class FiniteRange(click.FloatRange):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Parse."""
-        found = float(super().convert(value, param, ctx))
-        if not math.isfinite(found):
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
             self.fail(f"{value} is no number", param, ctx)
-        return found
+        return number
 
 
 class RateTile(click.ParamType[int]):
@@ -241,18 +241,18 @@ on_nonfinite = click.option(
 dry_run = click.option("--dry-run", is_flag=True, help="Check everything, write nothing.")
 
 
-def _json_chosen(ctx: click.Context, _: click.Parameter, value: bool) -> bool:
+def _remember_json(ctx: click.Context, _: click.Parameter, value: bool) -> bool:
     """Let the group know, so that it says an error that ends the command as an event, too."""
     ctx.meta[JSON_CHOSEN] = value
     return value
 
 
 as_json = click.option(
-    "--json", "as_json", is_flag=True, callback=_json_chosen, help="One event a line, as JSON."
+    "--json", "as_json", is_flag=True, callback=_remember_json, help="One event a line, as JSON."
 )
 
 
-def _verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:
+def _set_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:
     """Move the level of what is said: plans and summaries are INFO, channels DEBUG."""
     del ctx
     step = 10 if param.name == "quiet" else -10
@@ -265,7 +265,7 @@ verbose = click.option(
     "-v",
     "--verbose",
     count=True,
-    callback=_verbosity,
+    callback=_set_verbosity,
     expose_value=False,
     help="Also say which channel is which buffer.",
 )
@@ -273,13 +273,13 @@ quiet = click.option(
     "-q",
     "--quiet",
     count=True,
-    callback=_verbosity,
+    callback=_set_verbosity,
     expose_value=False,
     help="Say nothing but warnings and errors.",
 )
 
 
-def reads_frames(function: F) -> F:
+def frame_options(function: F) -> F:
     """Options of every command that reads frames."""
     for option in (
         quiet,
@@ -308,7 +308,7 @@ def emit(event: dict[str, Any]) -> None:
     click.echo(json.dumps(event, sort_keys=True, default=str))
 
 
-def defaults_of(request: type) -> Callable[[click.Command], click.Command]:
+def take_defaults_of(request: type) -> Callable[[click.Command], click.Command]:
     """Give a command's options the defaults of a request's fields, as a user would write them."""
     values = {field.name: field.default for field in fields(request)}
 
@@ -316,13 +316,13 @@ def defaults_of(request: type) -> Callable[[click.Command], click.Command]:
         for param in command.params:
             value = values.get(param.name or "", MISSING)
             if value is not MISSING and value is not None and not param.multiple:
-                param.default = _written_as(param.type, value)
+                param.default = _format_as_user(param.type, value)
         return command
 
     return set_defaults
 
 
-def _written_as(kind: click.ParamType[Any], value: object) -> object:
+def _format_as_user(kind: click.ParamType[Any], value: object) -> object:
     """Return a default as users would write it: members by value, commas between several."""
     if isinstance(value, StrEnum):
         return value.value

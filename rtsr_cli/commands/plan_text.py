@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rtsr_cli.commands.log import LOG
-from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.run.events import ShotPlanned
 
 MIB = 1 << 20
@@ -32,7 +32,7 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         "%s: layout %s, frames %s%s; %d to write, %d done already",
         plan.reader.frames.root,
         plan.reader.layout.name,
-        ranges(plan.selected) or "none",
+        format_ranges(plan.selected) or "none",
         what,
         plan.pending,
         len(plan.selected) - plan.pending,
@@ -46,7 +46,7 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         LOG.warning(
             "%s: nothing selected, its frames are %s",
             plan.reader.frames.root,
-            ranges(plan.reader.numbers),
+            format_ranges(plan.reader.numbers),
         )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.core.choices import LutConvention
 from rtsr_cli.core.lut.request import (
     MAX_SIZE,
@@ -19,17 +19,20 @@ from rtsr_cli.core.lut.request import (
 )
 
 
-def _exr_path(_ctx: click.Context, _param: click.Parameter, value: Path) -> Path:
+def _require_exr_suffix(_ctx: click.Context, _param: click.Parameter, value: Path) -> Path:
     """Demand the suffix that says what is written."""
     if value.suffix.lower() != SUFFIX:
         raise click.BadParameter(f"{value} must end in {SUFFIX}")
     return value
 
 
-@opt.defaults_of(PrecomputeLutRequest)
+@opt.take_defaults_of(PrecomputeLutRequest)
 @click.command("precompute-lut")
 @click.argument(
-    "out", type=click.Path(dir_okay=False, path_type=Path), callback=_exr_path, metavar="OUT.exr"
+    "out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=_require_exr_suffix,
+    metavar="OUT.exr",
 )
 @click.option(
     "--size",
@@ -61,6 +64,6 @@ def command(**chosen: Any) -> None:
     from rtsr_cli.api import precompute_lut
 
     how = f"{request.size} x {request.size}, {request.convention}, {request.samples} samples"
-    with unwinding():
+    with unwind_on_signals():
         for written in precompute_lut(request):
             click.echo(f"{' '.join(map(str, written.paths))}: {how}")

@@ -9,16 +9,16 @@ import click
 from rtsr_cli.commands import options as opt
 from rtsr_cli.core.choices import Estimator, VrsMetric
 from rtsr_cli.core.vrs.request import PredictVrsRequest
-from rtsr_cli.models import rate_predictor_names
+from rtsr_cli.models import list_rate_predictor_names
 
 
-@opt.defaults_of(PredictVrsRequest)
+@opt.take_defaults_of(PredictVrsRequest)
 @click.command("predict-vrs")
 @opt.input_folder
 @opt.output_folder
 @click.option(
     "--system",
-    type=opt.Named("system", rate_predictor_names()),
+    type=opt.Named("system", list_rate_predictor_names()),
     help="What predicts errors.  [default: the first that does]",
 )
 @click.option("--tile", type=opt.RATE_TILE, help="Side of a tile, pixels.  [default: 16]")
@@ -47,7 +47,7 @@ from rtsr_cli.models import rate_predictor_names
     "weights_file",
     type=opt.FOLDER,
     metavar="FILE",
-    help=f"Of rtsr train {rate_predictor_names()[0]}; those that come with rtsr by default.",
+    help=f"Of rtsr train {list_rate_predictor_names()[0]}; those that come with rtsr by default.",
 )
 @click.option(
     "--margin",
@@ -63,7 +63,7 @@ from rtsr_cli.models import rate_predictor_names
 @click.option("--no-compare", is_flag=True, help="Do not measure the true errors.")
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.overwrite
-@opt.reads_frames
+@opt.frame_options
 @click.pass_context
 def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Predict the error of each shading rate in each tile of IN's frames, and choose rates.

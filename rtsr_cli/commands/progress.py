@@ -8,7 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.plan_text import log_plan, log_repairs
@@ -52,7 +52,7 @@ class Progress:
                     case ShotPlanned():
                         self._show_plan(event, describe)
                     case RunStarted():
-                        running.enter_context(unwinding())
+                        running.enter_context(unwind_on_signals())
                         bar = tqdm(total=event.pending, unit="frame", disable=None)
                         self._bar = running.enter_context(bar)
                     case FrameDone():

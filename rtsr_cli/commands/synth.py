@@ -7,8 +7,8 @@ from typing import Any
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.choices import JitterMode
-from rtsr_cli.core.io.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.synth.request import SynthRequest
 
 MAX_SIDE = 16384
@@ -37,7 +37,7 @@ class PixelSize(click.ParamType[tuple[int, int]]):
         return f"{width}x{height}"
 
 
-@opt.defaults_of(SynthRequest)
+@opt.take_defaults_of(SynthRequest)
 @click.command("synth")
 @opt.output_folder
 @click.option("--size", type=PixelSize(), show_default=True, help="Of the output.")

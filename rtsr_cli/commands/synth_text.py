@@ -8,10 +8,10 @@ from typing import Any
 
 from tqdm import tqdm
 
-from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.run.events import RunStarted
 from rtsr_cli.core.synth.call import FileDone, SynthDone, SynthEvent, SynthPlanned
 
@@ -23,7 +23,7 @@ def follow_synthesis(events: Iterable[SynthEvent], *, as_json: bool) -> None:
         for event in events:
             match event:
                 case RunStarted():
-                    running.enter_context(unwinding())
+                    running.enter_context(unwind_on_signals())
                     bar = tqdm(total=event.pending, unit="file", disable=None)
                     running.enter_context(bar)
                 case FileDone():
@@ -56,7 +56,7 @@ def show_text(event: SynthEvent) -> None:
                 "%s: seed %d, frames %s, %d x %d, %s; %d files to write, %d done already",
                 plan.folder,
                 plan.seed,
-                ranges(plan.numbers),
+                format_ranges(plan.numbers),
                 width,
                 height,
                 " ".join(plan.options.roles),

@@ -29,18 +29,18 @@ def command(*, flops: bool, as_json: bool) -> None:
 
     for facts in describe_systems(flops=flops):
         if as_json:
-            opt.emit(json_facts(facts))
+            opt.emit(encode_facts(facts))
         else:
-            click.echo("\n".join(text_lines(facts)))
+            click.echo("\n".join(list_text_lines(facts)))
 
 
-def json_facts(facts: SystemFacts) -> dict[str, Any]:
+def encode_facts(facts: SystemFacts) -> dict[str, Any]:
     """Return the facts as plain values; costs only where they were counted."""
     plain = asdict(facts)
     return {name: value for name, value in plain.items() if value is not None}
 
 
-def text_lines(facts: SystemFacts) -> list[str]:
+def list_text_lines(facts: SystemFacts) -> list[str]:
     """Return lines for a person."""
     counts = ", ".join(f"{count:,} ({scale})" for scale, count in facts.parameters.items())
     shown = {name: getattr(facts, name) for name in SHOWN} | {"parameters": counts or "-"}

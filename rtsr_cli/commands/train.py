@@ -8,12 +8,12 @@ import click
 
 from rtsr_cli.commands import options as opt
 from rtsr_cli.core.training.request import SCALE_RANGE, TrainRequest
-from rtsr_cli.models import trainable_names
+from rtsr_cli.models import list_trainable_names
 
 
-@opt.defaults_of(TrainRequest)
+@opt.take_defaults_of(TrainRequest)
 @click.command("train")
-@click.argument("system", type=opt.Named("system", trainable_names()))
+@click.argument("system", type=opt.Named("system", list_trainable_names()))
 @click.argument("data", metavar="DATA...", nargs=-1, required=True, type=opt.FOLDER)
 @click.option("--out", "out_folder", type=opt.FOLDER, metavar="RUN", help="Folder of the run.")
 @click.option(

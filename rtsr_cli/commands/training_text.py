@@ -7,7 +7,7 @@ from contextlib import ExitStack
 
 from tqdm import tqdm
 
-from rtsr_cli.commands.interruption import unwinding
+from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.core.settings import to_toml
@@ -43,7 +43,7 @@ def show_training(events: Iterable[TrainEvent], *, dry_run: bool, as_json: bool)
                     if dry_run:
                         LOG.info("%s", to_toml(event.settings))
                 case TrainingStarted():
-                    run.enter_context(unwinding())
+                    run.enter_context(unwind_on_signals())
                     bar = run.enter_context(_begin(event))
                 case TrainingStep():
                     show_step(event, bar, as_json=as_json)
@@ -78,7 +78,7 @@ def log_preparation(
         case CropsShrunk():
             LOG.warning("Warning: %s", event.message)
         case BaselineJudged():
-            LOG.info("%s: %s", event.name, _listed(event.scores))
+            LOG.info("%s: %s", event.name, _format_scores(event.scores))
 
 
 def log_clips(gathered: ClipsGathered) -> None:
@@ -111,10 +111,10 @@ def show_step(event: TrainingStep, bar: tqdm, *, as_json: bool) -> None:
             event.steps,
             progress.losses["loss"],
             progress.steps_per_second,
-            _listed(progress.scores),
+            _format_scores(progress.scores),
             ", best so far" if progress.best else "",
         )
 
 
-def _listed(scores: Mapping[str, float]) -> str:
+def _format_scores(scores: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:.4f}{UNITS.get(name, '')}" for name, value in scores.items())

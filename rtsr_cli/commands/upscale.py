@@ -10,19 +10,19 @@ import click
 from rtsr_cli.commands import options as opt
 from rtsr_cli.core.choices import JitterMode, Precision
 from rtsr_cli.core.upscale.request import UpscaleRequest
-from rtsr_cli.models import upscaler_names
+from rtsr_cli.models import list_upscaler_names
 
 if TYPE_CHECKING:
     from rtsr_cli.core.run.events import ShotPlanned
 
 
-@opt.defaults_of(UpscaleRequest)
+@opt.take_defaults_of(UpscaleRequest)
 @click.command("upscale")
 @opt.input_folder
 @opt.output_folder
 @click.option(
     "--system",
-    type=opt.Named("system", upscaler_names()),
+    type=opt.Named("system", list_upscaler_names()),
     help="Default: the best that the inputs allow.",
 )
 @click.option(
@@ -85,7 +85,7 @@ if TYPE_CHECKING:
 )
 @click.option("--debug-buffers", is_flag=True, help="Also write what the system saw and decided.")
 @opt.overwrite
-@opt.reads_frames
+@opt.frame_options
 @click.pass_context
 def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     """Reconstruct the frames of IN at a higher resolution into OUT.

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Source:
+class SettingsSource:
     """Values, nested as tables, and what they come from."""
 
     name: str
@@ -33,26 +33,26 @@ class _Problems(list[str]):
     """Everything that is wrong so far."""
 
 
-def resolve(kind: type[T], *sources: Source) -> T:
+def resolve_settings(kind: type[T], *sources: SettingsSource) -> T:
     """Return a dataclass: its defaults, overridden by each source in turn.
 
     Raises:
         ConfigError: a name is unknown or a value unfit; lists them all.
     """
     problems = _Problems()
-    values = _fill(kind, sources, "", problems)
+    values = _fill_fields(kind, sources, "", problems)
     if problems:
         raise ConfigError("; ".join(problems))
     return kind(**values)
 
 
-def _fill(
-    kind: type[Any], sources: Sequence[Source], above: str, problems: _Problems
+def _fill_fields(
+    kind: type[Any], sources: Sequence[SettingsSource], above: str, problems: _Problems
 ) -> dict[str, Any]:
     hints = get_type_hints(kind)
     known = {field.name: hints[field.name] for field in fields(kind)}
     values: dict[str, Any] = {}
-    tables: dict[str, list[Source]] = {}
+    tables: dict[str, list[SettingsSource]] = {}
     for source in sources:
         for name, value in source.values.items():
             dotted = f"{above}{name}"
@@ -61,21 +61,21 @@ def _fill(
                 problems.append(f"{source.name}: there is no '{dotted}'{hint}")
             elif is_dataclass(known[name]):
                 if isinstance(value, Mapping):
-                    tables.setdefault(name, []).append(Source(source.name, value))
+                    tables.setdefault(name, []).append(SettingsSource(source.name, value))
                 else:
                     problems.append(f"{source.name}: {dotted} is a table of settings, not a value")
             else:
                 try:
-                    values[name] = _converted(known[name], value)
+                    values[name] = _convert_value(known[name], value)
                 except ValueError as error:
                     problems.append(f"{source.name}: {dotted} = {value!r}: {error}")
     for name, parts in tables.items():
         nested = known[name]
-        values[name] = nested(**_fill(nested, parts, f"{above}{name}.", problems))
+        values[name] = nested(**_fill_fields(nested, parts, f"{above}{name}.", problems))
     return values
 
 
-def _converted(hint: Any, value: object) -> Any:
+def _convert_value(hint: Any, value: object) -> Any:
     """Bring a value to a field's type.
 
     Raises:
@@ -83,11 +83,11 @@ def _converted(hint: Any, value: object) -> Any:
     """
     origin = get_origin(hint)
     if origin in (Union, types.UnionType):
-        return None if value is None else _converted(_inner(hint), value)
+        return None if value is None else _convert_value(_strip_optional(hint), value)
     if origin is tuple:
         if not isinstance(value, list | tuple):
             raise ValueError("a list is wanted")
-        return tuple(_converted(get_args(hint)[0], item) for item in value)
+        return tuple(_convert_value(get_args(hint)[0], item) for item in value)
     if isinstance(hint, type) and issubclass(hint, StrEnum):
         names = [member.value for member in hint]
         # TOML and `--set` read a name of digits as a number
@@ -95,14 +95,14 @@ def _converted(hint: Any, value: object) -> Any:
         if text not in names:
             raise ValueError(f"not one of {', '.join(names)}")
         return hint(text)
-    return _number(hint, value)
+    return _convert_number(hint, value)
 
 
-def _inner(hint: Any) -> Any:
+def _strip_optional(hint: Any) -> Any:
     return next(part for part in get_args(hint) if part is not types.NoneType)
 
 
-def _number(hint: Any, value: object) -> Any:
+def _convert_number(hint: Any, value: object) -> Any:
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if type(value) is hint:
@@ -131,21 +131,21 @@ def check_numbers(config: Any, table: str, least: Mapping[str, float]) -> None:
         raise ConfigError("; ".join(wrong))
 
 
-def read_toml(path: Path) -> Source:
+def read_toml(path: Path) -> SettingsSource:
     """Read a file of settings.
 
     Raises:
         ConfigError: it is not there, or no TOML; names file and line.
     """
     try:
-        return Source(path.name, tomllib.loads(path.read_text(encoding="utf-8-sig")))
+        return SettingsSource(path.name, tomllib.loads(path.read_text(encoding="utf-8-sig")))
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def parse_assignments(texts: Sequence[str]) -> Source:
+def parse_assignments(texts: Sequence[str]) -> SettingsSource:
     """Values of `--set a.b=c`; what is no TOML value is a text.
 
     Raises:
@@ -162,11 +162,11 @@ def parse_assignments(texts: Sequence[str]) -> Source:
             table = table.setdefault(part, {})
             if not isinstance(table, dict):
                 raise ConfigError(f"--set {text}: '{part}' was given a value before")
-        table[last] = _parsed(value.strip())
-    return Source("--set", values)
+        table[last] = _parse_value(value.strip())
+    return SettingsSource("--set", values)
 
 
-def _parsed(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -189,7 +189,7 @@ def to_plain(config: Any) -> dict[str, Any]:
 
 def to_toml(tables: Mapping[str, Any], above: str = "") -> str:
     """Write plain values as TOML: values first, then tables."""
-    lines = [f"{k} = {_literal(v)}" for k, v in tables.items() if not isinstance(v, Mapping)]
+    lines = [f"{k} = {_write_literal(v)}" for k, v in tables.items() if not isinstance(v, Mapping)]
     text = "\n".join(lines) + ("\n" if lines else "")
     for name, table in tables.items():
         if isinstance(table, Mapping):
@@ -197,11 +197,11 @@ def to_toml(tables: Mapping[str, Any], above: str = "") -> str:
     return text.lstrip("\n") if not above else text
 
 
-def _literal(value: object) -> str:
+def _write_literal(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_literal(item) for item in value)}]"
+        return f"[{', '.join(_write_literal(item) for item in value)}]"
     if isinstance(value, str):
         # JSON's escapes are TOML's, but for this one control character, which JSON leaves bare
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

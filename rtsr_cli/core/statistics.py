@@ -35,7 +35,7 @@ def quantile_975(freedom: int) -> float:
     return Z_975 + (Z_975**3 + Z_975) / (4.0 * freedom)
 
 
-def interval(values: Sequence[float]) -> tuple[float, float] | None:
+def mean_interval(values: Sequence[float]) -> tuple[float, float] | None:
     """95 % interval of the mean of successive values, None of fewer than `MIN_VALUES`.
 
     m -+ t s / sqrt(n) * sqrt((1 + r) / (1 - r)),   r the correlation of neighbours, 0 to 0.8

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor, nn
 
 from rtsr_cli.core.choices import SystemTask
-from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.derivation import DerivationConfig
 from rtsr_cli.core.shapes import Color, Image, TileMap
 
 T = TypeVar("T")
@@ -25,7 +25,7 @@ State = Any
 
 
 @dataclass(frozen=True, kw_only=True)
-class Window:
+class FrameWindow:
     """What a system sees of one moment.
 
     Attributes:
@@ -38,7 +38,7 @@ class Window:
     lr: tuple[Frame, ...]
     hr: Frame | None = None
     scale: int = 1
-    _known: dict[Callable[[Window], Any], Any] = field(
+    _known: dict[Callable[[FrameWindow], Any], Any] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -47,7 +47,7 @@ class Window:
         """The frame to reconstruct."""
         return self.lr[0]
 
-    def compute_once(self, function: Callable[[Window], T]) -> T:
+    def compute_once(self, function: Callable[[FrameWindow], T]) -> T:
         """Return what a function gives for this window; it is called the first time alone.
 
         For what both a prediction and a decision upon it need, and neither should do again.
@@ -75,21 +75,21 @@ class Prediction:
     debug: Mapping[str, Image] = field(default_factory=dict)
 
 
-Predict = Callable[[nn.Module, Window, State], Prediction]
+Predict = Callable[[nn.Module, FrameWindow, State], Prediction]
 """`predict(network, window, state)`; `state` is None at a reset and for systems without one."""
 
 Tensors = Mapping[str, Tensor]
 """Named tensors, batch first, so that those of several windows can be stacked."""
 
-Prepare = Callable[[Any, Window], Tensors]
+Prepare = Callable[[Any, FrameWindow], Tensors]
 """`prepare(config, window)`: a network's inputs, and what its loss needs of the window."""
 
-Compose = Callable[[Any, Window, Tensors, Tensors], Prediction]
+Compose = Callable[[Any, FrameWindow, Tensors, Tensors], Prediction]
 """`compose(config, window, inputs, outputs)`: a picture from what a network gave."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judge:
+class FrameJudge:
     """How validation judges a frame.
 
     Attributes:
@@ -99,12 +99,12 @@ class Judge:
     """
 
     names: tuple[str, ...]
-    scores: Callable[[Any, Window, Prediction, Frame], Mapping[str, float]]
-    panels: Callable[[Any, Window, Prediction, Frame], Mapping[str, Color]]
+    scores: Callable[[Any, FrameWindow, Prediction, Frame], Mapping[str, float]]
+    panels: Callable[[Any, FrameWindow, Prediction, Frame], Mapping[str, Color]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Learning:
+class TrainingRecipe:
     """How a system is trained.
 
     Attributes:
@@ -125,11 +125,11 @@ class Learning:
 
     prepare: Prepare
     reference: tuple[Buffer, ...]
-    goal: Callable[[Any, Window, Frame], Tensors]
+    goal: Callable[[Any, FrameWindow, Frame], Tensors]
     loss: Callable[[Any, Tensors, Tensors, Tensors], Tensors]
     unroll: int = 1
     beside: tuple[str, ...] = ()
-    judge: Judge | None = None
+    judge: FrameJudge | None = None
     measured: tuple[str, ...] = ()
     keep_goals: bool = False
     defaults: Mapping[str, Any] = field(default_factory=dict)
@@ -141,7 +141,7 @@ def neural_predict(prepare: Prepare, compose: Compose) -> Predict:
     The network takes (inputs, state) and gives (outputs, state); its `config` is the system's.
     """
 
-    def predict(network: nn.Module, window: Window, state: State) -> Prediction:
+    def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
         config = network.config
         inputs = prepare(config, window)
         outputs, kept = network(inputs, state)
@@ -205,7 +205,7 @@ class System:
     variants: Mapping[str, Any] = field(default_factory=dict)
     build: Callable[[Any, int], nn.Module]
     predict: Predict
-    learning: Learning | None = None
+    learning: TrainingRecipe | None = None
     tiles: Any = None
     weights: str | None = None
 

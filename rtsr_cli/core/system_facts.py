@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rtsr_cli.core.choices import SystemTask
-from rtsr_cli.core.complexity import count_macs, count_parameters
-from rtsr_cli.core.networks import shipped_weights
+from rtsr_cli.core.network.cost import count_macs, count_parameters
+from rtsr_cli.core.network.load import find_shipped_weights
 from rtsr_cli.core.system import System
 
 OUTPUT_SIZE = (1080, 1920)
@@ -85,7 +85,7 @@ def describe_system(system: System, *, flops: bool = False) -> SystemFacts:
     """Return the facts of a declaration."""
     needs = [f"lr {b}" for b in system.lr_inputs] + [f"hr {b}" for b in system.hr_inputs]
     uses = [f"lr {b}" for b in system.lr_optional] + [f"hr {b}" for b in system.hr_optional]
-    weights = [f"{s}x" for s in system.scales if shipped_weights(system, s) is not None]
+    weights = [f"{s}x" for s in system.scales if find_shipped_weights(system, s) is not None]
     return SystemFacts(
         name=system.name,
         summary=system.summary,
@@ -97,11 +97,11 @@ def describe_system(system: System, *, flops: bool = False) -> SystemFacts:
         history="recurrent" if system.recurrent else f"{system.history_frames} frames",
         weights=", ".join(weights) or NONE,
         parameters=default_parameters(system),
-        networks=network_costs(system) if flops else None,
+        networks=measure_network_costs(system) if flops else None,
     )
 
 
-def network_scales(system: System) -> tuple[int, ...]:
+def list_network_scales(system: System) -> tuple[int, ...]:
     """Scales that a system has a network for; none if it has no network."""
     if system.learning is None:
         return ()
@@ -113,21 +113,21 @@ def default_parameters(system: System) -> dict[str, int]:
     config = system.config()
     return {
         f"{scale}x": count_parameters(system.build(config, scale))
-        for scale in network_scales(system)
+        for scale in list_network_scales(system)
     }
 
 
-def network_costs(system: System) -> tuple[NetworkCost, ...]:
+def measure_network_costs(system: System) -> tuple[NetworkCost, ...]:
     """What every network of a system costs: the default one, and others that it names."""
     variants = system.variants or {"default": system.config()}
     return tuple(
-        network_cost(system, variant, config, scale)
+        measure_network_cost(system, variant, config, scale)
         for variant, config in variants.items()
-        for scale in network_scales(system)
+        for scale in list_network_scales(system)
     )
 
 
-def network_cost(system: System, variant: str, config: Any, scale: int) -> NetworkCost:
+def measure_network_cost(system: System, variant: str, config: Any, scale: int) -> NetworkCost:
     """Parameters and multiply-accumulates of one network."""
     height, width = (side // scale for side in OUTPUT_SIZE)
     return NetworkCost(

@@ -57,34 +57,34 @@ ROWS = (
 """Every system, in the order of listings."""
 
 
-def system_names(task: SystemTask | None = None) -> tuple[str, ...]:
+def list_system_names(task: SystemTask | None = None) -> tuple[str, ...]:
     """Names of the systems, those of a task or all, without importing one."""
     return tuple(row.name for row in ROWS if task is None or row.task is task)
 
 
-def upscaler_names() -> tuple[str, ...]:
+def list_upscaler_names() -> tuple[str, ...]:
     """Names of the systems that `upscale` takes, without importing one."""
-    return system_names(SystemTask.UPSCALE)
+    return list_system_names(SystemTask.UPSCALE)
 
 
-def rate_predictor_names() -> tuple[str, ...]:
+def list_rate_predictor_names() -> tuple[str, ...]:
     """Names of the systems that `predict-vrs` takes, best first, without importing one."""
-    best = preferred_names(SystemTask.PREDICT_VRS)
-    return (*best, *(n for n in system_names(SystemTask.PREDICT_VRS) if n not in best))
+    best = list_preferred_names(SystemTask.PREDICT_VRS)
+    return (*best, *(n for n in list_system_names(SystemTask.PREDICT_VRS) if n not in best))
 
 
-def trainable_names() -> tuple[str, ...]:
+def list_trainable_names() -> tuple[str, ...]:
     """Names of the systems that `train` takes, without importing one."""
     return tuple(row.name for row in ROWS if row.trainable)
 
 
-def preferred_names(task: SystemTask) -> tuple[str, ...]:
+def list_preferred_names(task: SystemTask) -> tuple[str, ...]:
     """Names of a task's systems by preference, without importing one."""
     ranked = [(row.rank, row.name) for row in ROWS if row.task is task and row.rank is not None]
     return tuple(name for _, name in sorted(ranked))
 
 
-PREFERENCE = preferred_names(SystemTask.UPSCALE)
+PREFERENCE = list_preferred_names(SystemTask.UPSCALE)
 """What `upscale` uses by default: the first of these that inputs, scale and weights allow."""
 
 

@@ -20,9 +20,13 @@ from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.color import decode_log, encode_log
 from rtsr_cli.core.imaging.demodulation import remodulate
-from rtsr_cli.core.imaging.enlarging import enlarge_log_lighting, enlarge_radiance, enlarge_where
+from rtsr_cli.core.imaging.enlargement import (
+    enlarge_log_lighting,
+    enlarge_masked_radiance,
+    enlarge_radiance,
+)
 from rtsr_cli.core.imaging.resampling import BICUBIC_SUPPORT_PX
-from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
+from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
 JITTER_REACH_PX = 1
 """Pixels that a jitter of up to half a pixel can add to a kernel's reach, rounded up."""
@@ -45,7 +49,7 @@ class DemodBicubicConfig:
     grow_px: int = 1
 
 
-def predict_bicubic(network: nn.Module, window: Window, state: State) -> Prediction:
+def predict_bicubic(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Enlarge c / (1 + c) and expand."""
     del network, state
     frame = window.current
@@ -53,7 +57,7 @@ def predict_bicubic(network: nn.Module, window: Window, state: State) -> Predict
     return Prediction(image=enlarge_radiance(color, window.scale, frame.camera.jitter_px))
 
 
-def predict_demod_bicubic(network: nn.Module, window: Window, state: State) -> Prediction:
+def predict_demod_bicubic(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Enlarge lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     del state
     config = cast(DemodBicubicConfig, network.config)
@@ -75,7 +79,7 @@ def predict_demod_bicubic(network: nn.Module, window: Window, state: State) -> P
     image = surface
     if bool(hr_sky.any()):
         color, sky = frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY]
-        image = torch.where(hr_sky, enlarge_where(color, sky, scale, jitter_px), surface)
+        image = torch.where(hr_sky, enlarge_masked_radiance(color, sky, scale, jitter_px), surface)
     return Prediction(
         image=image, debug={"lighting": lighting, "hr_material": hr.gbuffer[Buffer.MATERIAL]}
     )

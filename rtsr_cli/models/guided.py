@@ -5,7 +5,7 @@ lighting from LR samples on its own surface only, told by normals and depth; it 
 of this package correct. Kopf et al., "Joint Bilateral Upsampling", SIGGRAPH 2007; edge-stopping as
 Dammertz et al., "Edge-Avoiding A-Trous Wavelet Transform", HPG 2010.
 
-Conventions: those of `core.lighting`; the frame's jitter is compensated; no history.
+Conventions: those of `lighting.lighting`; the frame's jitter is compensated; no history.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from dataclasses import dataclass
 
 from torch import nn
 
-from rtsr_cli.core.imaging.guiding import REACH
-from rtsr_cli.core.lighting import (
+from rtsr_cli.core.imaging.guided_enlargement import REACH
+from rtsr_cli.core.lighting.lighting import (
     GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LOG_LIGHTING,
     LR_BUFFERS,
+    build_lighting_inputs,
     compose_lighting,
-    lighting_inputs,
 )
-from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
+from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
 HALO_PX = REACH + 2
 """The samples around, one for the depth's gradient, and one for a jitter."""
@@ -35,10 +35,10 @@ class DemodGuidedConfig:
     """`demod-guided` has no settings."""
 
 
-def predict(network: nn.Module, window: Window, state: State) -> Prediction:
+def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Enlarge lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     del network, state
-    inputs = lighting_inputs(window, LOG_LIGHTING)
+    inputs = build_lighting_inputs(window, LOG_LIGHTING)
     return compose_lighting(LOG_LIGHTING, window, inputs, inputs["base"])
 
 

@@ -26,9 +26,9 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
-from rtsr_cli.core.frames.vectors import length
+from rtsr_cli.core.frames.vector_length import vector_length
 from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
-from rtsr_cli.core.imaging.disocclusion import bounded_depth, depth_slope
+from rtsr_cli.core.imaging.disocclusion import bound_depth, depth_slope
 from rtsr_cli.core.imaging.resampling import (
     BILINEAR,
     Kernel,
@@ -40,7 +40,7 @@ from rtsr_cli.core.imaging.resampling import (
 from rtsr_cli.core.imaging.splatting import forward_splat
 from rtsr_cli.core.imaging.warping import backward_warp, dilate_motion, fetch_nearest
 from rtsr_cli.core.shapes import Color, IdMap, Image, Mask, MotionPx, Plane
-from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
+from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
 MAX_ENCODED = 0.9999
 """Largest tone-mapped value that interpolation may reach: radiance of 10^4."""
@@ -153,28 +153,28 @@ def spatial_estimate(samples: LrSamples, scale: int, a: float) -> Color:
     return enlarged.clamp_(0.0, MAX_ENCODED)
 
 
-def rejected_samples(now: LrSamples, before: LrSamples, depth_tolerance: float) -> Mask:
+def find_rejected(now: LrSamples, before: LrSamples, depth_tolerance: float) -> Mask:
     """1 where the surface of a sample was not seen in the previous frame.
 
     Either something nearer moved to where it was (forward splat of the depths), or no sample
     around its previous position has its id and depth, nor has any of its neighbours'.
     """
-    depth = bounded_depth(now.depth_m)
+    depth = bound_depth(now.depth_m)
     tolerance = depth_tolerance * depth + depth_slope(depth)
     front, hit = forward_splat(depth, now.motion_px, depth)
     front = torch.where(hit > 0, front, depth.new_full((), torch.inf))
     covered = fetch_nearest(front, now.motion_px) < depth - tolerance
-    matched = _matching(now, before, depth, tolerance)
+    matched = _match_samples(now, before, depth, tolerance)
     lost = F.max_pool2d(matched.to(depth.dtype), 3, stride=1, padding=1) == 0
     return (covered | lost).to(depth.dtype)
 
 
-def _matching(now: LrSamples, before: LrSamples, depth: Plane, tolerance: Plane) -> Tensor:
+def _match_samples(now: LrSamples, before: LrSamples, depth: Plane, tolerance: Plane) -> Tensor:
     """True where one of 3x3 samples around the previous position has the same depth and id."""
     shift = [a - b for a, b in zip(now.jitter_px, before.jitter_px, strict=True)]
     moved = now.motion_px + torch.tensor(shift).to(now.motion_px).view(1, 2, 1, 1)
     nearest = moved.nan_to_num().round()
-    depth_before = bounded_depth(before.depth_m)
+    depth_before = bound_depth(before.depth_m)
     matched = torch.zeros_like(depth, dtype=torch.bool)
     for dy in (-1.0, 0.0, 1.0):
         for dx in (-1.0, 0.0, 1.0):
@@ -227,7 +227,7 @@ def accumulate(
         total = weight + config.prior_weight
         color = (summed + prior * config.prior_weight) / total
     else:
-        history, count, prior_weight = judged_history(state, samples, scale, config, pre_exposure)
+        history, count, prior_weight = judge_history(state, samples, scale, config, pre_exposure)
         total = count + weight + prior_weight
         color = (history * count + summed + prior * prior_weight) / total
     kept = TaauState(
@@ -236,18 +236,18 @@ def accumulate(
     return decode_reinhard(color), kept
 
 
-def judged_history(
+def judge_history(
     state: TaauState, samples: LrSamples, scale: int, config: TaauConfig, pre_exposure: float
 ) -> tuple[Color, Plane, Plane]:
     """Return warped and clipped history, its count, and the weight of the spatial estimate."""
     jitter_px = samples.jitter_px
     dilated = dilate_motion(samples.motion_px, samples.depth_m)
     motion_px = upsample(dilated, scale, jitter_px, kernel=BILINEAR) * scale
-    warped, inside = backward_warp(_exposed(state, pre_exposure), motion_px, mode="bicubic")
+    warped, inside = backward_warp(_adjust_exposure(state, pre_exposure), motion_px, mode="bicubic")
     warped = warped.clamp_(0.0, MAX_ENCODED)
     count = backward_warp(state.count, motion_px)[0] * inside
 
-    rejected = rejected_samples(samples, state.samples, config.depth_tolerance)
+    rejected = find_rejected(samples, state.samples, config.depth_tolerance)
     if samples.reactive is not None:
         rejected = torch.maximum(rejected, samples.reactive.clamp(0.0, 1.0))
     colors = to_ycocg(samples.color_tonemapped)
@@ -257,7 +257,7 @@ def judged_history(
     changed = change_of_samples(residual, valid, config)
     keep = 1.0 - upsample(changed, scale, jitter_px, kernel=BILINEAR)
 
-    still = torch.exp(-length(motion_px) / config.still_px)
+    still = torch.exp(-vector_length(motion_px) / config.still_px)
     limit = config.max_count_moving + (config.max_count_still - config.max_count_moving) * still
     count = torch.minimum(count, limit)
     young = count.clamp(max=config.max_count_moving)
@@ -285,7 +285,7 @@ def clip_to_neighbourhood(
     return torch.minimum(torch.maximum(history, centre - reach), centre + reach)
 
 
-def _exposed(state: TaauState, pre_exposure: float) -> Color:
+def _adjust_exposure(state: TaauState, pre_exposure: float) -> Color:
     """History as it would be had it been rendered with this frame's pre-exposure."""
     if pre_exposure == state.pre_exposure:
         return state.color_tonemapped
@@ -293,7 +293,7 @@ def _exposed(state: TaauState, pre_exposure: float) -> Color:
     return encode_reinhard(decode_reinhard(state.color_tonemapped) * gain)
 
 
-def predict_taau(network: nn.Module, window: Window, state: State) -> Prediction:
+def predict_taau(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Accumulate the current frame."""
     frame = window.current
     buffers = frame.gbuffer.buffers

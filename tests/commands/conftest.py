@@ -13,12 +13,12 @@ from click.testing import CliRunner, Result
 from numpy.typing import NDArray
 
 from rtsr_cli.cli import group
+from rtsr_cli.core.captures.measuring import decision
+from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.provenance import digest_values
 from rtsr_cli.core.frames.conventions import Conventions
-from rtsr_cli.core.io import settling
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
-from rtsr_cli.core.io.measuring import Measured
-from rtsr_cli.core.io.provenance import digest
-from rtsr_cli.core.io.reading import FrameReader
 
 Planes = dict[str, NDArray[Any]]
 Change = Callable[[Planes, int], None]
@@ -29,20 +29,22 @@ SIZE = (32, 48)
 @pytest.fixture(scope="session", autouse=True)
 def measured_once() -> Iterator[None]:
     """Measure the conventions of equal files once: most tests are about something else."""
-    known: dict[str, Measured] = {}
-    measure = settling.measure
+    known: dict[str, StorageMeasurement] = {}
+    measure = decision.measure_storage
 
-    def remembered(reader: FrameReader, presumed: Conventions, *, motion: bool = True) -> Measured:
+    def remembered(
+        reader: FrameReader, presumed: Conventions, *, motion: bool = True
+    ) -> StorageMeasurement:
         files = sorted(p for s in reader.frames.streams.values() for p in s.files.values())
         stats = [(str(p.resolve()), p.stat().st_mtime_ns, p.stat().st_size) for p in files]
         cameras = [reader.camera_values(n) for n in reader.numbers]
-        key = digest(stats, reader.declaration, repr(presumed), cameras, motion)
+        key = digest_values(stats, reader.declaration, repr(presumed), cameras, motion)
         if key not in known:
             known[key] = measure(reader, presumed, motion=motion)
         return known[key]
 
     patch = pytest.MonkeyPatch()
-    patch.setattr(settling, "measure", remembered)
+    patch.setattr(decision, "measure_storage", remembered)
     yield
     patch.undo()
 

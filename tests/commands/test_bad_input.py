@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
 Run = Callable[..., Result]
 Files = Callable[[Path], dict[str, bytes]]

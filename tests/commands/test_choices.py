@@ -6,6 +6,7 @@ import click
 import pytest
 
 from rtsr_cli.commands import demodulate, options, precompute_lut, upscale
+from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.choices import (
     MATERIAL_EPSILON,
     DemodulationMode,
@@ -17,7 +18,6 @@ from rtsr_cli.core.choices import (
 )
 from rtsr_cli.core.imaging import brdf_lut
 from rtsr_cli.core.imaging.resampling import PIXEL_FILTERS
-from rtsr_cli.core.io.presets import LAYOUTS
 
 
 def option(command: click.Command, name: str) -> click.Parameter:

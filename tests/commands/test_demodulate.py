@@ -11,7 +11,7 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rtsr_cli.core.io.exr import read_channels, read_header
+from rtsr_cli.core.files.exr import read_channels, read_header
 
 Run = Callable[..., Result]
 Load = Callable[[Path], NDArray[np.float32]]

@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 from click.testing import Result
 
+from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import InputChangedError
-from rtsr_cli.core.io.atomic import TEMPORARY_SUFFIX
-from rtsr_cli.core.io.exr import read_channels, read_header
-from rtsr_cli.core.io.provenance import FileDigests
-from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.files.atomic_write import TEMPORARY_SUFFIX
+from rtsr_cli.core.files.exr import read_channels, read_header
+from rtsr_cli.core.files.provenance import FileDigests
 
 Run = Callable[..., Result]
 Files = Callable[[Path], dict[str, bytes]]

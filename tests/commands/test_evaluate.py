@@ -20,7 +20,7 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
 Run = Callable[..., Result]
 REFUSED, USAGE, FAILED = 3, 2, 1

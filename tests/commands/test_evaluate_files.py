@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.io.exr import write_exr
+from rtsr_cli.core.files.exr import write_exr
 
 Run = Callable[..., Result]
 REFUSED, USAGE, FAILED = 3, 2, 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rtsr_cli.commands.evaluation_text import perfect_frames, table
+from rtsr_cli.commands.evaluation_text import list_perfect_frame_lines, list_table_lines
 
 
 def result(**means: list[float | None]) -> dict[str, Any]:
@@ -19,7 +19,7 @@ def result(**means: list[float | None]) -> dict[str, Any]:
 
 
 def cells(found: dict[str, Any]) -> list[list[str]]:
-    return [line.split() for line in table(found)][1:]
+    return [line.split() for line in list_table_lines(found)][1:]
 
 
 def test_a_column_has_one_number_of_decimals() -> None:
@@ -40,6 +40,6 @@ def test_perfect_frames_that_a_mean_leaves_out_are_told() -> None:
     for test, held in values.items():
         frames = {str(i): {"psnr": v, "counted": i > 0} for i, v in enumerate((math.inf, *held))}
         found["tests"][test]["frames"] = frames
-    assert list(perfect_frames(found)) == [
+    assert list(list_perfect_frame_lines(found)) == [
         "a: the mean of psnr is of 1 of 3 frames; 2 are perfect, their infinite values left out"
     ]

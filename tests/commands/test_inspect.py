@@ -14,7 +14,7 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
 
 Run = Callable[..., Result]
 Planes = dict[str, NDArray[Any]]
@@ -27,8 +27,8 @@ MOTION = ("motion.X", "motion.Y")
 def textured(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four frames of a textured part of the sample, in its place on the image plane."""
     folder = tmp_path_factory.mktemp("textured")
-    place = Window(left=144, top=112, width=192, height=128)
-    display = Window(left=0, top=0, width=480, height=288)
+    place = PixelWindow(left=144, top=112, width=192, height=128)
+    display = PixelWindow(left=0, top=0, width=480, height=288)
     rows, columns = slice(112, 240), slice(144, 336)
     for path in sorted((sample_root / "hr").glob("*.exr"))[:4]:
         header = read_header(path)

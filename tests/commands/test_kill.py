@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.io.atomic import TEMPORARY_SUFFIX
-from rtsr_cli.core.io.exr import read_channels, read_header
+from rtsr_cli.core.files.atomic_write import TEMPORARY_SUFFIX
+from rtsr_cli.core.files.exr import read_channels, read_header
 
 Run = Callable[..., Result]
 Files = Callable[[Path], dict[str, bytes]]

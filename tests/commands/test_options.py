@@ -8,14 +8,14 @@ import pytest
 from click.testing import Result
 
 from rtsr_cli.commands.options import Frames
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.frames.selection import format_ranges
 
 Run = Callable[..., Result]
 
 
 @pytest.mark.parametrize("numbers", [{-3, -2, -1, 0, 1, 2}, {-4, -3, 1, 2, 3, 9}, {5}])
 def test_frames_are_read_as_ranges_writes_them(numbers: set[int]) -> None:
-    assert Frames().convert(ranges(numbers), None, None) == numbers
+    assert Frames().convert(format_ranges(numbers), None, None) == numbers
 
 
 def test_steps_and_the_older_way_of_writing_negative_bounds_hold() -> None:

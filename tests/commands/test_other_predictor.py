@@ -13,18 +13,18 @@ from torch import nn
 
 from rtsr_cli.core.choices import SystemTask, VrsMetric
 from rtsr_cli.core.errors import CheckpointError, ConfigError
+from rtsr_cli.core.files.exr import read_channels, read_header
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.exr import read_channels, read_header
-from rtsr_cli.core.run.systems import SystemTable
+from rtsr_cli.core.network.weights import save_weights
+from rtsr_cli.core.run.system_inputs import SystemTable
 from rtsr_cli.core.settings import to_plain
-from rtsr_cli.core.system import Learning, Prediction, State, System, Tensors, Window
+from rtsr_cli.core.system import FrameWindow, Prediction, State, System, Tensors, TrainingRecipe
 from rtsr_cli.core.vrs.call import RatesSummary, predict_rates
-from rtsr_cli.core.vrs.errors import ErrorConfig
-from rtsr_cli.core.vrs.predictor import TilePredictor, choose_predictor, rate_options
-from rtsr_cli.core.vrs.rates import REDUCED, Rate
+from rtsr_cli.core.vrs.predictor import TilePredictor, choose_predictor, make_rate_options
+from rtsr_cli.core.vrs.rates import REDUCED, ShadingRate
 from rtsr_cli.core.vrs.request import PredictVrsRequest
-from rtsr_cli.core.vrs.tiles import tile_mean
-from rtsr_cli.core.weights import save_weights
+from rtsr_cli.core.vrs.shading_error import ErrorConfig
+from rtsr_cli.core.vrs.tile_pooling import tile_mean
 from rtsr_cli.models import load_system
 
 RANGE = 4.0
@@ -52,7 +52,7 @@ class EvenNetwork(nn.Module):
         self.level = nn.Parameter(torch.tensor(0.05))
 
 
-def predict(network: nn.Module, window: Window, state: State) -> Prediction:
+def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     del state
     config: EvenConfig = network.config  # type: ignore[assignment]
     depth = window.current.gbuffer[Buffer.DEPTH]
@@ -78,11 +78,11 @@ EVEN = System(
     config=EvenConfig,
     build=EvenNetwork,
     predict=predict,
-    learning=Learning(prepare=nothing, reference=(), goal=nothing, loss=nothing),
+    learning=TrainingRecipe(prepare=nothing, reference=(), goal=nothing, loss=nothing),
     tiles=TilePredictor(
         configure=lambda error, reuse: EvenConfig(measured=error),
         error=lambda config: config.measured,
-        rates=lambda config: (Rate.HALF_X, Rate.HALF_Y),
+        rates=lambda config: (ShadingRate.HALF_X, ShadingRate.HALF_Y),
         threshold=lambda config: config.below,
         keeps_edges=lambda config: False,
         reuses=lambda config: False,
@@ -137,7 +137,7 @@ def test_the_first_preferred_system_predicts_by_what_it_declares(
         # 5 % and, as a margin, the 1 % by which it was too low; twice the step errs 2.13 times more
         assert planes["error.2x1"] == pytest.approx(RANGE * 0.06)
         assert planes["error.4x2"] == pytest.approx(RANGE * 0.06 * 2.13)
-        assert (planes["rate"] == Rate.HALF.code).all()
+        assert (planes["rate"] == ShadingRate.HALF.code).all()
         full = read_header(small_capture / path.name).data_window
         assert planes["rate"].shape == (-(-full.height // 8), -(-full.width // 8))
 
@@ -148,8 +148,10 @@ def test_a_threshold_is_held_against_what_its_transform_reaches(weights: Path) -
     )
     chosen = choose_predictor(request, BOTH, "cpu")
     with pytest.raises(ConfigError, match=r"up to 4 \(jnyang\)"):
-        rate_options(request, chosen)
-    assert rate_options(replace(request, threshold=RANGE - 0.1), chosen).threshold == RANGE - 0.1
+        make_rate_options(request, chosen)
+    assert (
+        make_rate_options(replace(request, threshold=RANGE - 0.1), chosen).threshold == RANGE - 0.1
+    )
 
 
 def test_a_system_is_chosen_by_name_and_its_weights_are_its_own(weights: Path) -> None:

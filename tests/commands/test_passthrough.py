@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
 Run = Callable[..., Result]
 FRAME = "frame.0002.exr"

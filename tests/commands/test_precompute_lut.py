@@ -12,8 +12,8 @@ from click.testing import Result
 
 from rtsr_cli import __version__
 from rtsr_cli.core.choices import LutConvention
+from rtsr_cli.core.files.exr import read_channels, read_header
 from rtsr_cli.core.imaging.brdf_lut import integrate_lut
-from rtsr_cli.core.io.exr import read_channels, read_header
 
 Run = Callable[..., Result]
 

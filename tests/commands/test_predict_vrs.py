@@ -15,19 +15,19 @@ import pytest
 import torch
 from click.testing import Result
 
-from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.choices import VrsMetric
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.imaging.warping import backward_warp
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.network.weights import read_weights, save_weights
 from rtsr_cli.core.settings import to_plain
-from rtsr_cli.core.vrs.errors import ErrorConfig
-from rtsr_cli.core.vrs.rates import REDUCED, Rate
-from rtsr_cli.core.weights import read_weights, save_weights
+from rtsr_cli.core.vrs.captured_rates import measure_true_errors
+from rtsr_cli.core.vrs.rates import REDUCED, ShadingRate
+from rtsr_cli.core.vrs.shading_error import ErrorConfig
 from rtsr_cli.models import load_system
 
 Run = Callable[..., Result]
 
-CODES = {rate.code for rate in Rate}
+CODES = {rate.code for rate in ShadingRate}
 
 
 def exrs(folder: Path) -> list[Path]:
@@ -237,7 +237,7 @@ def test_labels_are_the_true_errors_of_every_rate(
     assert len(written) == len(exrs(small_capture)) == 4
     config = ErrorConfig(metric=VrsMetric.JNYANG)
     for source, path in zip(exrs(small_capture), written, strict=True):
-        expected = true_errors(rgb(source), config)
+        expected = measure_true_errors(rgb(source), config)
         planes = read_channels(path, [f"error.{rate.label}" for rate in REDUCED])
         for rate in REDUCED:
             found = planes[f"error.{rate.label}"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
 
 Run = Callable[..., Result]
 Changed = Callable[[Path, Callable[[dict[str, Any], int], None]], Path]
@@ -222,8 +222,8 @@ def test_lr_and_hr_of_different_crops(rtsr: Run, shot: Path, tmp_path: Path) -> 
     for path in sorted((shot / "lr").iterdir()):
         header = read_header(path)
         planes = read_channels(path, header.channels)
-        moved = Window(left=5, top=0, width=48, height=32)
-        plane = Window(left=0, top=0, width=60, height=40)
+        moved = PixelWindow(left=5, top=0, width=48, height=32)
+        plane = PixelWindow(left=0, top=0, width=60, height=40)
         write_exr(path, planes, data_window=moved, display_window=plane)
     message = refusal(rtsr("upscale", shot, tmp_path / "out"))
     assert "HR shows another part of the image plane than LR" in message

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.io import declarations, exr, reading
-from rtsr_cli.core.io.exr import read_header
+from rtsr_cli.core.captures import declarations, reader
+from rtsr_cli.core.files import exr
+from rtsr_cli.core.files.exr import read_header
 
 Run = Callable[..., Result]
 
@@ -46,7 +47,7 @@ class Calls:
         self._inside = threading.local()
         for name in ("read_capture", "layout_named", "read_side_car"):
             patch.setattr(declarations, name, self._counted(name, getattr(declarations, name)))
-        loads, opened, window = tomllib.loads, exr._open, reading.read_window
+        loads, opened, window = tomllib.loads, exr._open, reader.read_window
 
         def load(text: str, **options: Any) -> dict[str, Any]:
             self.toml[text] += 1
@@ -66,7 +67,7 @@ class Calls:
 
         patch.setattr(tomllib, "loads", load)
         patch.setattr(exr, "_open", open_file)
-        patch.setattr(reading, "read_window", read)
+        patch.setattr(reader, "read_window", read)
 
     def _counted(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(argument: object) -> Any:

@@ -8,7 +8,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from rtsr_cli.core.io.exr import read_channels, read_header
+from rtsr_cli.core.files.exr import read_channels, read_header
 
 SMALL = ("--size", "96x64")
 CHANNELS = {
@@ -72,14 +72,14 @@ def test_a_pair_has_no_radiance_at_high_resolution_and_nothing_else_in_its_refer
 
 
 def test_declared_jitter_is_where_the_samples_of_a_pair_lie(pair):
+    from rtsr_cli.core.captures.capture_file import read_capture
     from rtsr_cli.core.frames.buffers import Buffer
-    from rtsr_cli.core.io.capture import read_capture
-    from rtsr_cli.core.synth.exposure import random_scene
+    from rtsr_cli.core.synth.exposure import draw_scene
     from rtsr_cli.core.synth.render import render_frame
 
     capture = read_capture(pair / "capture.toml")
     assert capture.scale == 4
-    scene = random_scene(1)
+    scene = draw_scene(1)
     for number in (1, 2, 3):
         stored = read_channels(pair / "lr" / f"frame.{number:04d}.exr", ["depth.Z"])["depth.Z"]
         jitter = capture.jitter(number)

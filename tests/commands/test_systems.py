@@ -9,21 +9,21 @@ import pytest
 from click.testing import Result
 
 from rtsr_cli.core import system_facts
-from rtsr_cli.models import system_names, trainable_names
+from rtsr_cli.models import list_system_names, list_trainable_names
 
 
 def test_every_system_is_listed_with_its_inputs(rtsr: Callable[..., Result]) -> None:
     result = rtsr("systems")
     assert result.exit_code == 0, result.output
-    for name in system_names():
+    for name in list_system_names():
         assert f"{name}: " in result.output
     assert "hr material" in result.output
 
 
 def test_json_has_one_object_a_system(rtsr: Callable[..., Result]) -> None:
     facts = [json.loads(line) for line in rtsr("systems", "--json").stdout.splitlines()]
-    assert [f["name"] for f in facts] == list(system_names())
-    assert {f["name"] for f in facts if f["parameters"]} == set(trainable_names())
+    assert [f["name"] for f in facts] == list(list_system_names())
+    assert {f["name"] for f in facts if f["parameters"]} == set(list_trainable_names())
 
 
 def test_parameters_are_shown_for_every_scale(rtsr: Callable[..., Result]) -> None:

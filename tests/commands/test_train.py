@@ -15,8 +15,8 @@ from click.testing import Result
 from safetensors.torch import load_file
 from torch import Tensor
 
-from rtsr_cli.core.io.exr import read_channels, read_header, write_exr
-from rtsr_cli.core.weights import SHIPPED, read_weights
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.network.weights import SHIPPED, read_weights
 
 ROOT = Path(__file__).resolve().parents[2]
 

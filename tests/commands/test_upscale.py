@@ -13,8 +13,8 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rtsr_cli.core.io.exr import Window, read_channels, read_header, write_exr
-from rtsr_cli.core.networks import has_weights
+from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.models import PREFERENCE, load_system
 
 Run = Callable[..., Result]
@@ -246,14 +246,14 @@ def test_alpha_is_enlarged_and_written(
 
 def test_windows_survive_at_the_target_size(rtsr: Run, small_shot: Path, tmp_path: Path) -> None:
     path = small_shot / "lr" / "frame.0001.exr"
-    inside = Window(left=4, top=2, width=48, height=32)
-    plane = Window(left=0, top=0, width=60, height=40)
+    inside = PixelWindow(left=4, top=2, width=48, height=32)
+    plane = PixelWindow(left=0, top=0, width=60, height=40)
     planes = read_channels(path, "RGB")
     write_exr(tmp_path / "in" / "f.0001.exr", planes, data_window=inside, display_window=plane)
     assert rtsr("upscale", tmp_path / "in", tmp_path / "out", "--scale", 2).exit_code == 0
     header = read_header(tmp_path / "out" / "f.0001.exr")
-    assert header.data_window == Window(left=8, top=4, width=96, height=64)
-    assert header.display_window == Window(left=0, top=0, width=120, height=80)
+    assert header.data_window == PixelWindow(left=8, top=4, width=96, height=64)
+    assert header.display_window == PixelWindow(left=0, top=0, width=120, height=80)
 
 
 def test_a_camera_side_car_replaces_the_headers_camera(

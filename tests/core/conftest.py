@@ -12,15 +12,15 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.layout_files import load_layout
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import find_shots
+from rtsr_cli.core.captures.survey import open_frames
+from rtsr_cli.core.files.exr import PixelWindow, write_exr
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.io.capture import Capture
-from rtsr_cli.core.io.exr import Window, write_exr
-from rtsr_cli.core.io.layout_files import layout_named
-from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.shots import find_shots
-from rtsr_cli.core.io.survey import open_frames
 
 NEAR_M = 0.05
 
@@ -146,8 +146,8 @@ def write_frames(
         only: Sequence[str] | None = None,
         change: Callable[[int, dict[str, Array]], dict[str, Array]] | None = None,
         attributes: Mapping[str, Any] | None = None,
-        data_window: Window | None = None,
-        display_window: Window | None = None,
+        data_window: PixelWindow | None = None,
+        display_window: PixelWindow | None = None,
     ) -> Path:
         for number in numbers:
             channels = analytic_channels(number, size)
@@ -177,8 +177,8 @@ def open_folder() -> Callable[..., FrameReader]:
         (shot,) = find_shots(folder)
         return open_frames(
             shot.frames,
-            layout=None if layout is None else layout_named(layout),
-            capture=Capture.model_validate(declared),
+            layout=None if layout is None else load_layout(layout),
+            capture=CaptureDeclaration.model_validate(declared),
             side_car=side_car,
             **options,
         )

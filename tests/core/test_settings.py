@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.settings import (
-    Source,
+    SettingsSource,
     parse_assignments,
     read_toml,
-    resolve,
+    resolve_settings,
     to_plain,
     to_toml,
 )
@@ -47,24 +47,26 @@ class Outer:
 
 
 def test_without_sources_the_defaults_hold() -> None:
-    assert resolve(Outer) == Outer()
+    assert resolve_settings(Outer) == Outer()
 
 
 def test_a_later_source_wins_and_tables_merge() -> None:
-    first = Source("file", {"count": 4, "inner": {"rate": 1, "name": "y"}})
-    second = Source("--set", {"inner": {"rate": 0.25}, "colour": "blue", "names": ["a", "b"]})
-    resolved = resolve(Outer, first, second)
+    first = SettingsSource("file", {"count": 4, "inner": {"rate": 1, "name": "y"}})
+    second = SettingsSource(
+        "--set", {"inner": {"rate": 0.25}, "colour": "blue", "names": ["a", "b"]}
+    )
+    resolved = resolve_settings(Outer, first, second)
     assert resolved == Outer(
         count=4, colour=Colour.BLUE, names=("a", "b"), inner=Inner(rate=0.25, name="y")
     )
 
 
 def test_a_name_of_digits_may_be_read_as_a_number() -> None:
-    assert resolve(Outer, parse_assignments(["channels=3"])).channels is Channels.THREE
+    assert resolve_settings(Outer, parse_assignments(["channels=3"])).channels is Channels.THREE
 
 
 def test_a_whole_number_serves_as_a_number() -> None:
-    rate = resolve(Outer, Source("s", {"inner": {"rate": 2}})).inner.rate
+    rate = resolve_settings(Outer, SettingsSource("s", {"inner": {"rate": 2}})).inner.rate
     assert isinstance(rate, float)
     assert rate == 2.0
 
@@ -84,14 +86,18 @@ def test_a_whole_number_serves_as_a_number() -> None:
 )
 def test_what_does_not_fit_is_said_with_its_source(values: dict[str, object], said: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        resolve(Outer, Source("my.toml", values))
+        resolve_settings(Outer, SettingsSource("my.toml", values))
     assert said in str(caught.value)
     assert str(caught.value).startswith("my.toml: ")
 
 
 def test_every_problem_is_listed() -> None:
     with pytest.raises(ConfigError) as caught:
-        resolve(Outer, Source("a", {"cuont": 1, "flag": 7}), Source("b", {"inner": {"x": 1}}))
+        resolve_settings(
+            Outer,
+            SettingsSource("a", {"cuont": 1, "flag": 7}),
+            SettingsSource("b", {"inner": {"x": 1}}),
+        )
     assert all(word in str(caught.value) for word in ("cuont", "flag", "inner.x"))
 
 
@@ -139,4 +145,4 @@ def test_what_is_written_is_read_back(
 ) -> None:
     path = tmp_path_factory.mktemp("toml") / "c.toml"
     path.write_text(to_toml(to_plain(config)), encoding="utf-8")
-    assert resolve(Outer, read_toml(path)) == config
+    assert resolve_settings(Outer, read_toml(path)) == config

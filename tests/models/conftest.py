@@ -8,11 +8,11 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from rtsr_cli.core.derive import derive
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.system import System, Window
+from rtsr_cli.core.imaging.derivation import derive
+from rtsr_cli.core.system import FrameWindow, System
 
 LR_SIZE = (16, 24)
 
@@ -69,10 +69,12 @@ def stored_frame(number: int, height: int, width: int, jitter_px: tuple[float, f
 
 
 @pytest.fixture
-def make_windows() -> Callable[..., list[Window]]:
+def make_windows() -> Callable[..., list[FrameWindow]]:
     """Windows of successive frames as the loop hands them over, with the declared inputs only."""
 
-    def make(system: System, scale: int, *, count: int = 3, optional: bool = False) -> list[Window]:
+    def make(
+        system: System, scale: int, *, count: int = 3, optional: bool = False
+    ) -> list[FrameWindow]:
         lr_inputs, hr_inputs = set(system.lr_inputs), set(system.hr_inputs)
         if optional:
             lr_inputs |= set(system.lr_optional)
@@ -96,7 +98,7 @@ def make_windows() -> Callable[..., list[Window]]:
             for n in range(1, count + 1)
         ]
         return [
-            Window(
+            FrameWindow(
                 lr=tuple(reversed(lr[max(0, i - system.history_frames) : i + 1])),
                 hr=hr[i] if hr_inputs else None,
                 scale=scale,

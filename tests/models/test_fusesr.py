@@ -12,15 +12,15 @@ import torch
 from torch import Tensor, nn
 
 from rtsr_cli.core.choices import DemodulationMode, Preset
-from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
-from rtsr_cli.core.lighting import MAX_LIGHTING, Base, LossWeights
-from rtsr_cli.core.settings import Source, resolve
-from rtsr_cli.core.system import System, Window
+from rtsr_cli.core.lighting.lighting import MAX_LIGHTING, EnlargementBase, LossWeights
+from rtsr_cli.core.network.cost import count_macs, count_parameters
+from rtsr_cli.core.settings import SettingsSource, resolve_settings
+from rtsr_cli.core.system import FrameWindow, System
 from rtsr_cli.models import load_system
 from rtsr_cli.models.fusesr import compose
 from rtsr_cli.models.fusesr.config import (
@@ -39,7 +39,7 @@ FULL, FAST, DIRECT = (load_system(n) for n in ("fusesr", "fusesr-fast", "fusesr-
 HEAD = FuseSRConfig()
 FIRST_RELEASE = FuseSRConfig(variant=Variant.FIRST_RELEASE)
 
-MakeWindows = Callable[..., list[Window]]
+MakeWindows = Callable[..., list[FrameWindow]]
 
 NETWORKS = [
     (FULL, HEAD, 4, 2_274_662, 317.356),
@@ -128,7 +128,7 @@ def test_odd_sizes_give_the_target_size(
     assert torch.isfinite(prediction.image).all()
 
 
-def cropped(window: Window, size: tuple[int, int]) -> Window:
+def cropped(window: FrameWindow, size: tuple[int, int]) -> FrameWindow:
     assert window.hr is not None
     large = (size[0] * window.scale, size[1] * window.scale)
     lr = tuple(frame.crop(0, 0, size) for frame in window.lr)
@@ -215,10 +215,11 @@ def test_history_changes_the_output(make_windows: MakeWindows) -> None:
 @pytest.mark.parametrize("system", [FULL, FAST], ids=["fusesr", "fusesr-fast"])
 @pytest.mark.parametrize("scale", [2, 4, 8])
 @pytest.mark.parametrize(
-    ("base", "name"), [(Base.GUIDED, "demod-guided"), (Base.CUBIC, "demod-bicubic")]
+    ("base", "name"),
+    [(EnlargementBase.GUIDED, "demod-guided"), (EnlargementBase.CUBIC, "demod-bicubic")],
 )
 def test_a_fresh_network_is_its_base(
-    make_windows: MakeWindows, system: System, scale: int, base: Base, name: str
+    make_windows: MakeWindows, system: System, scale: int, base: EnlargementBase, name: str
 ) -> None:
     if scale not in system.scales:
         pytest.skip(f"{system.name} has no {scale}x")
@@ -272,7 +273,7 @@ def test_lr_samples_are_one_pixel_of_their_block_whatever_the_jitter(
         assert torch.allclose(inputs["base"][middle], encoded, atol=1e-6), offset
 
 
-def lit(window: Window, lighting: Tensor, mask: Tensor) -> Frame:
+def lit(window: FrameWindow, lighting: Tensor, mask: Tensor) -> Frame:
     """Return the current frame with other lighting, its radiance that over a material of 1/2."""
     frame = window.current
     buffers = {Buffer.LIGHTING: lighting, Buffer.LIGHTING_MASK: mask, Buffer.COLOR: lighting / 2}
@@ -398,4 +399,4 @@ def test_missing_history_is_the_current_frame_at_rest(
 )
 def test_the_network_of_another_system_is_refused(system: System, variant: str) -> None:
     with pytest.raises(ConfigError, match=f"'{variant}' is another system's"):
-        resolve(system.config, Source("a file", {"variant": variant}))
+        resolve_settings(system.config, SettingsSource("a file", {"variant": variant}))

@@ -13,12 +13,12 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from rtsr_cli.core.choices import DemodulationMode, Preset, SsimConvention
-from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.lighting import Base, encode_lighting
+from rtsr_cli.core.lighting.lighting import EnlargementBase, encode_lighting
 from rtsr_cli.core.metrics.ssim import ssim
-from rtsr_cli.core.system import Window
+from rtsr_cli.core.network.cost import count_macs, count_parameters
+from rtsr_cli.core.system import FrameWindow
 from rtsr_cli.models import load_system
 from rtsr_cli.models.nsrd.config import NSRDConfig, NSRDLossWeights
 from rtsr_cli.models.nsrd.inputs import SURROUNDINGS, prepare
@@ -27,7 +27,7 @@ from rtsr_cli.models.nsrd.network import (
     ChannelAttentionBlock,
     ConvLSTM,
     GatedConvolution,
-    doubled,
+    double_size,
 )
 from rtsr_cli.models.nsrd.published import warp_frame, warp_output
 
@@ -35,7 +35,7 @@ NSRD = load_system("nsrd")
 CONFIG = NSRDConfig()
 PAPER = NSRDConfig(preset=Preset.PAPER)
 
-MakeWindows = Callable[..., list[Window]]
+MakeWindows = Callable[..., list[FrameWindow]]
 
 
 def scrambled(config: NSRDConfig, scale: int) -> nn.Module:
@@ -53,7 +53,7 @@ def run(network: nn.Module, inputs: Any, state: Any = None) -> tuple[Tensor, Any
     return outputs["predicted"], kept
 
 
-def replayed(config: NSRDConfig, windows: list[Window]) -> list[Tensor]:
+def replayed(config: NSRDConfig, windows: list[FrameWindow]) -> list[Tensor]:
     """Predictions of successive windows."""
     network, state, found = scrambled(config, windows[0].scale), None, []
     for window in windows:
@@ -143,10 +143,10 @@ def test_channel_attention_is_its_equation() -> None:
 def test_odd_sizes_are_padded_as_published() -> None:
     image = torch.rand(1, 1, 3, 4) + 1.0
     expected = F.interpolate(image, scale_factor=2, mode="bilinear", align_corners=True)
-    assert torch.equal(doubled(image, torch.zeros(1, 1, 6, 8)), expected)
+    assert torch.equal(double_size(image, torch.zeros(1, 1, 6, 8)), expected)
     # 1 row and 3 columns are missing: floor(1 / 2) above, floor(3 / 2) to the left
     padded = F.pad(expected, (1, 2, 0, 1))
-    assert torch.equal(doubled(image, torch.zeros(1, 1, 7, 11)), padded)
+    assert torch.equal(double_size(image, torch.zeros(1, 1, 7, 11)), padded)
 
 
 @pytest.mark.parametrize("scale", [2, 4])
@@ -180,7 +180,7 @@ def test_published_warps_shift_what_does_not_move() -> None:
     assert torch.allclose(moved[..., :6], expected[..., :6], atol=1e-5)
 
 
-def still(window: Window) -> Window:
+def still(window: FrameWindow) -> FrameWindow:
     """Return the window with past frames that are the current one, nothing moving."""
     frame = window.current
     zero = torch.zeros_like(frame.gbuffer[Buffer.MOTION])
@@ -283,9 +283,12 @@ def test_both_memories_matter(make_windows: MakeWindows, part: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("base", "name"), [(Base.GUIDED, "demod-guided"), (Base.CUBIC, "demod-bicubic")]
+    ("base", "name"),
+    [(EnlargementBase.GUIDED, "demod-guided"), (EnlargementBase.CUBIC, "demod-bicubic")],
 )
-def test_a_fresh_network_is_its_base(make_windows: MakeWindows, base: Base, name: str) -> None:
+def test_a_fresh_network_is_its_base(
+    make_windows: MakeWindows, base: EnlargementBase, name: str
+) -> None:
     baseline = load_system(name)
     window = make_windows(NSRD, 4, optional=True)[-1]
     with torch.inference_mode():
@@ -324,7 +327,7 @@ def test_emission_is_added_where_it_was_taken_out(
     assert bool(inputs["emission"].any()) == apart
 
 
-def reference(window: Window) -> Frame:
+def reference(window: FrameWindow) -> Frame:
     """Return a target-size frame with lighting that differs from the prediction."""
     assert window.hr is not None
     hr = window.hr

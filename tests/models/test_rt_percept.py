@@ -11,18 +11,23 @@ import pytest
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.acceleration import accelerated
 from rtsr_cli.core.choices import VrsMetric
-from rtsr_cli.core.complexity import count_macs, count_parameters
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.system import Window
-from rtsr_cli.core.vrs.errors import ErrorConfig, tile_errors
-from rtsr_cli.core.vrs.rates import Rate
-from rtsr_cli.core.vrs.reprojection import displayed, reproject
+from rtsr_cli.core.network.acceleration import accelerate_network
+from rtsr_cli.core.network.cost import count_macs, count_parameters
+from rtsr_cli.core.system import FrameWindow
+from rtsr_cli.core.vrs.rates import ShadingRate
+from rtsr_cli.core.vrs.reprojection import encode_display, reproject
+from rtsr_cli.core.vrs.shading_error import ErrorConfig, tile_errors
 from rtsr_cli.models import load_system
-from rtsr_cli.models.rt_percept.config import Groups, Inputs, RtPerceptConfig, Transform
+from rtsr_cli.models.rt_percept.config import (
+    ConvolutionGroups,
+    ErrorTransform,
+    NetworkInputs,
+    RtPerceptConfig,
+)
 from rtsr_cli.models.rt_percept.inputs import SETS, prepare
 from rtsr_cli.models.rt_percept.loss import goal, loss, restore_errors, transform_errors
 from rtsr_cli.models.rt_percept.network import pool_sizes
@@ -30,18 +35,18 @@ from rtsr_cli.models.rt_percept.network import pool_sizes
 SYSTEM = load_system("rt-percept")
 CONFIG = RtPerceptConfig(mean=0.5)
 
-MakeWindows = Callable[..., list[Window]]
+MakeWindows = Callable[..., list[FrameWindow]]
 
 
 @pytest.mark.parametrize(
     ("config", "parameters"),
     [
         (CONFIG, 5_388),
-        (RtPerceptConfig(groups=Groups.TABLE_3), 4_524),
+        (RtPerceptConfig(groups=ConvolutionGroups.TABLE_3), 4_524),
         (RtPerceptConfig(rates=("1x2", "2x1")), 5_094),
-        (RtPerceptConfig(inputs=Inputs.FOUR), 5_388),
-        (RtPerceptConfig(inputs=Inputs.SIXTEEN), 7_116),
-        (RtPerceptConfig(inputs=Inputs.NINETEEN), 7_548),
+        (RtPerceptConfig(inputs=NetworkInputs.FOUR), 5_388),
+        (RtPerceptConfig(inputs=NetworkInputs.SIXTEEN), 7_116),
+        (RtPerceptConfig(inputs=NetworkInputs.NINETEEN), 7_548),
     ],
     ids=["luma", "table 3", "two rates", "4", "16", "19"],
 )
@@ -115,7 +120,7 @@ def test_the_clamped_transform_is_its_equation() -> None:
 
 
 def test_the_logistic_transform_is_its_equation() -> None:
-    config = replace(CONFIG, transform=Transform.LOGISTIC)
+    config = replace(CONFIG, transform=ErrorTransform.LOGISTIC)
 
     def curve(y: float) -> float:
         return 1.0 / (1.0 + math.exp(-10.0 * (y - 0.3)))
@@ -125,10 +130,10 @@ def test_the_logistic_transform_is_its_equation() -> None:
     assert found.flatten().tolist() == pytest.approx([0.0, middle, 1.0], abs=1e-6)
 
 
-@pytest.mark.parametrize("kind", list(Transform))
+@pytest.mark.parametrize("kind", list(ErrorTransform))
 @pytest.mark.parametrize("metric", [VrsMetric.FLIP, VrsMetric.PSNR])
 @pytest.mark.parametrize("level", [0.5, 2.0])
-def test_transforms_are_undone(kind: Transform, metric: VrsMetric, level: float) -> None:
+def test_transforms_are_undone(kind: ErrorTransform, metric: VrsMetric, level: float) -> None:
     config = replace(CONFIG, transform=kind, error=ErrorConfig(metric=metric))
     errors = torch.linspace(0.0, 0.9, 20) * (60.0 if metric is VrsMetric.PSNR else 1.0)
     mean = mean_of(level)
@@ -144,9 +149,9 @@ def test_psnr_has_the_published_transform() -> None:
     assert found.flatten().tolist() == pytest.approx([1.0, 0.7, 0.0])
 
 
-@pytest.mark.parametrize("inputs", list(Inputs))
+@pytest.mark.parametrize("inputs", list(NetworkInputs))
 def test_the_radiance_of_the_frame_itself_is_not_looked_at(
-    make_windows: MakeWindows, inputs: Inputs
+    make_windows: MakeWindows, inputs: NetworkInputs
 ) -> None:
     config = replace(CONFIG, inputs=inputs)
     window = make_windows(SYSTEM, 1, optional=True)[-1]
@@ -173,7 +178,7 @@ def test_what_the_frame_before_shows_comes_along(make_windows: MakeWindows) -> N
     before = reproject(window)
     picture, seen = before.picture, before.seen
     # the pattern moves one pixel to the left a frame
-    expected = displayed(window.lr[1].gbuffer[Buffer.COLOR]).roll(-1, dims=3)
+    expected = encode_display(window.lr[1].gbuffer[Buffer.COLOR]).roll(-1, dims=3)
     there = seen.expand_as(picture) > 0
     assert seen[..., 4:, 2:-2].mean() > 0.9
     assert torch.allclose(picture[there], expected[there], atol=1e-5)
@@ -197,8 +202,8 @@ def test_labels_are_errors_of_each_rate(make_windows: MakeWindows) -> None:
     )
     errors = goal(config, window, vertical)["errors"]
     by_rate = dict(zip(config.predicted, errors.unbind(1), strict=True))
-    assert not by_rate[Rate.HALF_Y].any()
-    assert by_rate[Rate.HALF_X].min() > 0.1
+    assert not by_rate[ShadingRate.HALF_Y].any()
+    assert by_rate[ShadingRate.HALF_X].min() > 0.1
 
 
 def test_the_loss_is_the_mean_absolute_difference_in_transformed_space() -> None:
@@ -233,7 +238,7 @@ def test_what_reuse_predicts_is_the_error_of_the_frame_before(make_windows: Make
     window = make_windows(SYSTEM, 1)[-1]
     picture = reproject(window).picture
     found = goal(config, window, window.current)["errors"]
-    shown = displayed(window.current.gbuffer[Buffer.COLOR])
+    shown = encode_display(window.current.gbuffer[Buffer.COLOR])
     assert found.shape[1] == 1
     assert torch.equal(found, tile_errors(picture, shown, config.error))
     assert count_parameters(SYSTEM.build(config, 1)) == 4_947
@@ -255,7 +260,7 @@ def test_the_order_for_inference_is_the_same_function(tile: int) -> None:
             ):
                 assert held is not None
                 held.uniform_(low, high)
-    fast = accelerated(network)
+    fast = accelerate_network(network)
     for size in ((1, 1), (1, 7), (33, 21)):
         inputs = {"seen": torch.rand(2, 4, *size)}
         with torch.inference_mode():

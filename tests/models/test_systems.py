@@ -14,25 +14,25 @@ import rtsr_cli.models
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import ConfigError, MissingBufferError
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
-from rtsr_cli.core.system import Prediction, System, Window
+from rtsr_cli.core.system import FrameWindow, Prediction, System
 from rtsr_cli.models import (
     PREFERENCE,
     ROWS,
+    list_preferred_names,
+    list_system_names,
+    list_trainable_names,
+    list_upscaler_names,
     load_system,
-    preferred_names,
-    system_names,
-    trainable_names,
-    upscaler_names,
 )
 
-NAMES = system_names()
+NAMES = list_system_names()
 
 SCALES = (2, 3, 4)
 
-MakeWindows = Callable[..., list[Window]]
+MakeWindows = Callable[..., list[FrameWindow]]
 
 
-def run(system: System, windows: list[Window], seed: int = 1) -> list[Prediction]:
+def run(system: System, windows: list[FrameWindow], seed: int = 1) -> list[Prediction]:
     """Predict successive windows as the loop does, with freshly made weights."""
     torch.manual_seed(seed)
     network = system.build(system.config(), windows[0].scale).eval()
@@ -58,7 +58,7 @@ def system(request: pytest.FixtureRequest) -> System:
 
 
 def test_a_declaration_is_complete(system: System) -> None:
-    assert system.name in system_names()
+    assert system.name in list_system_names()
     assert system.summary
     assert system.citation
     assert system.lr_inputs
@@ -68,14 +68,14 @@ def test_a_declaration_is_complete(system: System) -> None:
 
 
 def test_upscalers_are_those_whose_task_it_is(system: System) -> None:
-    assert (system.name in upscaler_names()) == (system.task is SystemTask.UPSCALE)
+    assert (system.name in list_upscaler_names()) == (system.task is SystemTask.UPSCALE)
 
 
 def test_a_row_says_what_the_declaration_does(system: System) -> None:
     (row,) = [row for row in ROWS if row.name == system.name]
     assert row.task is system.task
     assert row.trainable == (system.learning is not None)
-    assert (row.name in trainable_names()) == row.trainable
+    assert (row.name in list_trainable_names()) == row.trainable
     module = import_module(f"rtsr_cli.models.{row.module}")
     declared = [row.name for row in ROWS if row.module == module.__name__.rpartition(".")[2]]
     assert [declaration.name for declaration in module.SYSTEMS] == declared
@@ -94,8 +94,8 @@ def test_a_trained_system_is_a_folder_of_one_shape() -> None:
 def test_no_two_systems_of_a_task_are_preferred_alike(task: SystemTask) -> None:
     ranks = [row.rank for row in ROWS if row.task is task and row.rank is not None]
     assert sorted(ranks) == list(range(1, len(ranks) + 1))
-    assert len(preferred_names(task)) == len(ranks)
-    assert set(preferred_names(task)) <= set(system_names(task))
+    assert len(list_preferred_names(task)) == len(ranks)
+    assert set(list_preferred_names(task)) <= set(list_system_names(task))
 
 
 def test_no_system_asks_for_radiance_at_the_target_size(system: System) -> None:
@@ -218,9 +218,9 @@ def test_an_unknown_system_gets_a_suggestion_and_the_list() -> None:
     with pytest.raises(ConfigError) as caught:
         load_system("bicubik")
     assert "did you mean 'bicubic'?" in str(caught.value)
-    assert all(name in str(caught.value) for name in system_names())
+    assert all(name in str(caught.value) for name in list_system_names())
 
 
 def test_what_upscale_prefers_are_upscalers_the_network_first() -> None:
-    assert set(PREFERENCE) <= set(upscaler_names())
+    assert set(PREFERENCE) <= set(list_upscaler_names())
     assert PREFERENCE == ("fusesr", "fusesr-fast", "demod-guided", "demod-bicubic", "bicubic")

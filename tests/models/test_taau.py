@@ -16,8 +16,8 @@ from rtsr_cli.models.taau import (
     accumulate,
     change_of_samples,
     clip_to_neighbourhood,
+    find_rejected,
     from_ycocg,
-    rejected_samples,
     splat_samples,
     to_ycocg,
 )
@@ -112,7 +112,7 @@ def test_a_new_object_is_rejected_and_its_surroundings_are_not() -> None:
     ids = torch.ones_like(before.depth_m).to(torch.int32)
     ids[..., 4:12, 6:14] = 2
     now = samples(checkers(), (0, 0), object_id=ids)
-    rejected = rejected_samples(now, before, 0.05)[0, 0]
+    rejected = find_rejected(now, before, 0.05)[0, 0]
     assert (rejected[6:10, 8:12] == 1).all()
     assert (rejected[:2] == 0).all()
 

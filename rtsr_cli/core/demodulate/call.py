@@ -8,23 +8,23 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rtsr_cli.core.demodulate.frame_parts import divided, recomposed
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.demodulate.frame_parts import demodulate_frame, recompose_frame
 from rtsr_cli.core.demodulate.request import DemodulateRequest
-from rtsr_cli.core.derive import DerivationConfig, needs
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.exr import read_header, write_exr
+from rtsr_cli.core.files.provenance import describe_provenance, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.exr import read_header, write_exr
-from rtsr_cli.core.io.nonfinite import checked
-from rtsr_cli.core.io.opening import open_radiance
-from rtsr_cli.core.io.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
-from rtsr_cli.core.io.provenance import color_tag, provenance
-from rtsr_cli.core.io.reading import FrameReader
+from rtsr_cli.core.imaging.derivation import DerivationConfig, resolve_needs
+from rtsr_cli.core.pairs.nonfinite import apply_policy
+from rtsr_cli.core.pairs.opening import open_radiance
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
-from rtsr_cli.core.run.frames import read_options
-from rtsr_cli.core.run.inputs import ShotInputs
+from rtsr_cli.core.run.frame_pairs import read_options
 from rtsr_cli.core.run.loop import Outcome, Product
-from rtsr_cli.core.run.plan import Outputs, ShotPlan, check_selection, plan_shot
-from rtsr_cli.core.run.shots import NONFINITE, ShotJob, frame_facts, run_shots
+from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
+from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan, check_selection, plan_shot
+from rtsr_cli.core.run.shot_inputs import ShotInputs
+from rtsr_cli.core.run.shot_runs import NONFINITE, ShotJob, describe_outcome, run_shots
 
 COMMAND = "demodulate"
 
@@ -98,10 +98,10 @@ def demodulate_frames(
     for event in run_shots(jobs, request):
         if isinstance(event, FrameDivided) and event.status is Status.WRITTEN:
             written.append(event)
-        yield division_done(event, written) if isinstance(event, RunDone) else event
+        yield finish_division(event, written) if isinstance(event, RunDone) else event
 
 
-def division_done(done: RunDone, written: list[FrameDivided]) -> DivisionDone:
+def finish_division(done: RunDone, written: list[FrameDivided]) -> DivisionDone:
     """Return a run's end with what is known of all frames that were written."""
     return DivisionDone(
         folder=done.folder,
@@ -114,7 +114,7 @@ def division_done(done: RunDone, written: list[FrameDivided]) -> DivisionDone:
     )
 
 
-def derivation_config(request: DemodulateRequest) -> DerivationConfig:
+def make_derivation_config(request: DemodulateRequest) -> DerivationConfig:
     """Return what divides radiance."""
     return DerivationConfig(mode=request.mode, lut=request.convention, epsilon=request.epsilon)
 
@@ -133,13 +133,13 @@ def plan_division(name: str, reader: FrameReader, request: DemodulateRequest) ->
 
     return plan_shot(
         ShotInputs(name=name, reader=reader, readers=(reader,), files=files),
-        Outputs(
+        FrameOutputs(
             folder=request.out_folder / name,
             command=COMMAND,
-            frame_bytes=_frame_bytes(reader, read, request),
+            frame_bytes=_count_frame_bytes(reader, read, request),
         ),
         settings=[
-            asdict(derivation_config(request)),
+            asdict(make_derivation_config(request)),
             request.inverse,
             request.full,
             request.on_nonfinite,
@@ -162,8 +162,8 @@ def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[B
         else (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY)
     )
     stored = reader.stored if inverse else reader.stored - {Buffer.LIGHTING}
-    config = derivation_config(request)
-    resolved = needs(wanted, stored, has_camera=reader.has_camera, config=config)
+    config = make_derivation_config(request)
+    resolved = resolve_needs(wanted, stored, has_camera=reader.has_camera, config=config)
     if resolved.missing:
         raise FrameFolderError(
             f"{reader.frames.root}: cannot {'recompose' if inverse else 'demodulate'}, "
@@ -174,7 +174,9 @@ def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[B
     return resolved.read | ({Buffer.EMISSION} & reader.stored)
 
 
-def _frame_bytes(reader: FrameReader, read: frozenset[Buffer], request: DemodulateRequest) -> int:
+def _count_frame_bytes(
+    reader: FrameReader, read: frozenset[Buffer], request: DemodulateRequest
+) -> int:
     """Size of an output at most: its pixels without compression."""
     height, width = reader.size
     sample = FLOAT_BYTES if request.full else HALF_BYTES
@@ -200,19 +202,19 @@ class DivisionJob(ShotJob[Product]):
         """
         plan, request, reader = self.plan, self._request, self.plan.inputs.reader
         source = reader.path(key)
-        with plan.digests.unchanged(plan.inputs.files(key)):
+        with plan.digests.hold_unchanged(plan.inputs.files(key)):
             stamp = plan.stamps.of_output(key)
             attributes = read_header(source).attributes
             frame = reader.read(key, self._read)
-        frame, fixed = checked(frame, request.on_nonfinite)
-        transform = recomposed if request.inverse else divided
-        parts = transform(frame, derivation_config(request), full=request.full)
-        known = provenance(
+        frame, fixed = apply_policy(frame, request.on_nonfinite)
+        transform = recompose_frame if request.inverse else demodulate_frame
+        parts = transform(frame, make_derivation_config(request), full=request.full)
+        known = describe_provenance(
             command=COMMAND,
             config_hash=plan.stamps.config_hash,
             source=source,
             stamp=stamp,
-            extra={"rtsr:nonfinite": fixed, **color_tag(reader.conventions)},
+            extra={"rtsr:nonfinite": fixed, **name_color_space(reader.conventions)},
         )
 
         def write() -> None:
@@ -235,4 +237,4 @@ class DivisionJob(ShotJob[Product]):
     def event(self, outcome: Outcome[int]) -> FrameDivided:
         """Return the event of a frame's end."""
         known = {name: outcome.facts.get(name, 0.0) for name in ("error", "undivided")}
-        return FrameDivided(**frame_facts(self.plan, outcome), **known)
+        return FrameDivided(**describe_outcome(self.plan, outcome), **known)

@@ -10,11 +10,16 @@ from typing import Any
 import torch
 
 from rtsr_cli.core.choices import DemodulationMode
-from rtsr_cli.core.derive import STRIP_PIXELS, DerivationConfig, derive_material, derive_sky
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
-from rtsr_cli.core.io.outputs import buffer_channels, image_channels
+from rtsr_cli.core.imaging.derivation import (
+    STRIP_PIXELS,
+    DerivationConfig,
+    derive_material,
+    derive_sky,
+)
+from rtsr_cli.core.run.outputs import split_buffer, split_image
 from rtsr_cli.core.shapes import Image, Mask, Size
 
 
@@ -33,7 +38,7 @@ class FrameParts:
     undivided: float = 0.0
 
 
-class Sheet:
+class FrameLayers:
     """The layers of one frame as its file holds them, laid down in strips of rows."""
 
     def __init__(self, size: Size, *, full: bool) -> None:
@@ -52,16 +57,16 @@ class Sheet:
         return strip if full else stored.float()
 
 
-def divided(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:
+def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:
     """Demodulate one frame; divisor and emission are rounded before the division, not after.
 
     Only the quotient's own rounding is then left in the recomposed radiance.
     """
-    sheet = Sheet(frame.size, full=full)
+    sheet = FrameLayers(frame.size, full=full)
     error, count = 0.0, 0.0
-    for top, strip in strips(frame):
+    for top, strip in cut_strips(frame):
         put = partial(sheet.put, top)
-        parts = divide(strip, config, put)
+        parts = demodulate_strip(strip, config, put)
         lighting = put(Buffer.LIGHTING, parts.lighting)
         product = dm.remodulate(lighting, parts.material, parts.emission)
         error = max(error, dm.recomposition_error(strip.gbuffer[Buffer.COLOR], product))
@@ -69,13 +74,13 @@ def divided(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts
         put(Buffer.LIGHTING_MASK, parts.mask)
     channels: dict[str, Any] = {}
     for buffer, image in sheet.layers.items():
-        channels |= buffer_channels(buffer, image, full=image.dtype == torch.float32)
+        channels |= split_buffer(buffer, image, full=image.dtype == torch.float32)
     channels["mask"] = channels.pop(Buffer.LIGHTING_MASK.value)
     height, width = frame.size
     return FrameParts(channels=channels, error=error, undivided=1.0 - count / (height * width))
 
 
-def strips(frame: Frame) -> Iterator[tuple[int, Frame]]:
+def cut_strips(frame: Frame) -> Iterator[tuple[int, Frame]]:
     """Cut a frame into strips of rows whose intermediates stay in the cache; with their tops."""
     height, width = frame.size
     rows = max(1, STRIP_PIXELS // width)
@@ -83,7 +88,7 @@ def strips(frame: Frame) -> Iterator[tuple[int, Frame]]:
         yield top, frame.crop(top, 0, (min(rows, height - top), width))
 
 
-def divide(
+def demodulate_strip(
     frame: Frame, config: DerivationConfig, put: Callable[[Buffer, Image], Image]
 ) -> dm.Demodulated:
     """Demodulate with a divisor and an emission that a file can hold exactly, and put them there.
@@ -111,7 +116,7 @@ def divide(
     return parts
 
 
-def recomposed(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:
+def recompose_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:
     """Multiply lighting by material, and add the emission."""
     del config
     gbuffer = frame.gbuffer
@@ -120,4 +125,4 @@ def recomposed(frame: Frame, config: DerivationConfig, *, full: bool) -> FramePa
         gbuffer[Buffer.MATERIAL],
         gbuffer.buffers.get(Buffer.EMISSION),
     )
-    return FrameParts(channels=image_channels("", radiance, "RGB", full=full))
+    return FrameParts(channels=split_image("", radiance, "RGB", full=full))

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, did_you_mean
-from rtsr_cli.core.evaluation import results
-from rtsr_cli.core.evaluation.comparing import Comparison
+from rtsr_cli.core.evaluation import score_summary
+from rtsr_cli.core.evaluation.comparisons import Comparison
 from rtsr_cli.core.evaluation.demands import Condition, list_failures
 from rtsr_cli.core.evaluation.events import (
     ComparisonPlanned,
@@ -20,9 +20,9 @@ from rtsr_cli.core.evaluation.events import (
     ResultReady,
     ResultWritten,
 )
-from rtsr_cli.core.evaluation.frames import check_border
-from rtsr_cli.core.evaluation.illustrating import moments, strips
-from rtsr_cli.core.evaluation.judging import JudgedShot, Judgement, judge_shot, result_of
+from rtsr_cli.core.evaluation.illustrations import draw_moments, draw_strips
+from rtsr_cli.core.evaluation.judged_frames import check_border
+from rtsr_cli.core.evaluation.judgement import JudgedShot, Judgement, assemble_result, judge_shot
 from rtsr_cli.core.evaluation.metric_table import METRICS
 from rtsr_cli.core.evaluation.preparation import make_judgement, open_request
 from rtsr_cli.core.evaluation.request import EvaluateRequest
@@ -32,8 +32,8 @@ from rtsr_cli.core.evaluation.result_files import (
     encode_csv,
     encode_json,
 )
-from rtsr_cli.core.io.atomic import write_atomically
-from rtsr_cli.core.reporting.report import html_report
+from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.reporting.report import write_html_report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ def _judge(request: EvaluateRequest) -> Generator[EvaluationEvent, None, Evaluat
     judgement = yield from make_judgement(request)
     for comparison in comparisons:
         check_border(comparison, request.border)
-        yield plan_of(comparison, request.skip_first)
+        yield describe_comparison(comparison, request.skip_first)
     if request.dry_run:
         return None
     yield JudgingStarted(frames=sum(len(c.numbers) for c in comparisons))
@@ -99,10 +99,10 @@ def _judge(request: EvaluateRequest) -> Generator[EvaluationEvent, None, Evaluat
     for comparison in comparisons:
         shot = yield from judge_shot(comparison, judgement)
         shots.append(shot)
-    return Evaluation(result=result_of(shots, judgement), shots=shots, judgement=judgement)
+    return Evaluation(result=assemble_result(shots, judgement), shots=shots, judgement=judgement)
 
 
-def plan_of(comparison: Comparison, skip_first: int) -> ComparisonPlanned:
+def describe_comparison(comparison: Comparison, skip_first: int) -> ComparisonPlanned:
     """Say what is going to be judged of a shot."""
     gbuffer = comparison.gbuffer
     return ComparisonPlanned(
@@ -130,7 +130,7 @@ def merge_files(paths: Sequence[Path]) -> Evaluation:
             raise FrameFolderError(
                 f"{path}: is no result of 'rtsr evaluate --output part.json' ({error})"
             ) from error
-    return Evaluation(result=results.merged(parts))
+    return Evaluation(result=score_summary.merge_results(parts))
 
 
 def check_demands(demands: Sequence[Condition], result: Mapping[str, Any]) -> None:
@@ -152,9 +152,9 @@ def _write_text(content: str, path: Path) -> None:
 
 def _encode_html(evaluation: Evaluation) -> str:
     if evaluation.judgement is None:
-        return html_report(evaluation.result, (), ())
-    pictures = tuple(moments(evaluation.shots, evaluation.judgement))
-    return html_report(evaluation.result, pictures, tuple(strips(evaluation.shots)))
+        return write_html_report(evaluation.result, (), ())
+    pictures = tuple(draw_moments(evaluation.shots, evaluation.judgement))
+    return write_html_report(evaluation.result, pictures, tuple(draw_strips(evaluation.shots)))
 
 
 WRITERS: Mapping[str, Callable[[Evaluation], str]] = {

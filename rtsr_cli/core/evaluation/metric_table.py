@@ -14,7 +14,7 @@ from enum import StrEnum
 from torch import Tensor
 
 from rtsr_cli.core.choices import SsimConvention
-from rtsr_cli.core.evaluation.protocols import Protocol, Shown
+from rtsr_cli.core.evaluation.protocols import Protocol, ShownPicture
 from rtsr_cli.core.metrics.fidelity import DECIBELS, masked_mean, squared_error_map
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD, hdr_flip, ldr_flip
 from rtsr_cli.core.metrics.ssim import cut_margin, margin_px, ms_ssim, ssim_map
@@ -34,7 +34,7 @@ class Better(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rules:
+class MetricRules:
     """How frames are shown to the metrics.
 
     Attributes:
@@ -55,17 +55,17 @@ class Rules:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair:
+class JudgedPair:
     """One test picture beside its reference, and both of the frame before where there is one.
 
     `history` is 1 where this frame's surface was seen in the frame before, at `motion_px`.
     """
 
-    test: Shown
-    reference: Shown
-    rules: Rules
-    test_before: Shown | None = None
-    reference_before: Shown | None = None
+    test: ShownPicture
+    reference: ShownPicture
+    rules: MetricRules
+    test_before: ShownPicture | None = None
+    reference_before: ShownPicture | None = None
     motion_px: Tensor | None = None
     history: Mask | None = None
 
@@ -86,38 +86,38 @@ class ErrorMap:
         return self.reading(float(masked_mean(self.values, inside)))
 
 
-def _decibels(error: float) -> float:
+def _to_decibels(error: float) -> float:
     return math.inf if error == 0.0 else -DECIBELS * math.log10(error)
 
 
-def _psnr(pair: Pair) -> ErrorMap:
+def _measure_psnr(pair: JudgedPair) -> ErrorMap:
     values = squared_error_map(pair.test.psnr, pair.reference.psnr)
-    return ErrorMap(values, reading=_decibels)
+    return ErrorMap(values, reading=_to_decibels)
 
 
-def _ssim(pair: Pair) -> ErrorMap:
+def _measure_ssim(pair: JudgedPair) -> ErrorMap:
     convention = pair.rules.ssim
     values = ssim_map(pair.test.ssim, pair.reference.ssim, convention)
     return ErrorMap(values, margin=margin_px(convention))
 
 
-def _flip(pair: Pair) -> ErrorMap:
+def _measure_flip(pair: JudgedPair) -> ErrorMap:
     shown = pair.test.structure, pair.reference.structure
     return ErrorMap(ldr_flip(*shown, pair.rules.ppd))
 
 
-def _hdr_flip(pair: Pair) -> ErrorMap:
-    found = hdr_flip(pair.test.linear, pair.reference.linear, ppd=pair.rules.ppd)
-    return ErrorMap(found.error)
+def _measure_hdr_flip(pair: JudgedPair) -> ErrorMap:
+    result = hdr_flip(pair.test.linear, pair.reference.linear, ppd=pair.rules.ppd)
+    return ErrorMap(result.error)
 
 
-def _lpips(pair: Pair) -> ErrorMap:
+def _measure_lpips(pair: JudgedPair) -> ErrorMap:
     assert pair.rules.lpips is not None
     shown = pair.test.structure, pair.reference.structure
     return ErrorMap(pair.rules.lpips(*shown))
 
 
-def _temporal(pair: Pair) -> ErrorMap | None:
+def _measure_temporal_change(pair: JudgedPair) -> ErrorMap | None:
     """|change of (test - reference) along motion|: 0 for a perfect result, and for a steady one."""
     if pair.test_before is None or pair.reference_before is None or pair.motion_px is None:
         return None
@@ -131,27 +131,29 @@ def _temporal(pair: Pair) -> ErrorMap | None:
     return ErrorMap(values)
 
 
-def warped(shown: Shown, before: Shown | None, motion_px: Tensor | None) -> ErrorMap | None:
+def warp_change(
+    shown: ShownPicture, before: ShownPicture | None, motion_px: Tensor | None
+) -> ErrorMap | None:
     """|frame - frame before fetched along motion|, shading changes included."""
     if before is None or motion_px is None:
         return None
     return ErrorMap(warped_error_map(shown.psnr, before.psnr, motion_px))
 
 
-def _tpsnr(pair: Pair) -> ErrorMap | None:
+def _measure_tpsnr(pair: JudgedPair) -> ErrorMap | None:
     """PSNR of the differences of consecutive frames, pixel by pixel, without motion."""
     if pair.test_before is None or pair.reference_before is None:
         return None
     test = pair.test.psnr - pair.test_before.psnr
     reference = pair.reference.psnr - pair.reference_before.psnr
-    return ErrorMap(squared_error_map(test, reference), reading=_decibels)
+    return ErrorMap(squared_error_map(test, reference), reading=_to_decibels)
 
 
-Measure = Callable[[Pair], ErrorMap | None]
+Measure = Callable[[JudgedPair], ErrorMap | None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metric:
+class MetricRow:
     """One metric.
 
     Attributes:
@@ -169,53 +171,53 @@ class Metric:
     meaning: str
     unit: str = ""
     measure: Measure | None = None
-    whole: Callable[[Pair], float] | None = None
+    whole: Callable[[JudgedPair], float] | None = None
     needs_motion: bool = False
 
 
-def _ms_ssim(pair: Pair) -> float:
+def _measure_ms_ssim(pair: JudgedPair) -> float:
     return float(ms_ssim(pair.test.ssim, pair.reference.ssim)[0])
 
 
 WARPED, REFERENCE_WARPED = "warped", "warped-reference"
 """The reference's own warped error: what its shading changes leave to be explained."""
 
-METRICS: dict[str, Metric] = {
-    "psnr": Metric(
+METRICS: dict[str, MetricRow] = {
+    "psnr": MetricRow(
         title="PSNR",
         unit="dB",
         better=Better.HIGHER,
         meaning="peak signal-to-noise ratio, peak 1",
-        measure=_psnr,
+        measure=_measure_psnr,
     ),
-    "ssim": Metric(
-        title="SSIM", better=Better.HIGHER, meaning="structural similarity", measure=_ssim
+    "ssim": MetricRow(
+        title="SSIM", better=Better.HIGHER, meaning="structural similarity", measure=_measure_ssim
     ),
-    "ms-ssim": Metric(
+    "ms-ssim": MetricRow(
         title="MS-SSIM",
         better=Better.HIGHER,
         meaning="structural similarity over five scales; more than 160 pixels a side",
-        whole=_ms_ssim,
+        whole=_measure_ms_ssim,
     ),
-    "flip": Metric(
+    "flip": MetricRow(
         title="FLIP",
         better=Better.LOWER,
         meaning="difference seen when flipping between the pictures, 0 to 1",
-        measure=_flip,
+        measure=_measure_flip,
     ),
-    "hdr-flip": Metric(
+    "hdr-flip": MetricRow(
         title="HDR-FLIP",
         better=Better.LOWER,
         meaning="largest FLIP over the exposures that the reference calls for",
-        measure=_hdr_flip,
+        measure=_measure_hdr_flip,
     ),
-    "lpips": Metric(
+    "lpips": MetricRow(
         title="LPIPS",
         better=Better.LOWER,
         meaning="distance of AlexNet features, version 0.1",
-        measure=_lpips,
+        measure=_measure_lpips,
     ),
-    "vmaf": Metric(
+    "vmaf": MetricRow(
         title="VMAF",
         better=Better.HIGHER,
         meaning=f"video quality as viewers rate it, 0 to 100, by model {MODEL_HD} "
@@ -223,25 +225,25 @@ METRICS: dict[str, Metric] = {
         "identical pictures score 97.43 and not 100 where nothing moves, and nothing has moved in "
         "the first frame",
     ),
-    "tpsnr": Metric(
+    "tpsnr": MetricRow(
         title="tPSNR",
         unit="dB",
         better=Better.HIGHER,
         meaning="PSNR of differences between consecutive frames",
-        measure=_tpsnr,
+        measure=_measure_tpsnr,
     ),
-    "temporal": Metric(
+    "temporal": MetricRow(
         title="Temporal change",
         better=Better.LOWER,
         meaning="change of (test - reference) along motion, where the surface was seen before",
-        measure=_temporal,
+        measure=_measure_temporal_change,
         needs_motion=True,
     ),
-    WARPED: Metric(
+    WARPED: MetricRow(
         title="Warped error",
         better=Better.LOWER,
         meaning="difference to the frame before along motion; the reference's own stands beside",
-        measure=lambda pair: warped(pair.test, pair.test_before, pair.motion_px),
+        measure=lambda pair: warp_change(pair.test, pair.test_before, pair.motion_px),
         needs_motion=True,
     ),
 }

@@ -9,23 +9,23 @@ from pathlib import Path
 from rtsr_cli.core.choices import MetricName, SsimConvention
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import FrameFolderError, MetricUnavailableError
-from rtsr_cli.core.evaluation.comparing import (
+from rtsr_cli.core.evaluation.comparisons import (
     CompareOptions,
     Comparison,
-    method_names,
+    name_methods,
     open_comparisons,
 )
 from rtsr_cli.core.evaluation.events import MetricUnavailable
-from rtsr_cli.core.evaluation.judging import Judgement
-from rtsr_cli.core.evaluation.metric_table import Rules
+from rtsr_cli.core.evaluation.judgement import Judgement
+from rtsr_cli.core.evaluation.metric_table import MetricRules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.request import EvaluateRequest
-from rtsr_cli.core.evaluation.running import RunOptions
-from rtsr_cli.core.io.opening import ReadOptions
-from rtsr_cli.core.io.selection import Selection, Shard, ranges
+from rtsr_cli.core.evaluation.shot_scores import ScoringOptions
+from rtsr_cli.core.frames.selection import Selection, Shard, format_ranges
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD
 from rtsr_cli.core.metrics.lpips import Lpips
-from rtsr_cli.core.metrics.vmaf import ffmpeg
+from rtsr_cli.core.metrics.vmaf import find_ffmpeg
+from rtsr_cli.core.pairs.opening import ReadOptions
 
 EXR_SUFFIX = ".exr"
 PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
@@ -44,7 +44,7 @@ def open_request(request: EvaluateRequest) -> list[Comparison]:
     options = CompareOptions(
         gbuffer=request.gbuffer,
         samples=request.samples_per_pixel,
-        selection=selection_of(request),
+        selection=make_selection(request),
         predicted_only=PROTOCOLS[request.protocol].predicted_only,
         read=ReadOptions(
             layout=request.layout,
@@ -53,7 +53,7 @@ def open_request(request: EvaluateRequest) -> list[Comparison]:
             sharded=request.shard is not None,
         ),
     )
-    tests = method_names(request.test_folders)
+    tests = name_methods(request.test_folders)
     try:
         comparisons = open_comparisons(tests, request.reference_folder, options)
     except FrameFolderError as error:
@@ -63,7 +63,7 @@ def open_request(request: EvaluateRequest) -> list[Comparison]:
     return comparisons
 
 
-def selection_of(request: EvaluateRequest) -> Selection:
+def make_selection(request: EvaluateRequest) -> Selection:
     """Frames that are judged."""
     part = request.shard
     return Selection(
@@ -119,7 +119,7 @@ def check_counted(comparisons: Sequence[Comparison], skip_first: int, selection:
     first = comparisons[0]
     raise FrameFolderError(
         f"{first.reference.frames.root}: --skip-first {skip_first} leaves no frame of any test for "
-        f"means; frames {ranges(whole.of(first.available))} are judged, skip fewer"
+        f"means; frames {format_ranges(whole.of(first.available))} are judged, skip fewer"
     )
 
 
@@ -132,18 +132,18 @@ def make_judgement(request: EvaluateRequest) -> Generator[MetricUnavailable, Non
     protocol = PROTOCOLS[request.protocol]
     convention = SsimConvention(request.ssim_convention or protocol.ssim_convention)
     device = resolve_device(request.device)
-    wanted = Rules(
+    wanted = MetricRules(
         protocol=protocol,
         metrics=tuple(str(name) for name in request.metrics),
         ssim=convention,
         ppd=request.ppd or DEFAULT_PPD,
     )
-    rules, unavailable = equip(wanted, request.lpips_weights, device)
+    rules, unavailable = load_metrics(wanted, request.lpips_weights, device)
     for metric, reason in unavailable.items():
         yield MetricUnavailable(metric=metric, reason=reason)
-    tests = method_names(request.test_folders)
+    tests = name_methods(request.test_folders)
     return Judgement(
-        run=RunOptions(
+        run=ScoringOptions(
             rules=rules,
             border=request.border,
             skip_first=request.skip_first,
@@ -163,11 +163,13 @@ def make_judgement(request: EvaluateRequest) -> Generator[MetricUnavailable, Non
             "tests": {name: str(path) for name, path in tests.items()},
         },
         unavailable=unavailable,
-        selection=selection_of(request),
+        selection=make_selection(request),
     )
 
 
-def equip(rules: Rules, weights: Path | None, device: str) -> tuple[Rules, Mapping[str, str]]:
+def load_metrics(
+    rules: MetricRules, weights: Path | None, device: str
+) -> tuple[MetricRules, Mapping[str, str]]:
     """Load what metrics need; one that cannot be had is left out, and its reason returned."""
     unavailable: dict[str, str] = {}
     if MetricName.LPIPS in rules.metrics:
@@ -178,7 +180,7 @@ def equip(rules: Rules, weights: Path | None, device: str) -> tuple[Rules, Mappi
             unavailable[MetricName.LPIPS.value] = str(error)
     if MetricName.VMAF in rules.metrics:
         try:
-            ffmpeg()
+            find_ffmpeg()
         except MetricUnavailableError as error:
             unavailable[MetricName.VMAF.value] = str(error)
     left = tuple(name for name in rules.metrics if name not in unavailable)

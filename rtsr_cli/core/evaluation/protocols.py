@@ -23,27 +23,27 @@ LEVELS = 255.0
 """Steps of an 8-bit picture."""
 
 
-def reinhard_srgb(linear: Color) -> Color:
+def encode_reinhard_srgb(linear: Color) -> Color:
     """c / (1 + c), then the sRGB curve."""
     return encode_srgb(encode_reinhard(linear))
 
 
-def aces_srgb(linear: Color) -> Color:
+def encode_aces_srgb(linear: Color) -> Color:
     """ACES fit, then the sRGB curve."""
     return encode_srgb(encode_aces(linear))
 
 
-def truncated_srgb(linear: Color) -> Color:
+def encode_truncated_srgb(linear: Color) -> Color:
     """SRGB curve clipped to 0..1, times 255 without its fraction, as NSRD's code does."""
     return (encode_srgb(linear) * LEVELS).floor() / LEVELS
 
 
-def rounded_srgb(linear: Color) -> Color:
+def encode_rounded_srgb(linear: Color) -> Color:
     """SRGB curve clipped to 0..1 in 8 bits: what a PNG holds."""
     return (encode_srgb(linear) * LEVELS).round() / LEVELS
 
 
-def unchanged(linear: Color) -> Color:
+def show_radiance(linear: Color) -> Color:
     """Radiance as it is."""
     return linear
 
@@ -78,15 +78,15 @@ PROTOCOLS = {
             name="rtsr",
             description="PSNR on c/(1+c); SSIM, FLIP, LPIPS and VMAF on c/(1+c) then sRGB",
             psnr=encode_reinhard,
-            structure=reinhard_srgb,
-            ssim=reinhard_srgb,
+            structure=encode_reinhard_srgb,
+            ssim=encode_reinhard_srgb,
         ),
         Protocol(
             name="nsrd",
             description="everything on sRGB, clipped, truncated to 8 bit",
-            psnr=truncated_srgb,
-            structure=truncated_srgb,
-            ssim=truncated_srgb,
+            psnr=encode_truncated_srgb,
+            structure=encode_truncated_srgb,
+            ssim=encode_truncated_srgb,
             ssim_convention=SsimConvention.SKIMAGE11,
         ),
         Protocol(
@@ -94,16 +94,16 @@ PROTOCOLS = {
             description="PSNR on the ACES fit without exposure or gamma; SSIM on linear radiance; "
             "FLIP, LPIPS and VMAF on the ACES fit then sRGB",
             psnr=encode_aces,
-            structure=aces_srgb,
-            ssim=unchanged,
+            structure=encode_aces_srgb,
+            ssim=show_radiance,
             ssim_convention=SsimConvention.ZERO_PAD,
         ),
         Protocol(
             name="extranet",
             description="everything on 8-bit sRGB; frames stamped rtsr:predicted only",
-            psnr=rounded_srgb,
-            structure=rounded_srgb,
-            ssim=rounded_srgb,
+            psnr=encode_rounded_srgb,
+            structure=encode_rounded_srgb,
+            ssim=encode_rounded_srgb,
             ssim_convention=SsimConvention.SKIMAGE7,
             predicted_only=True,
         ),
@@ -113,7 +113,7 @@ PROTOCOLS = {
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownPicture:
     """One picture as the metrics of a protocol see it, each form made when it is asked for."""
 
     linear: Color

@@ -12,18 +12,22 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.derive import derive_sky
+from rtsr_cli.core.captures.measuring.geometry_finder import (
+    project_points,
+    sample_positions,
+    unproject_depth,
+)
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import luminance
-from rtsr_cli.core.imaging.demodulation import LIGHTING_FLOOR, floored
+from rtsr_cli.core.imaging.demodulation import LIGHTING_FLOOR, floor_material
+from rtsr_cli.core.imaging.derivation import derive_sky
 from rtsr_cli.core.imaging.disocclusion import (
     DisocclusionThresholds,
     SurfaceBuffers,
     disocclusion_mask,
 )
-from rtsr_cli.core.imaging.geometry_finder import own_positions, projected, to_world
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 
@@ -75,7 +79,7 @@ LIGHTING_SHARE = 0.1
 """Share of the surface pixels, edges apart, that lighting detail takes."""
 
 
-def frame_regions(
+def find_regions(
     current: Frame | None, previous: Frame | None, radiance: Color
 ) -> dict[Region, Mask | None]:
     """Make every region but `ALL` of one frame.
@@ -88,25 +92,25 @@ def frame_regions(
     Returns:
         1 x 1 x h x w booleans.
     """
-    found: dict[Region, Mask | None] = dict.fromkeys(r for r in Region if r is not Region.ALL)
+    masks: dict[Region, Mask | None] = dict.fromkeys(r for r in Region if r is not Region.ALL)
     if current is None:
-        return found
+        return masks
     gbuffer = current.gbuffer
     if Buffer.DEPTH in gbuffer or Buffer.NORMAL in gbuffer:
-        found[Region.SKY] = derive_sky(gbuffer) > 0
-    found[Region.EDGES] = edges(gbuffer)
+        masks[Region.SKY] = derive_sky(gbuffer) > 0
+    masks[Region.EDGES] = find_edges(gbuffer)
     if previous is not None:
-        found[Region.DISOCCLUDED] = disoccluded(current, previous)
+        masks[Region.DISOCCLUDED] = find_disoccluded(current, previous)
     if Buffer.ALBEDO in gbuffer:
-        apart = [m for m in (found[Region.SKY], found[Region.EDGES]) if m is not None]
+        apart = [m for m in (masks[Region.SKY], masks[Region.EDGES]) if m is not None]
         surface = torch.ones_like(radiance[:, :1], dtype=torch.bool)
         for mask in apart:
             surface = surface & ~mask
-        found[Region.LIGHTING] = lighting_detail(radiance, gbuffer[Buffer.ALBEDO], surface)
-    return found
+        masks[Region.LIGHTING] = find_lighting_detail(radiance, gbuffer[Buffer.ALBEDO], surface)
+    return masks
 
 
-def disoccluded(current: Frame, previous: Frame) -> Mask | None:
+def find_disoccluded(current: Frame, previous: Frame) -> Mask | None:
     """Pixels that the previous frame does not show; None without motion, or depth and ids.
 
     Points that stand still must lie at the depth that the previous camera saw them at. How deep a
@@ -116,11 +120,11 @@ def disoccluded(current: Frame, previous: Frame) -> Mask | None:
     if Buffer.MOTION not in now or not {Buffer.DEPTH, Buffer.OBJECT_ID} & set(now):
         return None
     motion = now[Buffer.MOTION]
-    marked = disocclusion_mask(motion, current=_ids(now), previous=_ids(then)) > 0
+    marked = disocclusion_mask(motion, current=_read_ids(now), previous=_read_ids(then)) > 0
     if Buffer.DEPTH not in now:
         return marked
     depth, before = (SurfaceBuffers(depth_m=g[Buffer.DEPTH]) for g in (now, then))
-    still = standing_still(current, previous.camera)
+    still = reproject_still(current, previous.camera)
     if still is None:
         return marked | (disocclusion_mask(motion, current=depth, previous=before) > 0)
     expected = torch.where(still.where, still.depth_m, now[Buffer.DEPTH])
@@ -136,12 +140,12 @@ def disoccluded(current: Frame, previous: Frame) -> Mask | None:
     return marked | torch.where(still.where, strict, moving)
 
 
-def _ids(gbuffer: GBuffer) -> SurfaceBuffers:
+def _read_ids(gbuffer: GBuffer) -> SurfaceBuffers:
     return SurfaceBuffers(object_id=gbuffer.buffers.get(Buffer.OBJECT_ID))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Still:
+class StillScene:
     """What would be if nothing but the camera moved.
 
     Attributes:
@@ -153,31 +157,31 @@ class Still:
     depth_m: Plane
 
 
-def standing_still(frame: Frame, before: CameraMetadata) -> Still | None:
+def reproject_still(frame: Frame, before: CameraMetadata) -> StillScene | None:
     """Carry the surface points of a frame into the previous camera; None without matrices."""
     depth_m, motion = frame.gbuffer[Buffer.DEPTH], frame.gbuffer[Buffer.MOTION]
-    world = to_world(depth_m, frame.camera, frame.view)
+    world = unproject_depth(depth_m, frame.camera, frame.view)
     if world is None or before.world_to_camera is None:
         return None
-    seen = projected(world, before, frame.view)
+    seen = project_points(world, before, frame.view)
     if seen is None:
         return None
     # row vectors: z of the previous camera's space, which looks along -z
     m = before.world_to_camera.to(torch.float32)
     z = m[3, 2] + sum(world[:, i : i + 1] * m[i, 2] for i in range(3))
     sky = derive_sky(frame.gbuffer) > 0
-    off = (seen - own_positions(frame.size) - motion).abs().amax(1, keepdim=True)
-    return Still(where=sky | (off < STILL_PX), depth_m=torch.where(sky, depth_m, -z))
+    off = (seen - sample_positions(frame.size) - motion).abs().amax(1, keepdim=True)
+    return StillScene(where=sky | (off < STILL_PX), depth_m=torch.where(sky, depth_m, -z))
 
 
-def _steps(image: Tensor) -> Iterator[tuple[int, Tensor, Tensor]]:
+def _neighbour_pairs(image: Tensor) -> Iterator[tuple[int, Tensor, Tensor]]:
     """(dimension, pixels, their right or lower neighbours)."""
     for dim in (2, 3):
         size = image.shape[dim]
         yield dim, image.narrow(dim, 0, size - 1), image.narrow(dim, 1, size - 1)
 
 
-def _mark(edges: Tensor, dim: int, differs: Tensor) -> None:
+def _mark_pairs(edges: Tensor, dim: int, differs: Tensor) -> None:
     """Mark both pixels of every pair that differs."""
     edges.narrow(dim, 0, differs.shape[dim]).logical_or_(differs)
     edges.narrow(dim, 1, differs.shape[dim]).logical_or_(differs)
@@ -200,7 +204,7 @@ _DIFFERS: Mapping[Buffer, Callable[[Tensor, Tensor], Tensor]] = {
 """What tells neighbours of different surfaces, by buffer."""
 
 
-def edges(gbuffer: GBuffer) -> Mask | None:
+def find_edges(gbuffer: GBuffer) -> Mask | None:
     """Pixels beside a neighbour of another surface; None without depth, normals and ids."""
     tests = {buffer: differs for buffer, differs in _DIFFERS.items() if buffer in gbuffer}
     if len(tests) > 1:
@@ -208,25 +212,25 @@ def edges(gbuffer: GBuffer) -> Mask | None:
         tests.pop(Buffer.NORMAL, None)
     if not tests:
         return None
-    found = torch.zeros_like(gbuffer[next(iter(tests))][:, :1], dtype=torch.bool)
+    mask = torch.zeros_like(gbuffer[next(iter(tests))][:, :1], dtype=torch.bool)
     for buffer, differs in tests.items():
-        for dim, one, other in _steps(gbuffer[buffer]):
-            _mark(found, dim, differs(one, other))
-    return found & ~_inside_sky(derive_sky(gbuffer) > 0)
+        for dim, one, other in _neighbour_pairs(gbuffer[buffer]):
+            _mark_pairs(mask, dim, differs(one, other))
+    return mask & ~_erode_sky(derive_sky(gbuffer) > 0)
 
 
-def _inside_sky(sky: Mask) -> Mask:
+def _erode_sky(sky: Mask) -> Mask:
     """Sky pixels all around which is sky: their zero normals are no edge."""
     near = torch.nn.functional.max_pool2d((~sky).float(), 3, stride=1, padding=1)
     return near == 0
 
 
-def lighting_detail(radiance: Color, albedo: Color, surface: Mask) -> Mask | None:
+def find_lighting_detail(radiance: Color, albedo: Color, surface: Mask) -> Mask | None:
     """Surface pixels whose log(luminance of radiance / albedo) differs most from a neighbour's."""
-    lighting = luminance(radiance.clamp(min=0.0) / floored(albedo))
+    lighting = luminance(radiance.clamp(min=0.0) / floor_material(albedo))
     logs = torch.log(lighting + LIGHTING_FLOOR)
     change = torch.zeros_like(logs)
-    for dim, one, other in _steps(logs):
+    for dim, one, other in _neighbour_pairs(logs):
         step = (one - other).abs()
         for start in (0, 1):
             part = change.narrow(dim, start, step.shape[dim])

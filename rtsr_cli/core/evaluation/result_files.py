@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import OutputError
-from rtsr_cli.core.io.atomic import check_writable
+from rtsr_cli.core.files.atomic_write import check_writable
 
 Result = Mapping[str, Any]
 
@@ -62,21 +62,21 @@ def decode_json(content: str) -> dict[str, Any]:
     _check_fields(entry, {k: dict for k in ("inputs", "regions", "versions") if k in entry}, "it")
     for name, metric in entry["metrics"].items():
         _check_fields(metric, dict.fromkeys(("title", "unit", "better"), str), f"metric '{name}'")
-    _demand(bool(entry["tests"]), "it has no tests")
+    _require(bool(entry["tests"]), "it has no tests")
     if "shard" in entry:
         _check_shard(entry["shard"])
-    tests = {key: _test(test, f"test '{key}'") for key, test in entry["tests"].items()}
+    tests = {key: _parse_test(test, f"test '{key}'") for key, test in entry["tests"].items()}
     return {**entry, "tests": tests}
 
 
 def _check_fields(entry: Any, fields: Mapping[str, type], what: str) -> None:
-    _demand(isinstance(entry, dict), f"{what} is no object")
+    _require(isinstance(entry, dict), f"{what} is no object")
     for name, kind in fields.items():
         right = isinstance(entry.get(name), kind)
-        _demand(right, f"'{name}' of {what} is missing, or of another kind")
+        _require(right, f"'{name}' of {what} is missing, or of another kind")
 
 
-def _demand(condition: bool, complaint: str) -> None:
+def _require(condition: bool, complaint: str) -> None:
     if not condition:
         raise ValueError(complaint)
 
@@ -84,41 +84,41 @@ def _demand(condition: bool, complaint: str) -> None:
 def _check_shard(entry: Any) -> None:
     _check_fields(entry, {"parts": list, "of": int}, "'shard'")
     right = all(isinstance(i, int) and 1 <= i <= entry["of"] for i in entry["parts"])
-    _demand(right and "frames" in entry, "'shard' names no parts")
+    _require(right and "frames" in entry, "'shard' names no parts")
 
 
-def _test(entry: Any, what: str) -> dict[str, Any]:
+def _parse_test(entry: Any, what: str) -> dict[str, Any]:
     _check_fields(entry, {"method": str, "shot": str, "frames": dict, "notes": list}, what)
-    _demand(all(isinstance(n, str) for n in entry["notes"]), f"notes of {what} are no sentences")
-    frames = {key: _frame(key, facts, what) for key, facts in entry["frames"].items()}
+    _require(all(isinstance(n, str) for n in entry["notes"]), f"notes of {what} are no sentences")
+    frames = {key: _parse_frame(key, facts, what) for key, facts in entry["frames"].items()}
     return {**entry, "frames": frames}
 
 
-def _frame(number: str, entry: Any, what: str) -> dict[str, Any]:
+def _parse_frame(number: str, entry: Any, what: str) -> dict[str, Any]:
     """One frame's facts, infinite numbers as numbers."""
     what = f"frame '{number}' of {what}"
-    _demand(number.removeprefix("-").isdecimal(), f"{what} has no number")
+    _require(number.removeprefix("-").isdecimal(), f"{what} has no number")
     plain = {"nonfinite": int, "counted": bool, "regions": dict}
     _check_fields(entry, plain, what)
     regions = {
-        region: None if scores is None else _scores(scores, what)
+        region: None if scores is None else _parse_scores(scores, what)
         for region, scores in entry["regions"].items()
     }
-    scores = _scores({k: v for k, v in entry.items() if k not in plain}, what)
+    scores = _parse_scores({k: v for k, v in entry.items() if k not in plain}, what)
     return {**entry, **scores, "regions": regions}
 
 
-def _scores(entry: Any, what: str) -> dict[str, float | None]:
+def _parse_scores(entry: Any, what: str) -> dict[str, float | None]:
     _check_fields(entry, {}, f"a region of {what}")
-    return {name: _score(value, f"'{name}' of {what}") for name, value in entry.items()}
+    return {name: _parse_score(value, f"'{name}' of {what}") for name, value in entry.items()}
 
 
-def _score(value: Any, what: str) -> float | None:
+def _parse_score(value: Any, what: str) -> float | None:
     if isinstance(value, str) and value in INFINITE:
         return INFINITE[value]
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return None
-    _demand(type(value) in (int, float), f"{what} is no number")
+    _require(type(value) in (int, float), f"{what} is no number")
     return float(value)
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
 from rtsr_cli.core.frames.motion import Jitter
-from rtsr_cli.core.frames.vectors import length, normalized
+from rtsr_cli.core.frames.vector_length import normalize_vectors, vector_length
 from rtsr_cli.core.shapes import Plane, Size, Vector3
 
 MIN_POINTS_FOR_CAMERA = 64
@@ -31,7 +31,7 @@ class View:
     top: int = 0
     left: int = 0
 
-    def scaled(self, scale: int) -> View:
+    def at_scale(self, scale: int) -> View:
         """Return the same part at `scale` times the resolution."""
         height, width = self.display
         return View(
@@ -98,7 +98,7 @@ def ray_axes(
 
 def view_cosine(normal: Vector3, to_camera: Vector3) -> Plane:
     """NoV = clamp(dot(normal, normalize(camera - position)), 0, 1); both in one space."""
-    cosine = (normalized(normal) * normalized(to_camera)).sum(1, keepdim=True)
+    cosine = (normalize_vectors(normal) * normalize_vectors(to_camera)).sum(1, keepdim=True)
     return cosine.clamp(0.0, 1.0)
 
 
@@ -119,7 +119,7 @@ def view_cosine_from_camera(
     cosine = torch.zeros_like(normal[:, :1])
     for i, (right, up, back) in enumerate(rotation):
         cosine.addcmul_(normal[:, i : i + 1], back - y * up - x * right)
-    lengths = (1.0 + y * y + x * x).sqrt() * length(normal)
+    lengths = (1.0 + y * y + x * x).sqrt() * vector_length(normal)
     return cosine.div_(lengths.clamp_(min=1e-12)).clamp_(0.0, 1.0)
 
 
@@ -160,7 +160,7 @@ def device_to_planar_depth(
     the buffer was cleared to, 1 (or 0), at a finite far plane too.
     """
     p = projection.double()
-    matrix_reversed = _reversed(projection)
+    matrix_reversed = _is_reversed(projection)
     d = device_depth.double()
     d = d if matrix_reversed == reversed_depth else 1.0 - d
     depth = -(p[3, 2] - d * p[3, 3]) / (d * p[2, 3] - p[2, 2])
@@ -172,7 +172,7 @@ def device_to_planar_depth(
 def planar_to_device_depth(depth_m: Plane, projection: Tensor, *, reversed_depth: bool) -> Plane:
     """Invert `device_to_planar_depth`: d = (P32 - P22 depth) / (P33 - P23 depth), sky = cleared."""
     p = projection.double()
-    matrix_reversed = _reversed(projection)
+    matrix_reversed = _is_reversed(projection)
     depth = depth_m.double()
     d = (p[3, 2] - p[2, 2] * depth) / (p[3, 3] - p[2, 3] * depth)
     clear = torch.full_like(d, 0.0 if matrix_reversed else 1.0)
@@ -180,7 +180,7 @@ def planar_to_device_depth(depth_m: Plane, projection: Tensor, *, reversed_depth
     return (d if matrix_reversed == reversed_depth else 1.0 - d).float()
 
 
-def _reversed(projection: Tensor) -> bool:
+def _is_reversed(projection: Tensor) -> bool:
     """Tell whether a projection's far limit is 0."""
     far = float(projection[2, 2] / projection[2, 3])
     return abs(far) < abs(1.0 - far)

@@ -23,7 +23,7 @@ from rtsr_cli.core.frames.motion import (
     MotionConvention,
     motion_to_pixels,
 )
-from rtsr_cli.core.frames.vectors import normalized
+from rtsr_cli.core.frames.vector_length import normalize_vectors
 from rtsr_cli.core.shapes import Plane, Vector3
 
 SKY_MARKER_TOLERANCE = 1e-3
@@ -203,10 +203,10 @@ def normal_to_world(
         rotation = camera.world_to_camera[:3, :3].to(normal)
         normal = torch.einsum("nchw,dc->ndhw", normal, rotation)
     if convention.sky is None:
-        return normalized(normal)
+        return normalize_vectors(normal)
     marker = torch.tensor(convention.sky, dtype=stored.dtype).view(1, 3, 1, 1)
     sky = ((stored - marker).abs() < SKY_MARKER_TOLERANCE).all(1, keepdim=True)
-    return normalized(normal).masked_fill(sky, 0.0)
+    return normalize_vectors(normal).masked_fill(sky, 0.0)
 
 
 def normal_from_world(
@@ -252,7 +252,7 @@ def _needs_camera(where: str, what: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stored:
+class StoredFrame:
     """What is known about a frame whose buffers are about to be converted.
 
     Attributes:
@@ -270,7 +270,7 @@ class Stored:
     where: str
 
 
-def to_memory(buffer: Buffer, stored: Tensor, frame: Stored) -> Tensor:
+def to_memory(buffer: Buffer, stored: Tensor, frame: StoredFrame) -> Tensor:
     """Convert one buffer from its file's convention to memory's; `stored` may be overwritten.
 
     Raises:
@@ -280,13 +280,13 @@ def to_memory(buffer: Buffer, stored: Tensor, frame: Stored) -> Tensor:
     return convert(stored, frame) if convert else stored
 
 
-def _depth(stored: Tensor, frame: Stored) -> Tensor:
+def _depth(stored: Tensor, frame: StoredFrame) -> Tensor:
     return depth_to_metres(
         stored, frame.conventions.depth, frame.camera, frame.view, where=frame.where
     )
 
 
-def _motion(stored: Tensor, frame: Stored) -> Tensor:
+def _motion(stored: Tensor, frame: StoredFrame) -> Tensor:
     return motion_to_pixels(
         stored,
         frame.conventions.motion,
@@ -296,45 +296,45 @@ def _motion(stored: Tensor, frame: Stored) -> Tensor:
     )
 
 
-def _forward(stored: Tensor, frame: Stored) -> Tensor:
+def _forward_motion(stored: Tensor, frame: StoredFrame) -> Tensor:
     return motion_to_pixels(stored, frame.conventions.motion.forward, screen=frame.view.display)
 
 
-def _object_id(stored: Tensor, _: Stored) -> Tensor:
+def _object_id(stored: Tensor, _: StoredFrame) -> Tensor:
     return stored if stored.dtype == torch.int32 else stored.round().to(torch.int32)
 
 
-def _nonnegative(stored: Tensor, _: Stored) -> Tensor:
+def _clamp_negative(stored: Tensor, _: StoredFrame) -> Tensor:
     """Colours below 0 are rounding of the renderer."""
     return stored.clamp_(min=0.0)
 
 
-def _unit_interval(stored: Tensor, _: Stored) -> Tensor:
+def _clamp_unit_interval(stored: Tensor, _: StoredFrame) -> Tensor:
     return stored.clamp_(0.0, 1.0)
 
 
-def _roughness(stored: Tensor, frame: Stored) -> Tensor:
+def _roughness(stored: Tensor, frame: StoredFrame) -> Tensor:
     return roughness_to_perceptual(stored.clamp_(0.0, 1.0), frame.conventions.roughness)
 
 
-def _normal(stored: Tensor, frame: Stored) -> Tensor:
+def _normal(stored: Tensor, frame: StoredFrame) -> Tensor:
     return normal_to_world(stored, frame.conventions.normal, frame.camera, where=frame.where)
 
 
-def _position(stored: Tensor, frame: Stored) -> Tensor:
+def _position(stored: Tensor, frame: StoredFrame) -> Tensor:
     return stored * frame.conventions.metres_per_position
 
 
-_CONVERSIONS: Mapping[Buffer, Callable[[Tensor, Stored], Tensor]] = {
+_CONVERSIONS: Mapping[Buffer, Callable[[Tensor, StoredFrame], Tensor]] = {
     Buffer.DEPTH: _depth,
     Buffer.MOTION: _motion,
-    Buffer.FORWARD: _forward,
+    Buffer.FORWARD: _forward_motion,
     Buffer.OBJECT_ID: _object_id,
-    Buffer.ALBEDO: _nonnegative,
-    Buffer.SPECULAR: _nonnegative,
-    Buffer.MATERIAL: _nonnegative,
-    Buffer.EMISSION: _nonnegative,
-    Buffer.METALLIC: _unit_interval,
+    Buffer.ALBEDO: _clamp_negative,
+    Buffer.SPECULAR: _clamp_negative,
+    Buffer.MATERIAL: _clamp_negative,
+    Buffer.EMISSION: _clamp_negative,
+    Buffer.METALLIC: _clamp_unit_interval,
     Buffer.ROUGHNESS: _roughness,
     Buffer.NORMAL: _normal,
     Buffer.GEONORMAL: _normal,

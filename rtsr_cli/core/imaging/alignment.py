@@ -23,7 +23,7 @@ def block_shift(jitter_px: Jitter, scale: int) -> tuple[int, int]:
     return x, y
 
 
-def shifted_jitter(jitter_px: Jitter, scale: int) -> Jitter:
+def shift_jitter(jitter_px: Jitter, scale: int) -> Jitter:
     """Where LR samples lie in the blocks of a grid moved by `block_shift`, minus their centres."""
     x, y = block_shift(jitter_px, scale)
     return jitter_px[0] - x / scale, jitter_px[1] - y / scale

@@ -169,7 +169,7 @@ def _chebyshev_grid(targets: Array, count: int) -> tuple[Array, Array]:
     return low + (high - low) * (np.cos(node_angles) + 1) / 2, matrix
 
 
-def _bound(table: Array) -> Array:
+def _clamp_table(table: Array) -> Array:
     """Hold A >= 0, B >= 0 and A + B < 1 against interpolation and rounding."""
     total = table.sum(axis=0).clip(0, _MAX_SUM)
     with_fresnel = np.minimum(table[1].clip(min=0), total)
@@ -205,7 +205,7 @@ def integrate_lut(
     table = np.empty((2, size, size), np.float32)
     for top in range(0, size, _TABLE_ROWS):
         rows = slice(top, top + _TABLE_ROWS)
-        table[:, rows] = _bound(to_rows[rows] @ nodes @ to_columns.T)
+        table[:, rows] = _clamp_table(to_rows[rows] @ nodes @ to_columns.T)
     return torch.from_numpy(table)[None]
 
 
@@ -215,7 +215,7 @@ def _default_table(convention: LutConvention, device: str) -> Image:
         return integrate_lut(convention=convention).to(device)
 
 
-def lut_for(convention: LutConvention, device: torch.device | str = "cpu") -> Image:
+def load_default_lut(convention: LutConvention, device: torch.device | str = "cpu") -> Image:
     """Return the default table of a convention; made once a device, never to be written to."""
     with _TABLE_LOCK:
         return _default_table(convention, str(device))

@@ -90,12 +90,12 @@ def glossy_albedo(albedo: Color, f0: Color, metallic: Plane) -> Color:
     return albedo + dielectric * (1.0 - metallic)
 
 
-def floored(material: Color) -> Color:
+def floor_material(material: Color) -> Color:
     """max(F, 0.05): the divisor of the albedo modes."""
     return material.clamp(min=ALBEDO_FLOOR)
 
 
-def soften(material: Color) -> Color:
+def soften_material(material: Color) -> Color:
     """ln(1 + exp(beta F)) / beta: a smooth floor of 0.0069 instead of a mask [FuseSR]."""
     return F.softplus(material, beta=SOFTPLUS_BETA)
 

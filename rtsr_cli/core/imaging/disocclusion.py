@@ -79,7 +79,7 @@ def depth_slope(depth_m: Plane) -> Plane:
     return total
 
 
-def bounded_depth(depth_m: Tensor) -> Tensor:
+def bound_depth(depth_m: Tensor) -> Tensor:
     """Every kind of sky (65504, 1e10, infinity, NaN) at one depth."""
     return depth_m.nan_to_num(nan=SKY_DEPTH_M).clamp(max=SKY_DEPTH_M)
 
@@ -88,9 +88,9 @@ def _depth_differs(
     motion_px: Tensor, depth_prev: Tensor, expected: Tensor, limits: DisocclusionThresholds
 ) -> Tensor:
     """|d_prev(x + mv) - d_expected(x)| > relative * d_expected + slope."""
-    target = bounded_depth(expected)
+    target = bound_depth(expected)
     allowed = limits.depth_relative * target + limits.depth_slope_px * depth_slope(target)
-    return (fetch_nearest(bounded_depth(depth_prev), motion_px) - target).abs() > allowed
+    return (fetch_nearest(bound_depth(depth_prev), motion_px) - target).abs() > allowed
 
 
 def _length(vectors: Tensor) -> Tensor:
@@ -135,10 +135,10 @@ def _id_differs(
 ) -> Tensor:
     if limits.id_taps == "nearest":
         return fetch_nearest(id_prev, motion_px) != object_id
-    found = torch.zeros_like(object_id, dtype=torch.bool)
+    agrees = torch.zeros_like(object_id, dtype=torch.bool)
     for tap, weight in bilinear_taps(id_prev, motion_px):
-        found = found | ((tap == object_id) & (weight > 0))
-    return ~found
+        agrees = agrees | ((tap == object_id) & (weight > 0))
+    return ~agrees
 
 
 def _require_matching_sizes(

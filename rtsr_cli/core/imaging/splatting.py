@@ -22,7 +22,7 @@ from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.imaging.warping import (
     AnyImage,
     backward_warp,
-    bounded_motion,
+    bound_motion,
     own_index,
     require_same_size,
     whole_pixels,
@@ -105,7 +105,7 @@ def forward_splat(
         raise ShapeMismatchError(f"{source_h} x {source_w} sources are more than a key can index")
     keys = _packed_keys(depth_m)
     usable = (depth_m + forward_motion_px.sum(dim=1, keepdim=True)).isfinite()[:, 0]
-    motion = bounded_motion(forward_motion_px, limit_px=h + w + source_h + source_w)
+    motion = bound_motion(forward_motion_px, limit_px=h + w + source_h + source_w)
     target = keys.new_full((n, h * w + 1), _NO_SOURCE)
     columns, rows = (_axis_landings(motion, axis, (w, h)[axis], footprint) for axis in (0, 1))
     for (column, column_covered), (row, row_covered) in product(columns, rows):

@@ -74,13 +74,13 @@ _KERNELS: dict[WarpMode, Callable[[Tensor], tuple[int, tuple[Tensor, ...]]]] = {
 }
 
 
-def bounded_motion(motion_px: MotionPx, *, limit_px: int) -> MotionPx:
+def bound_motion(motion_px: MotionPx, *, limit_px: int) -> MotionPx:
     """NaN becomes 0; what leaves the frame anyway is limited, so that it fits an integer."""
     return motion_px.nan_to_num(nan=0.0).clamp(-limit_px, limit_px)
 
 
 def _finite_motion(motion_px: Tensor) -> Tensor:
-    return bounded_motion(motion_px, limit_px=sum(motion_px.shape[2:]))
+    return bound_motion(motion_px, limit_px=sum(motion_px.shape[2:]))
 
 
 def whole_pixels(displacement_px: Tensor) -> Tensor:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rtsr_cli.core.inspecting import ShotInspection
-from rtsr_cli.core.readiness import Gravity
+from rtsr_cli.core.inspect.readiness import Severity
+from rtsr_cli.core.inspect.shot_inspection import ShotInspection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ class InspectionDone:
         gravity: the worst that a command with default options does about any of the shots.
     """
 
-    gravity: Gravity
+    gravity: Severity
 
 
 InspectEvent = (

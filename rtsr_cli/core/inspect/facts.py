@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from typing import Any
 
+from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
+from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
+from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.imaging.geometry_finder import DepthFinding
-from rtsr_cli.core.imaging.jitter_finder import JitterFinding
-from rtsr_cli.core.imaging.motion_finder import Candidate
-from rtsr_cli.core.inspecting import SetInspection, ShotInspection
-from rtsr_cli.core.pixel_survey import Statistics
+from rtsr_cli.core.inspect.pixel_statistics import PixelStatistics
+from rtsr_cli.core.inspect.shot_inspection import SetInspection, ShotInspection
 
 
-def shot_facts(inspection: ShotInspection) -> dict[str, Any]:
+def describe_shot(inspection: ShotInspection) -> dict[str, Any]:
     """Return the inspection as the plain values of `--json`."""
-    facts = set_facts(inspection.main)
+    facts = describe_set(inspection.main)
     facts["shot"] = inspection.name
     facts["systems"] = {
         name: {"ready": r.ready, "missing": list(r.missing), "how": r.how}
         for name, r in inspection.systems.items()
     }
     if inspection.hr is not None:
-        facts["hr"] = set_facts(inspection.hr)
+        facts["hr"] = describe_set(inspection.hr)
     return facts
 
 
-def set_facts(inspected: SetInspection) -> dict[str, Any]:
+def describe_set(inspected: SetInspection) -> dict[str, Any]:
     """Return one resolution as plain values."""
     reader = inspected.reader
     return {
@@ -39,12 +39,12 @@ def set_facts(inspected: SetInspection) -> dict[str, Any]:
         "unknown": {key: list(names) for key, names in inspected.unknown.items()},
         "guesses": {buffer.value: list(places) for buffer, places in inspected.guessed.items()},
         "buffers": {
-            b.value: _buffer_facts(inspected, b, s) for b, s in inspected.statistics.items()
+            b.value: _describe_buffer(inspected, b, s) for b, s in inspected.statistics.items()
         },
         "camera": reader is not None and reader.has_camera,
-        "motion": _motion_facts(inspected),
-        "depth": _depth_facts(inspected),
-        "normal": _normal_facts(inspected),
+        "motion": _describe_motion(inspected),
+        "depth": _describe_depth(inspected),
+        "normal": _describe_normals(inspected),
         "nonfinite": {
             buffer.value: statistics.nonfinite
             for buffer, statistics in inspected.statistics.items()
@@ -55,8 +55,8 @@ def set_facts(inspected: SetInspection) -> dict[str, Any]:
     }
 
 
-def _buffer_facts(
-    inspected: SetInspection, buffer: Buffer, statistics: Statistics
+def _describe_buffer(
+    inspected: SetInspection, buffer: Buffer, statistics: PixelStatistics
 ) -> dict[str, Any]:
     binding = inspected.reader.binding[buffer] if inspected.reader is not None else ()
     return {
@@ -68,7 +68,7 @@ def _buffer_facts(
     }
 
 
-def _candidate_facts(candidate: Candidate, *, tied: bool) -> dict[str, Any]:
+def _describe_candidate(candidate: MotionCandidate, *, tied: bool) -> dict[str, Any]:
     convention = candidate.convention
     return {
         "unit": convention.unit.value,
@@ -85,7 +85,7 @@ def _candidate_facts(candidate: Candidate, *, tied: bool) -> dict[str, Any]:
     }
 
 
-def _motion_facts(inspected: SetInspection) -> dict[str, Any] | None:
+def _describe_motion(inspected: SetInspection) -> dict[str, Any] | None:
     """`best` is the reading that stands alone; `used` is what commands will read by."""
     reader, settled = inspected.reader, inspected.settled
     if reader is None or settled is None or not {Buffer.MOTION, Buffer.FORWARD} & reader.stored:
@@ -99,12 +99,12 @@ def _motion_facts(inspected: SetInspection) -> dict[str, Any] | None:
     margin = round(others[0].margin, 4) if best is not None and others else None
     used = reader.conventions.motion
     return {
-        "best": None if best is None else _best_facts(best, margin, jitter),
+        "best": None if best is None else _describe_best(best, margin, jitter),
         "margin": margin,
         "by_geometry": measured.by_geometry is not None,
         "ties": [str(c.convention) for c in finding.ties] if finding is not None else [],
         "candidates": [
-            _candidate_facts(c, tied=best is None and c in finding.ties) for c in candidates
+            _describe_candidate(c, tied=best is None and c in finding.ties) for c in candidates
         ]
         if finding is not None
         else [],
@@ -118,15 +118,15 @@ def _motion_facts(inspected: SetInspection) -> dict[str, Any] | None:
     }
 
 
-def _best_facts(
-    best: Candidate, margin: float | None, jitter: JitterFinding | None
+def _describe_best(
+    best: MotionCandidate, margin: float | None, jitter: JitterFinding | None
 ) -> dict[str, Any]:
     """Facts of the reading that stands alone; its margin is that over the next one."""
     in_vectors = None if jitter is None else jitter.in_vectors
-    return _candidate_facts(best, tied=False) | {"margin": margin, "jittered": in_vectors}
+    return _describe_candidate(best, tied=False) | {"margin": margin, "jittered": in_vectors}
 
 
-def _depth_facts(inspected: SetInspection) -> dict[str, Any] | None:
+def _describe_depth(inspected: SetInspection) -> dict[str, Any] | None:
     reader, settled = inspected.reader, inspected.settled
     if reader is None or settled is None or Buffer.DEPTH not in reader.stored:
         return None
@@ -143,7 +143,7 @@ def _depth_facts(inspected: SetInspection) -> dict[str, Any] | None:
     }
 
 
-def _normal_facts(inspected: SetInspection) -> dict[str, Any] | None:
+def _describe_normals(inspected: SetInspection) -> dict[str, Any] | None:
     reader, settled = inspected.reader, inspected.settled
     if reader is None or settled is None or Buffer.NORMAL not in reader.stored:
         return None

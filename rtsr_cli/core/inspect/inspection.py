@@ -7,8 +7,11 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
+from rtsr_cli.core.captures.measuring.declaration_text import write_capture_text
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError, RtsrError
+from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.inspect.events import (
     CaptureBlocked,
     CaptureWritten,
@@ -18,13 +21,14 @@ from rtsr_cli.core.inspect.events import (
     ShotInspected,
     ShotsListed,
 )
+from rtsr_cli.core.inspect.readiness import Severity
 from rtsr_cli.core.inspect.request import InspectRequest
-from rtsr_cli.core.inspecting import ShotInspection, inspect_shot, refused
-from rtsr_cli.core.io.atomic import write_atomically
-from rtsr_cli.core.io.capture import CAPTURE_FILE
-from rtsr_cli.core.io.capture_writing import capture_toml
-from rtsr_cli.core.io.opening import ReadOptions, declaration_files, shots_of
-from rtsr_cli.core.readiness import Gravity
+from rtsr_cli.core.inspect.shot_inspection import (
+    ShotInspection,
+    inspect_refused_folder,
+    inspect_shot,
+)
+from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, open_declarations
 from rtsr_cli.core.system import System
 
 
@@ -43,14 +47,14 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
         layout=request.layout, capture=request.capture_file, on_missing=MissingPolicy.SKIP
     )
     try:
-        files = declaration_files(request.in_folder, options)
-        shots = shots_of(request.in_folder, options, files=files)
+        files = open_declarations(request.in_folder, options)
+        shots = find_shots_of(request.in_folder, options, files=files)
     except RtsrError as error:
-        known = refused(request.in_folder, str(error), systems)
+        known = inspect_refused_folder(request.in_folder, str(error), systems)
         yield FolderRefused(inspection=known, message=str(error))
         raise
     yield ShotsListed(count=len(shots))
-    worst = Gravity.REMARK
+    worst = Severity.REMARK
     for shot in shots:
         inspection = inspect_shot(
             shot, request.in_folder, options, systems=systems, every=request.every, files=files
@@ -60,7 +64,7 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
         if request.write:
             outcome = write_capture(inspection, overwrite=request.overwrite)
             if isinstance(outcome, CaptureBlocked):
-                worst = Gravity.REFUSED
+                worst = Severity.REFUSED
             yield outcome
     yield InspectionDone(gravity=worst)
 
@@ -71,7 +75,7 @@ def write_capture(
     """Write a shot's capture.toml, or say why it could not be written."""
     path = inspection.root / CAPTURE_FILE
     main = inspection.main
-    text = capture_toml(main.settled, inspection.capture, main.guessed, main.unknown)
+    text = write_capture_text(main.settled, inspection.capture, main.guessed, main.unknown)
     try:
         kept = _replace(path, text, overwrite=overwrite)
     except OutputError as error:

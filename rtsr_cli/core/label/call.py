@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 
-from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.beside import find_beside
-from rtsr_cli.core.io.opening import open_single
-from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
-from rtsr_cli.core.io.pairs import Inputs, PairSource
 from rtsr_cli.core.label.rate_errors import LabelConfig, RateErrors
 from rtsr_cli.core.label.request import LabelRequest
+from rtsr_cli.core.pairs.auxiliary_radiance import find_auxiliary
+from rtsr_cli.core.pairs.opening import open_single_sets
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
-from rtsr_cli.core.run.frames import PairJob, PairReading, read_options
-from rtsr_cli.core.run.plan import Outputs, check_selection, plan_shot
-from rtsr_cli.core.run.shots import run_shots
-from rtsr_cli.core.run.systems import check_inputs
-from rtsr_cli.core.vrs.errors import ErrorConfig
+from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
+from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
+from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
+from rtsr_cli.core.run.shot_runs import run_shots
+from rtsr_cli.core.run.system_inputs import check_inputs
+from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, list_captured_labels
+from rtsr_cli.core.vrs.shading_error import ErrorConfig
 
 COMMAND = "label"
 
@@ -35,7 +35,7 @@ def label_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    opened = open_single(request.in_folder, read_options(request))
+    opened = open_single_sets(request.in_folder, read_options(request))
     jobs = [plan_labelling(name, source, request) for name, source in opened]
     check_selection(request.selection, [job.plan.inputs for job, _ in jobs])
     for job, details in jobs:
@@ -66,17 +66,17 @@ def plan_labelling(
         RtsrError: an input is missing or wrong, an output is in the way.
     """
     config, policy = label_config(request), request.on_nonfinite
-    inputs = Inputs(
+    inputs = PairInputs(
         lr=(Buffer.COLOR,), lr_optional=(Buffer.OBJECT_ID, Buffer.ALPHA), on_nonfinite=policy
     )
     numbers = request.selection.of(source.reader.numbers)
-    captured = find_beside(source, CAPTURED_NAMES, numbers, read_options(request), policy)
+    captured = find_auxiliary(source, CAPTURED_NAMES, numbers, read_options(request), policy)
     check_inputs("system 'vrs-labels'", source, inputs)
     reading = PairReading(source=source, inputs=inputs, passed=captured)
     pictures = (PREVIEW_SUFFIX,) if request.previews else ()
     plan = plan_shot(
         reading.of_shot(name),
-        Outputs(
+        FrameOutputs(
             folder=request.out_folder / name,
             command=COMMAND,
             pictures=pictures,
@@ -87,4 +87,4 @@ def plan_labelling(
         overwrite=request.overwrite,
     )
     job = PairJob(plan, reading, RateErrors(config=config, previews=request.previews))
-    return job, {"captured_rates": labels(captured)}
+    return job, {"captured_rates": list_captured_labels(captured)}

@@ -10,20 +10,20 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 
-from rtsr_cli.core.captured_rates import CAPTURED_NAMES, true_errors
+from rtsr_cli.core.files.exr import PixelWindow as ExrWindow
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.beside import images_of
-from rtsr_cli.core.io.exr import Window as ExrWindow
-from rtsr_cli.core.io.exr import write_exr
-from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
-from rtsr_cli.core.io.png import write_png
-from rtsr_cli.core.metrics.heat import heat_map
-from rtsr_cli.core.run.frames import Moment
+from rtsr_cli.core.metrics.heat_map import heat_map
+from rtsr_cli.core.pairs.auxiliary_radiance import join_planes
+from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.run.loop import Product
-from rtsr_cli.core.shading_rates import error_channels
+from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.shapes import TileMap
-from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude
-from rtsr_cli.core.vrs.rates import Rate
+from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, measure_true_errors
+from rtsr_cli.core.vrs.decisions import name_error_channels
+from rtsr_cli.core.vrs.rates import ShadingRate
+from rtsr_cli.core.vrs.shading_error import ErrorConfig, to_amplitude
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,16 +51,16 @@ class RateErrors:
     config: LabelConfig
     previews: bool = False
 
-    def __call__(self, moment: Moment) -> Product | None:
+    def __call__(self, moment: FrameInTurn) -> Product | None:
         """Measure; return what writes the labels."""
         frame = moment.pair.lr
         color = frame.gbuffer[Buffer.COLOR]
         ids = frame.gbuffer.buffers.get(Buffer.OBJECT_ID) if self.config.keep_edges else None
-        captured = images_of(moment.passed, CAPTURED_NAMES)
-        errors = true_errors(color, self.config.error, captured=captured, object_id=ids)
+        captured = join_planes(moment.passed, CAPTURED_NAMES)
+        errors = measure_true_errors(color, self.config.error, captured=captured, object_id=ids)
         label = json.dumps(asdict(self.config), default=str)
         known = moment.provenance({"rtsr:label": label})
-        channels = error_channels({rate.label: values for rate, values in errors.items()})
+        channels = name_error_channels({rate.label: values for rate, values in errors.items()})
         path = moment.path
         picture = self._picture(errors) if self.previews else None
 
@@ -73,10 +73,10 @@ class RateErrors:
 
         return moment.product(write)
 
-    def _picture(self, errors: Mapping[Rate, TileMap]) -> NDArray[Any]:
+    def _picture(self, errors: Mapping[ShadingRate, TileMap]) -> NDArray[Any]:
         """Heat of every rate's errors, side by side, a tile as wide as it is."""
         metric, tile = self.config.error.metric, self.config.error.tile
-        maps = [amplitude(values, metric)[:, 0] for values in errors.values()]
+        maps = [to_amplitude(values, metric)[:, 0] for values in errors.values()]
         largest = max(float(values.quantile(0.99)) for values in maps) or 1.0
         heats = torch.cat([heat_map(values, largest) for values in maps], dim=-1)
         large = heats.repeat_interleave(tile, -2).repeat_interleave(tile, -1)

@@ -11,9 +11,9 @@ import numpy as np
 
 from rtsr_cli import __version__
 from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.imaging.brdf_lut import integrate_lut
-from rtsr_cli.core.io.exr import write_exr
-from rtsr_cli.core.io.png import write_png
 from rtsr_cli.core.lut.request import PrecomputeLutRequest
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from rtsr_cli.core.errors import ShapeMismatchError
-from rtsr_cli.core.metrics.filtering import check_pair, row_strips
+from rtsr_cli.core.metrics.filters import check_pair, row_strips
 from rtsr_cli.core.shapes import Image, Mask, PixelMap, Scores
 
 DECIBELS = 10.0

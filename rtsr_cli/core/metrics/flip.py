@@ -19,13 +19,13 @@ from torch import Tensor
 
 from rtsr_cli.core.errors import RtsrError, ShapeMismatchError
 from rtsr_cli.core.imaging.color import luminance
-from rtsr_cli.core.metrics.filtering import check_pair, cut_strip, row_strips
+from rtsr_cli.core.metrics.filters import check_pair, cut_strip, row_strips
 from rtsr_cli.core.metrics.flip_vision import (
     RGB_CHANNELS,
     Bands,
     build_bands,
     compare_strips,
-    decode_srgb,
+    decode_extended_srgb,
 )
 from rtsr_cli.core.metrics.tonemapping import (
     ExposureRange,
@@ -94,7 +94,7 @@ def ldr_flip(test: Color, ref: Color, ppd: float = DEFAULT_PPD) -> PixelMap:
     strips = []
     for rows in row_strips(test):
         shown, expected = (
-            decode_srgb(cut_strip(image, rows, bands.reach, "replicate").clamp(0.0, 1.0))
+            decode_extended_srgb(cut_strip(image, rows, bands.reach, "replicate").clamp(0.0, 1.0))
             for image in (test, ref)
         )
         strips.append(compare_strips(shown, expected, bands)[..., : test.shape[-1]])

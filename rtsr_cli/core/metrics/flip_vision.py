@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from rtsr_cli.core.metrics.filtering import (
+from rtsr_cli.core.metrics.filters import (
     band_matrix,
     column_windows,
     filter_along_columns,
@@ -96,7 +96,7 @@ def _sensitivity_taps(
     return [(t, t * (s / total)) for s, t in zip(sums, taps, strict=True)]
 
 
-def _balanced(taps: Tensor) -> Tensor:
+def _balance_taps(taps: Tensor) -> Tensor:
     """Scale positive taps to sum 1 and negative ones to -1 [Andersson et al. 2020]."""
     positive, negative = taps.clamp(min=0.0), taps.clamp(max=0.0)
     return positive / positive.sum() - negative / negative.sum()
@@ -123,8 +123,8 @@ def build_bands(ppd: float, like: Tensor) -> Bands:
             for pairs in SENSITIVITY
         ),
         band(smooth),
-        band(_balanced(-x * smooth)),
-        band(_balanced((x * x - 1.0) * smooth)),
+        band(_balance_taps(-x * smooth)),
+        band(_balance_taps((x * x - 1.0) * smooth)),
     )
 
 
@@ -155,7 +155,7 @@ def _power(values: Tensor, exponent: float) -> Tensor:
     return powers
 
 
-def decode_srgb(encoded: Tensor) -> Tensor:
+def decode_extended_srgb(encoded: Tensor) -> Tensor:
     """Linear light; the straight segment goes on from the curve's end (within 1e-8)."""
     curved = encoded.clamp(min=SRGB_END)
     light = _power((curved + 0.055).mul_(1.0 / 1.055), 2.4)
@@ -169,7 +169,7 @@ def _lab_curve(ratio: Tensor) -> Tensor:
     return torch.add(root, ratio - curved, alpha=1.0 / (3.0 * LAB_END ** (2.0 / 3.0)))
 
 
-def _perceived_color(linear: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _perceive_color(linear: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """L*, a*, b* with chroma scaled by lightness (Hunt effect) [Andersson et al. 2020].
 
     L = 116 f(Y) - 16,  a = 500 (f(X) - f(Y)) L / 100,  b = 200 (f(Y) - f(Z)) L / 100
@@ -189,7 +189,7 @@ def _hyab(test: tuple[Tensor, Tensor, Tensor], ref: tuple[Tensor, Tensor, Tensor
 def _largest_difference() -> float:
     """HyAB distance of the farthest colours of the gamut, green and blue, to the power Q_C."""
     green, blue = torch.eye(RGB_CHANNELS, dtype=torch.float64)[1:].view(2, 1, RGB_CHANNELS, 1, 1)
-    farthest = float(_hyab(_perceived_color(green), _perceived_color(blue)))
+    farthest = float(_hyab(_perceive_color(green), _perceive_color(blue)))
     return math.pow(farthest, Q_C)
 
 
@@ -210,7 +210,7 @@ def _magnitude(x: Tensor, y: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _SeenStrip:
     """What is compared of one strip: its colours, edges and points."""
 
     color: tuple[Tensor, Tensor, Tensor]
@@ -218,7 +218,7 @@ class _Seen:
     points: Tensor
 
 
-def _see(linear: Tensor, bands: Bands) -> _Seen:
+def _filter_strip(linear: Tensor, bands: Bands) -> _SeenStrip:
     """Filter a strip of linear RGB with `bands.reach` pixels around it."""
     opponent = _mix_channels(linear, _color_matrices()[1])
     windows = column_windows(opponent, bands.reach)
@@ -239,7 +239,7 @@ def _see(linear: Tensor, bands: Bands) -> _Seen:
     points = _magnitude(
         filter_along_columns(bend, bands.smooth), filter_along_columns(smooth, bands.bend)
     )
-    return _Seen(_perceived_color(color), edges, points)
+    return _SeenStrip(_perceive_color(color), edges, points)
 
 
 def compare_strips(test: Tensor, ref: Tensor, bands: Bands) -> Tensor:
@@ -249,7 +249,7 @@ def compare_strips(test: Tensor, ref: Tensor, bands: Bands) -> Tensor:
 
     with C the colour difference and the differences of edge and point magnitudes.
     """
-    seen, expected = _see(test, bands), _see(ref, bands)
+    seen, expected = _filter_strip(test, bands), _filter_strip(ref, bands)
     hyab = _hyab(seen.color, expected.color)
     feature = torch.maximum(
         (seen.edges - expected.edges).abs(), (seen.points - expected.points).abs()

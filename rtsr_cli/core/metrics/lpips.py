@@ -15,8 +15,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from rtsr_cli.core.errors import MetricError
-from rtsr_cli.core.metrics.filtering import check_pair
-from rtsr_cli.core.metrics.lpips_weights import LpipsWeights, find_weights, read_weights
+from rtsr_cli.core.metrics.filters import check_pair
+from rtsr_cli.core.metrics.lpips_weights import LpipsWeights, find_weights, read_lpips_weights
 from rtsr_cli.core.shapes import Color, PixelMap, Scores
 
 SHIFT = (-0.030, -0.088, -0.188)
@@ -53,7 +53,7 @@ class Lpips:
         Raises:
             MetricUnavailableError: none of them is there, or the file is not one of weights.
         """
-        weights = read_weights(find_weights(path))
+        weights = read_lpips_weights(find_weights(path))
         return cls(
             replace(
                 weights,

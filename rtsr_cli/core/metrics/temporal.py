@@ -36,7 +36,7 @@ def temporal_change_map(
     return warped_error_map(test - ref, test_before - ref_before, motion_px)
 
 
-def epi(rows: list[Image]) -> Image:
+def stack_rows(rows: list[Image]) -> Image:
     """Stack one row of every frame, time downwards: 1 x c x t x w of 1 x c x 1 x w each.
 
     Steady edges draw smooth lines, flicker and jitter draw combs [Bolles et al. 1987].

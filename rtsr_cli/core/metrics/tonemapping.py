@@ -24,7 +24,7 @@ class ToneMapper(StrEnum):
 
 
 @dataclass(frozen=True)
-class Curve:
+class RationalCurve:
     """Coefficients of the rational curve; names as in the formula above."""
 
     k0: float
@@ -42,25 +42,25 @@ class Curve:
         return max((-b + root) / (2.0 * a), (-b - root) / (2.0 * a))
 
 
-def _aces_curve() -> Curve:
+def _aces_curve() -> RationalCurve:
     """Fit of the ACES output [Narkowicz 2016] with its exposure of 0.6 left in."""
     e = 0.6
-    return Curve(e * e * 2.51, e * 0.03, e * e * 2.43, e * 0.59, 0.14)
+    return RationalCurve(e * e * 2.51, e * 0.03, e * e * 2.43, e * 0.59, 0.14)
 
 
-def _hable_curve() -> Curve:
+def _hable_curve() -> RationalCurve:
     """Filmic curve with exposure bias 2 and white point 11.2 [Hable 2010]."""
     a, b, c, d, e, f = 0.15, 0.50, 0.10, 0.20, 0.02, 0.30
     white, bias = 11.2, 2.0
     k0, k1, k3, k4, k5 = a * f - a * e, c * b * f - b * e, a * f, b * f, d * f * f
     scale = (k3 * white**2 + k4 * white + k5) / (k0 * white**2 + k1 * white)
-    return Curve(bias**2 * k0 * scale, bias * k1 * scale, bias**2 * k3, bias * k4, k5)
+    return RationalCurve(bias**2 * k0 * scale, bias * k1 * scale, bias**2 * k3, bias * k4, k5)
 
 
 CURVES = {
     ToneMapper.ACES: _aces_curve(),
     ToneMapper.HABLE: _hable_curve(),
-    ToneMapper.REINHARD: Curve(0.0, 1.0, 0.0, 1.0, 1.0),
+    ToneMapper.REINHARD: RationalCurve(0.0, 1.0, 0.0, 1.0, 1.0),
 }
 """The curve of each; Reinhard's is taken of the luminance [Reinhard et al. 2002, Eq. 3]."""
 

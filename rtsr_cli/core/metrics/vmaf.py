@@ -80,12 +80,12 @@ class VmafScores:
     build: str
 
 
-def default_model(height: int) -> str:
+def choose_model(height: int) -> str:
     """Return the model for pictures of so many rows."""
     return MODEL_4K if height >= ROWS_4K else MODEL_HD
 
 
-def luma(picture: Picture) -> Picture:
+def limited_range_luma(picture: Picture) -> Picture:
     """8-bit limited-range BT.709 luma (height, width) of display-encoded RGB (height, width, 3).
 
     Y = round(16 + 219 (0.2126 R + 0.7152 G + 0.0722 B) / 255)
@@ -182,13 +182,13 @@ class Vmaf:
         Raises:
             MetricUnavailableError: it is not installed, or does not start.
         """
-        program, self._version = ffmpeg()
+        program, self._version = find_ffmpeg()
         (test_out, test_in), (ref_out, ref_in), (log_out, log_in), (said_out, said_in) = (
             os.pipe() for _ in range(4)
         )
         try:
             self._child = subprocess.Popen(
-                _arguments(program, self._even, self._model, (test_out, ref_out, log_in)),
+                _list_arguments(program, self._even, self._model, (test_out, ref_out, log_in)),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=said_in,
@@ -226,7 +226,7 @@ class Vmaf:
         """
         for picture in (test, ref):
             _check(picture, (*self._size, RGB))
-        self.add_luma(luma(test), luma(ref))
+        self.add_luma(limited_range_luma(test), limited_range_luma(ref))
 
     def add_luma(self, test: Picture, ref: Picture) -> None:
         """Add a frame of 8-bit limited-range BT.709 luma (height, width). Errors as of `add`."""
@@ -298,7 +298,7 @@ def _close(*descriptors: int) -> None:
         os.close(descriptor)
 
 
-def ffmpeg() -> tuple[str, str]:
+def find_ffmpeg() -> tuple[str, str]:
     """Return the path and the version of the FFmpeg that imageio-ffmpeg brings along.
 
     Raises:
@@ -316,7 +316,7 @@ def ffmpeg() -> tuple[str, str]:
         ) from error
 
 
-def _arguments(
+def _list_arguments(
     program: str, even: tuple[int, int], model: str, pipes: tuple[int, int, int]
 ) -> list[str]:
     """FFmpeg's command line; `pipes`: what it reads test and reference from, writes scores to."""

@@ -22,7 +22,7 @@ from rtsr_cli.core.frames.buffers import (
 from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.frames.vectors import normalized
+from rtsr_cli.core.frames.vector_length import normalize_vectors
 from rtsr_cli.core.imaging.resampling import (
     box_mean,
     decimate,
@@ -88,7 +88,7 @@ def shrink_view(view: View, block: int) -> View:
     )
 
 
-def decimated(full: Frame, buffers: Collection[Buffer], simulation: Simulation) -> Frame:
+def decimate_frame(full: Frame, buffers: Collection[Buffer], simulation: Simulation) -> Frame:
     """Make the LR frame of a capture: one sample of each block, its offset recorded as jitter."""
     offset = simulation.offset(full.number)
     return replace(
@@ -101,7 +101,7 @@ def decimated(full: Frame, buffers: Collection[Buffer], simulation: Simulation) 
     )
 
 
-def averaged(full: Frame, k: int) -> Frame:
+def average_samples(full: Frame, k: int) -> Frame:
     """Make a frame of K x K samples a pixel: means, or the middle sample where means mislead."""
     if k == 1:
         return full
@@ -111,7 +111,7 @@ def averaged(full: Frame, k: int) -> Frame:
             small = decimate(tensor, k, (k // 2, k // 2)).contiguous()
             return small / k if buffer in VECTOR_BUFFERS else small
         mean = box_mean(tensor, k)
-        return normalized(mean) if buffer in NORMAL_BUFFERS else mean
+        return normalize_vectors(mean) if buffer in NORMAL_BUFFERS else mean
 
     beside = {name: box_mean(color, k) for name, color in full.beside.items()}
     return replace(

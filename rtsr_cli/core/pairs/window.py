@@ -11,11 +11,16 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
 
-from rtsr_cli.core.derive import DerivationConfig, derive, divide_radiance, needs
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.pairs.simulation import averaged
-from rtsr_cli.core.system import Window
+from rtsr_cli.core.imaging.derivation import (
+    DerivationConfig,
+    derive,
+    divide_radiance,
+    resolve_needs,
+)
+from rtsr_cli.core.pairs.simulation import average_samples
+from rtsr_cli.core.system import FrameWindow
 
 QUOTIENT = frozenset({Buffer.LIGHTING, Buffer.LIGHTING_MASK})
 """What dividing radiance gives."""
@@ -55,10 +60,12 @@ def resolve_reads(
     """
 
     def missing(buffer: Buffer) -> bool:
-        return bool(needs((buffer,), stored, has_camera=has_camera, config=derivation).missing)
+        return bool(
+            resolve_needs((buffer,), stored, has_camera=has_camera, config=derivation).missing
+        )
 
     used = (*required, *(b for b in optional if not missing(b)))
-    resolved = needs(used, stored, has_camera=has_camera, config=derivation)
+    resolved = resolve_needs(used, stored, has_camera=has_camera, config=derivation)
     return Reads(stored=resolved.read, used=used, missing=resolved.missing)
 
 
@@ -85,7 +92,7 @@ def build_hr(
     selected: Frame, reads: Reads, derivation: DerivationConfig, samples_per_pixel: int = 1
 ) -> Frame:
     """Make the HR frame from stored buffers, K x K samples a pixel, of `select_hr`."""
-    return averaged(derive(selected, reads.used, derivation), samples_per_pixel)
+    return average_samples(derive(selected, reads.used, derivation), samples_per_pixel)
 
 
 def build_reference(
@@ -110,9 +117,9 @@ def build_reference(
     """
     if samples_per_pixel == 1 or not QUOTIENT & set(reads.used):
         derived = derive(full, reads.used, derivation, lighting_scale=lighting_scale)
-        return averaged(derived, samples_per_pixel)
+        return average_samples(derived, samples_per_pixel)
     parts = {Buffer.COLOR, Buffer.EMISSION, Buffer.MATERIAL, Buffer.SKY, *reads.used} - QUOTIENT
-    pixels = averaged(derive(full, parts, derivation), samples_per_pixel)
+    pixels = average_samples(derive(full, parts, derivation), samples_per_pixel)
     gbuffer = pixels.gbuffer
     divided = divide_radiance(gbuffer, gbuffer[Buffer.MATERIAL], gbuffer[Buffer.SKY], derivation)
     quotient = {Buffer.LIGHTING: divided.lighting, Buffer.LIGHTING_MASK: divided.mask}
@@ -123,7 +130,9 @@ def build_reference(
     )
 
 
-def join_window(frames: Iterable[Frame], hr: Frame | None, *, scale: int, history: int) -> Window:
+def join_window(
+    frames: Iterable[Frame], hr: Frame | None, *, scale: int, history: int
+) -> FrameWindow:
     """Join what a system sees of a moment.
 
     Args:
@@ -132,4 +141,4 @@ def join_window(frames: Iterable[Frame], hr: Frame | None, *, scale: int, histor
         scale: output pixels per LR pixel.
         history: predecessors that the system sees at most.
     """
-    return Window(lr=tuple(islice(frames, history + 1)), hr=hr, scale=scale)
+    return FrameWindow(lr=tuple(islice(frames, history + 1)), hr=hr, scale=scale)

@@ -8,28 +8,28 @@ import math
 from collections.abc import Iterable
 
 
-def text(value: object) -> str:
+def escape_text(value: object) -> str:
     """Escape a value for element content and for quoted attributes."""
     return html.escape(str(value), quote=True)
 
 
-def element(name: str, *children: str, **attributes: object) -> str:
+def make_element(name: str, *children: str, **attributes: object) -> str:
     """Return an element.
 
     Args:
         name: of the element.
-        children: markup, joined; foreign text goes through `text` first.
+        children: markup, joined; foreign text goes through `escape_text` first.
         attributes: escaped here; `class_` is class, `data_x` is data-x, None leaves one out.
     """
     written = "".join(
-        f' {key.rstrip("_").replace("_", "-")}="{text(value)}"'
+        f' {key.rstrip("_").replace("_", "-")}="{escape_text(value)}"'
         for key, value in attributes.items()
         if value is not None
     )
     return f"<{name}{written}>{''.join(children)}</{name}>"
 
 
-def joined(names: Iterable[str]) -> str:
+def join_names(names: Iterable[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     known = list(names)
     return " and ".join(filter(None, [", ".join(known[:-1]), *known[-1:]]))
@@ -39,17 +39,17 @@ ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 """Characters that could end a script element or a line of one."""
 
 
-def script_json(value: object) -> str:
+def write_script_json(value: object) -> str:
     """Return JSON that may stand inside a script element.
 
     Raises:
-        ValueError: a number is not finite; `plain` writes those.
+        ValueError: a number is not finite; `to_plain_number` writes those.
     """
     dense = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return dense.translate(ESCAPES)
 
 
-def plain(value: float | None) -> float | str | None:
+def to_plain_number(value: float | None) -> float | str | None:
     """A number for JSON: six digits, infinities as the strings that JavaScript's Number reads."""
     if value is None or math.isnan(value):
         return None

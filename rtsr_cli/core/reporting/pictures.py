@@ -55,7 +55,7 @@ class Moment:
         why: why it is shown, in words.
         reference: the reference; it may hold fewer pixels than the frame.
         tests: every method's picture, by its name; one may be missing.
-        heat: the methods' FLIP maps, 0 to 1 through the colours of `metrics.heat`.
+        heat: the methods' FLIP maps, 0 to 1 through the colours of `metrics.heat_map`.
         crop: the worst region, or None.
         size: width and height of the frame in pixels; None = those of `reference`.
     """

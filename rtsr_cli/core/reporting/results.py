@@ -26,7 +26,7 @@ Values = Mapping[str, float | None]
 
 
 @dataclass(frozen=True)
-class Metric:
+class ShownMetric:
     """A metric and how its numbers are written."""
 
     key: str
@@ -54,19 +54,19 @@ class Metric:
         """1: higher is better, -1: lower is; 0: neither."""
         return {"higher": 1, "lower": -1}.get(self.better, 0)
 
-    def ranked(self, values: Values) -> list[tuple[str, float]]:
+    def rank(self, values: Values) -> list[tuple[str, float]]:
         """Names and numbers, best first; empty where neither direction is better."""
         known = [(name, value) for name, value in values.items() if value is not None]
         return sorted(known, key=lambda pair: -self.sign * pair[1]) if self.sign else []
 
-    def marked(self, values: Values) -> frozenset[str]:
+    def list_marked(self, values: Values) -> frozenset[str]:
         """Names of the best, nobody where all read alike."""
         best = self.best(values)
-        return frozenset() if len(best) == len(self.ranked(values)) else best
+        return frozenset() if len(best) == len(self.rank(values)) else best
 
     def best(self, values: Values) -> frozenset[str]:
         """Names of the best, all that read alike; nobody is best alone on the field."""
-        ranked = self.ranked(values)
+        ranked = self.rank(values)
         if len(ranked) < 2:
             return frozenset()
         top = self.text(ranked[0][1])
@@ -74,7 +74,7 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Entry:
+class MethodEntry:
     """What was measured of one method, on one shot or on all.
 
     Args:
@@ -96,7 +96,7 @@ class Entry:
     counted: frozenset[int]
     kept: Mapping[tuple[str, str], tuple[int, int]]
 
-    def left_out(self, metric: str, region: str = FRAME) -> str:
+    def describe_left_out(self, metric: str, region: str = FRAME) -> str:
         """Tell how many frames are perfect and so left out of a mean; "" where none is."""
         kept, perfect = self.kept.get((region, metric), (0, 0))
         return f"{kept} of {kept + perfect} frames; {perfect} perfect" if kept and perfect else ""
@@ -116,35 +116,35 @@ class Results:
         regions: title and description by name.
     """
 
-    metrics: tuple[Metric, ...]
-    unavailable: tuple[Metric, ...]
+    metrics: tuple[ShownMetric, ...]
+    unavailable: tuple[ShownMetric, ...]
     methods: tuple[str, ...]
     shots: tuple[str, ...]
-    entries: Mapping[tuple[str, str], Entry]
-    overall: Mapping[str, Entry]
+    entries: Mapping[tuple[str, str], MethodEntry]
+    overall: Mapping[str, MethodEntry]
     regions: Mapping[str, tuple[str, str]]
 
-    def means(self, metric: Metric, shot: str | None = None) -> Values:
+    def means(self, metric: ShownMetric, shot: str | None = None) -> Values:
         """A metric's means by method, over a shot or over all."""
         return {m: e.mean.get(metric.key) for m, e in self._of(shot)}
 
-    def in_region(self, metric: Metric, region: str, shot: str | None = None) -> Values:
+    def in_region(self, metric: ShownMetric, region: str, shot: str | None = None) -> Values:
         """A metric's values by method in a region, of a shot or of all."""
-        found = {method: entry.regions.get(region) for method, entry in self._of(shot)}
-        return {method: (values or {}).get(metric.key) for method, values in found.items()}
+        entries = {method: entry.regions.get(region) for method, entry in self._of(shot)}
+        return {method: (values or {}).get(metric.key) for method, values in entries.items()}
 
-    def left_out(
-        self, metric: Metric, region: str = FRAME, shot: str | None = None
+    def describe_left_out(
+        self, metric: ShownMetric, region: str = FRAME, shot: str | None = None
     ) -> dict[str, str]:
         """What is to be said of perfect frames beside a metric's values, by method."""
-        return {method: e.left_out(metric.key, region) for method, e in self._of(shot)}
+        return {method: e.describe_left_out(metric.key, region) for method, e in self._of(shot)}
 
     def share(self, region: str, shot: str | None = None) -> float | None:
         """Share of the pixels that lie in a region, 0 to 1; None: it cannot be made."""
         shares = ((entry.regions.get(region) or {}).get("share") for _, entry in self._of(shot))
         return next((share for share in shares if share is not None), None)
 
-    def at_frame(self, metric: Metric, shot: str, frame: int) -> Values:
+    def at_frame(self, metric: ShownMetric, shot: str, frame: int) -> Values:
         """A metric's values by method at a frame."""
         return {m: e.frames.get(frame, {}).get(metric.key) for m, e in self._of(shot)}
 
@@ -152,7 +152,7 @@ class Results:
         """Numbers of the frames of a shot."""
         return sorted({number for _, entry in self._of(shot) for number in entry.frames})
 
-    def rounds(self, metric: Metric) -> list[Values]:
+    def rounds(self, metric: ShownMetric) -> list[Values]:
         """A metric's values by method, of every frame of every shot that takes part in means."""
         return [
             self.at_frame(metric, shot, frame)
@@ -161,7 +161,7 @@ class Results:
             if all(frame in entry.counted for _, entry in self._of(shot) if frame in entry.frames)
         ]
 
-    def _of(self, shot: str | None) -> list[tuple[str, Entry]]:
+    def _of(self, shot: str | None) -> list[tuple[str, MethodEntry]]:
         if shot is None:
             return [(method, self.overall[method]) for method in self.methods]
         there = ((m, self.entries.get((m, shot))) for m in self.methods)
@@ -171,19 +171,19 @@ class Results:
 def read_results(result: Mapping[str, Any]) -> Results:
     """Read the dictionary that an evaluation returns."""
     tests: list[Mapping[str, Any]] = list(result["tests"].values())
-    entries = {(test["method"], test["shot"]): _entry(test) for test in tests}
+    entries = {(test["method"], test["shot"]): _read_entry(test) for test in tests}
     methods = tuple(dict.fromkeys(method for method, _ in entries))
     shots = tuple(dict.fromkeys(shot for _, shot in entries))
     overall = {
-        method: _overall(
+        method: _join_entries(
             [entries[method, shot] for shot in shots if (method, shot) in entries],
             result.get("methods", {}).get(method, {}),
         )
         for method in methods
     }
     metrics = tuple(
-        _metric(key, found, [entry.mean.get(key) for entry in overall.values()])
-        for key, found in result["metrics"].items()
+        _describe_metric(key, description, [entry.mean.get(key) for entry in overall.values()])
+        for key, description in result["metrics"].items()
     )
     return Results(
         metrics=tuple(metric for metric in metrics if not metric.unavailable),
@@ -192,120 +192,129 @@ def read_results(result: Mapping[str, Any]) -> Results:
         shots=shots,
         entries=entries,
         overall=overall,
-        regions=_regions(result, entries.values()),
+        regions=_list_regions(result, entries.values()),
     )
 
 
-def number(value: Any) -> float | None:
+def finite_number(value: Any) -> float | None:
     """A number, or None for what is none."""
     return None if value is None or math.isnan(value) else float(value)
 
 
-def _values(found: Mapping[str, Any]) -> Values:
+def _read_values(scores: Mapping[str, Any]) -> Values:
     return {
-        key: number(value)
-        for key, value in found.items()
+        key: finite_number(value)
+        for key, value in scores.items()
         if value is None or (isinstance(value, int | float) and not isinstance(value, bool))
     }
 
 
-def _intervals(found: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    pairs = {key: (number(pair[0]), number(pair[1])) for key, pair in found.items() if pair}
+def _read_intervals(scores: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    pairs = {
+        key: (finite_number(pair[0]), finite_number(pair[1]))
+        for key, pair in scores.items()
+        if pair
+    }
     return {k: (lo, hi) for k, (lo, hi) in pairs.items() if lo is not None and hi is not None}
 
 
-def _entry(test: Mapping[str, Any]) -> Entry:
+def _read_entry(test: Mapping[str, Any]) -> MethodEntry:
     frames: Mapping[str, Mapping[str, Any]] = test.get("frames", {})
-    counted = {number: found for number, found in frames.items() if found.get("counted", True)}
-    return Entry(
-        mean=_values(test["mean"]),
-        confidence=_intervals(test.get("confidence", {})),
-        frames={int(frame): _values(found) for frame, found in frames.items()},
+    counted = {number: facts for number, facts in frames.items() if facts.get("counted", True)}
+    return MethodEntry(
+        mean=_read_values(test["mean"]),
+        confidence=_read_intervals(test.get("confidence", {})),
+        frames={int(frame): _read_values(facts) for frame, facts in frames.items()},
         regions={
-            name: None if found is None else _values(found)
-            for name, found in test.get("regions", {}).items()
+            name: None if facts is None else _read_values(facts)
+            for name, facts in test.get("regions", {}).items()
         },
         notes=tuple(test.get("notes", ())),
         counted=frozenset(map(int, counted)),
-        kept=_kept(counted.values()),
+        kept=_count_kept(counted.values()),
     )
 
 
-def _kept(frames: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str], tuple[int, int]]:
+def _count_kept(frames: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str], tuple[int, int]]:
     """Count finite and infinite values by region and metric."""
-    found: dict[tuple[str, str], tuple[int, int]] = {}
+    counts: dict[tuple[str, str], tuple[int, int]] = {}
     for facts in frames:
         for region, values in {FRAME: facts, **facts.get("regions", {})}.items():
-            for key, value in _values(values or {}).items():
+            for key, value in _read_values(values or {}).items():
                 if value is not None:
-                    finite, infinite = found.get((region, key), (0, 0))
+                    finite, infinite = counts.get((region, key), (0, 0))
                     over = math.isinf(value)
-                    found[region, key] = (finite + (not over), infinite + over)
-    return found
+                    counts[region, key] = (finite + (not over), infinite + over)
+    return counts
 
 
-def _kept_of_all(shots: Iterable[Entry]) -> dict[tuple[str, str], tuple[int, int]]:
-    found: dict[tuple[str, str], tuple[int, int]] = {}
+def _count_all_kept(shots: Iterable[MethodEntry]) -> dict[tuple[str, str], tuple[int, int]]:
+    counts: dict[tuple[str, str], tuple[int, int]] = {}
     for entry in shots:
         for key, (finite, infinite) in entry.kept.items():
-            more = found.get(key, (0, 0))
-            found[key] = (finite + more[0], infinite + more[1])
-    return found
+            more = counts.get(key, (0, 0))
+            counts[key] = (finite + more[0], infinite + more[1])
+    return counts
 
 
-def _overall(shots: list[Entry], stated: Mapping[str, Any]) -> Entry:
+def _join_entries(shots: list[MethodEntry], stated: Mapping[str, Any]) -> MethodEntry:
     """Of one shot its entry; of several what the evaluation states, else the mean over shots."""
     if len(shots) == 1:
         return shots[0]
     names = dict.fromkeys(name for entry in shots for name in entry.regions)
-    mean = _mean([entry.mean for entry in shots])
+    mean = _average_entries([entry.mean for entry in shots])
     regions = {
-        name: _mean([found for entry in shots if (found := entry.regions.get(name))]) or None
+        name: _average_entries([values for entry in shots if (values := entry.regions.get(name))])
+        or None
         for name in names
     }
-    whole = _entry({"mean": {}, **stated})
-    return Entry(
+    whole = _read_entry({"mean": {}, **stated})
+    return MethodEntry(
         mean={**mean, **whole.mean},
         confidence=whole.confidence,
         frames={},
         regions={**regions, **whole.regions},
         notes=whole.notes,
         counted=frozenset(),
-        kept=_kept_of_all(shots),
+        kept=_count_all_kept(shots),
     )
 
 
-def _mean(found: list[Values]) -> dict[str, float | None]:
-    keys = dict.fromkeys(key for values in found for key in values)
-    known = {key: [v for values in found if (v := values.get(key)) is not None] for key in keys}
+def _average_entries(parts: list[Values]) -> dict[str, float | None]:
+    keys = dict.fromkeys(key for values in parts for key in values)
+    known = {key: [v for values in parts if (v := values.get(key)) is not None] for key in keys}
     # as in the evaluation, infinite values do not count where others are finite
     taken = {key: [v for v in held if math.isfinite(v)] or held for key, held in known.items()}
     return {key: sum(v) / len(v) if v else None for key, v in taken.items()}
 
 
-def _metric(key: str, found: Mapping[str, Any], means: Iterable[float | None]) -> Metric:
-    return Metric(
+def _describe_metric(
+    key: str, description: Mapping[str, Any], means: Iterable[float | None]
+) -> ShownMetric:
+    return ShownMetric(
         key=key,
-        title=found.get("title", key),
-        unit=found.get("unit", ""),
-        better="" if key.endswith(OF_REFERENCE) else found.get("better", ""),
-        convention=found.get("convention", ""),
-        unavailable=found.get("unavailable") or "",
-        decimals=_decimals(means),
+        title=description.get("title", key),
+        unit=description.get("unit", ""),
+        better="" if key.endswith(OF_REFERENCE) else description.get("better", ""),
+        convention=description.get("convention", ""),
+        unavailable=description.get("unavailable") or "",
+        decimals=_choose_decimals(means),
     )
 
 
-def _decimals(means: Iterable[float | None]) -> int:
+def _choose_decimals(means: Iterable[float | None]) -> int:
     sizes = [abs(mean) for mean in means if mean and math.isfinite(mean)]
     whole = math.floor(math.log10(max(sizes))) + 1 if sizes else 1
     return min(max(SIGNIFICANT - whole, 0), MOST_DECIMALS)
 
 
-def _regions(result: Mapping[str, Any], entries: Iterable[Entry]) -> dict[str, tuple[str, str]]:
+def _list_regions(
+    result: Mapping[str, Any], entries: Iterable[MethodEntry]
+) -> dict[str, tuple[str, str]]:
     described: Mapping[str, Any] = result.get("regions", {})
     names = dict.fromkeys([*described, *(name for entry in entries for name in entry.regions)])
-    found = {name: described.get(name) or {} for name in names}
+    descriptions = {name: described.get(name) or {} for name in names}
     return {
         name: (about.get("title", name.replace("_", " ")), about.get("description", ""))
-        for name, about in found.items()
+        for name, about in descriptions.items()
     }

@@ -8,8 +8,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.selection import ranges
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.frames.selection import format_ranges
 
 
 class Status(StrEnum):
@@ -138,7 +138,7 @@ class RunDone:
         }
 
 
-def skipped_frames(
+def describe_skipped(
     reader: FrameReader, selected: Sequence[int], pending: Collection[int]
 ) -> dict[str, str]:
     """Say which frames of a shot are not written, or are not themselves, and why; as ranges."""
@@ -150,4 +150,4 @@ def skipped_frames(
         "missing": expected - set(reader.numbers),
         "held": set(reader.held) & set(selected),
     }
-    return {reason: ranges(numbers) for reason, numbers in reasons.items() if numbers}
+    return {reason: format_ranges(numbers) for reason, numbers in reasons.items() if numbers}

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from rtsr_cli.core.errors import OutputBlockedError, RtsrError
-from rtsr_cli.core.io.atomic import remove_leftovers
-from rtsr_cli.core.io.streaming import BackgroundWriter, prefetch
+from rtsr_cli.core.files.atomic_write import remove_leftovers
+from rtsr_cli.core.files.streaming import BackgroundWriter, prefetch
 from rtsr_cli.core.run.events import Status
 
 K = TypeVar("K")
@@ -137,11 +137,11 @@ def _stream(
             seconds = time.perf_counter() - started
             done = Outcome(key=key, status=Status.WRITTEN, facts=product.facts, seconds=seconds)
             writer.submit(done, product.write)
-        yield from _written(writer, wait=False)
-    yield from _written(writer, wait=True)
+        yield from _collect_written(writer, wait=False)
+    yield from _collect_written(writer, wait=True)
 
 
-def _written(writer: BackgroundWriter[Outcome[K]], *, wait: bool) -> Iterator[Outcome[K]]:
+def _collect_written(writer: BackgroundWriter[Outcome[K]], *, wait: bool) -> Iterator[Outcome[K]]:
     """Outcomes of finished writes; after one that blocks the others, only of those that succeed."""
     for done, error in writer.done(wait=wait):
         if error is None:
@@ -159,7 +159,7 @@ def _written(writer: BackgroundWriter[Outcome[K]], *, wait: bool) -> Iterator[Ou
             return
 
 
-def until_stopped(runs: Iterable[Iterator[S]]) -> Iterator[S]:
+def run_until_stopped(runs: Iterable[Iterator[S]]) -> Iterator[S]:
     """Go through the outcomes of one shot after the other, up to the one that stops them all."""
     for run in runs:
         for outcome in run:

@@ -12,24 +12,24 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.provenance import FileDigests, digest_config
+from rtsr_cli.core.frames.selection import Selection, format_ranges
 from rtsr_cli.core.frames.sequence import FrameSequence
-from rtsr_cli.core.io.outputs import (
+from rtsr_cli.core.run.events import ShotPlanned, describe_skipped
+from rtsr_cli.core.run.outputs import (
     OutputState,
-    debug_path,
-    output_name,
-    output_state,
+    name_debug_file,
+    name_output,
+    read_output_state,
     refuse_foreign,
     refuse_inputs,
 )
-from rtsr_cli.core.io.provenance import FileDigests, config_digest
-from rtsr_cli.core.io.selection import Selection, ranges
-from rtsr_cli.core.run.events import ShotPlanned, skipped_frames
-from rtsr_cli.core.run.inputs import NO_HISTORY, HistoryReach, ShotInputs
+from rtsr_cli.core.run.shot_inputs import NO_HISTORY, HistoryReach, ShotInputs
 from rtsr_cli.core.run.stamps import Stamps
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outputs:
+class FrameOutputs:
     """What a run writes of a frame.
 
     Attributes:
@@ -63,7 +63,7 @@ class ShotPlan:
     """
 
     inputs: ShotInputs
-    outputs: Outputs
+    outputs: FrameOutputs
     sequence: FrameSequence
     selected: tuple[int, ...]
     pending: frozenset[int]
@@ -74,7 +74,7 @@ class ShotPlan:
     def path(self, number: int) -> Path:
         """Return the output of a frame, asked for or not."""
         known = self.paths.get(number)
-        return known or self.outputs.folder / output_name(self.inputs.reader, number)
+        return known or self.outputs.folder / name_output(self.inputs.reader, number)
 
     @property
     def digests(self) -> FileDigests:
@@ -90,7 +90,7 @@ class ShotPlan:
             readers=self.inputs.readers,
             selected=self.selected,
             pending=len(self.pending),
-            skipped=skipped_frames(self.inputs.reader, self.selected, self.pending),
+            skipped=describe_skipped(self.inputs.reader, self.selected, self.pending),
             read_bytes=self.digests.bytes_of(read),
             write_bytes_at_most=len(self.pending) * self.outputs.frame_bytes,
             details=details,
@@ -99,7 +99,7 @@ class ShotPlan:
 
 def plan_shot(
     inputs: ShotInputs,
-    outputs: Outputs,
+    outputs: FrameOutputs,
     *,
     settings: object,
     selection: Selection,
@@ -126,8 +126,8 @@ def plan_shot(
         inputs=inputs,
         digests=FileDigests(),
         numbers=reader.numbers,
-        starts=_starts(sequence, history, selected, sharded=selection.shard is not None),
-        config_hash=config_digest(outputs.command, settings, reader.declaration),
+        starts=_find_starts(sequence, history, selected, sharded=selection.shard is not None),
+        config_hash=digest_config(outputs.command, settings, reader.declaration),
     )
     plan = ShotPlan(
         inputs=inputs,
@@ -136,36 +136,36 @@ def plan_shot(
         selected=selected,
         pending=frozenset(selected),
         order=(),
-        paths={n: outputs.folder / output_name(reader, n) for n in selected},
+        paths={n: outputs.folder / name_output(reader, n) for n in selected},
         stamps=stamps,
     )
     refuse_inputs(list(plan.paths.values()), inputs.readers)
-    states = {n: _state(plan, n) for n in selected}
+    states = {n: _read_state(plan, n) for n in selected}
     if not overwrite:
         foreign = [plan.paths[n] for n, state in states.items() if state is OutputState.FOREIGN]
         refuse_foreign(foreign, f"rtsr {outputs.command}")
     pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
-    plan = replace(plan, pending=pending, order=_order(sequence, stamps.starts, pending))
+    plan = replace(plan, pending=pending, order=_order_numbers(sequence, stamps.starts, pending))
     for number in plan.order:
         plan.digests.note(inputs.files(number))
     return plan
 
 
-def _state(plan: ShotPlan, number: int) -> OutputState:
+def _read_state(plan: ShotPlan, number: int) -> OutputState:
     """State of an output; its inputs are hashed only where a file is there."""
     path = plan.paths[number]
     if not path.exists():
         return OutputState.ABSENT
     stamp = plan.stamps.of_output(number)
-    state = output_state(path, stamp)
+    state = read_output_state(path, stamp)
     outputs = plan.outputs
     lacks_picture = not all(path.with_suffix(suffix).exists() for suffix in outputs.pictures)
-    lacks_debug = outputs.debug and output_state(debug_path(path), stamp) is not state
+    lacks_debug = outputs.debug and read_output_state(name_debug_file(path), stamp) is not state
     incomplete = state is OutputState.DONE and (lacks_picture or lacks_debug)
     return OutputState.ABSENT if incomplete else state
 
 
-def _starts(
+def _find_starts(
     sequence: FrameSequence, history: HistoryReach, selected: Sequence[int], *, sharded: bool
 ) -> dict[int, int]:
     """For each selected number the first one whose input its output depends on."""
@@ -184,7 +184,7 @@ def _starts(
     return starts
 
 
-def _order(
+def _order_numbers(
     sequence: FrameSequence, starts: Mapping[int, int], pending: frozenset[int]
 ) -> tuple[int, ...]:
     """Numbers to process: the pending ones, and those that their outputs depend on."""
@@ -209,5 +209,5 @@ def check_selection(selection: Selection, inputs: Iterable[ShotInputs]) -> None:
     readers = [shot.reader for shot in inputs]
     wanted = selection.frames
     if wanted is not None and not any(wanted & set(reader.numbers) for reader in readers):
-        there = "; ".join(f"{r.frames.root} has {ranges(r.numbers)}" for r in readers)
-        raise FrameFolderError(f"--frames {ranges(wanted)} selects nothing: {there}")
+        there = "; ".join(f"{r.frames.root} has {format_ranges(r.numbers)}" for r in readers)
+        raise FrameFolderError(f"--frames {format_ranges(wanted)} selects nothing: {there}")

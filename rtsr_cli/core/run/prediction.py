@@ -8,10 +8,10 @@ import torch
 from torch import nn
 
 from rtsr_cli.core.choices import Precision
-from rtsr_cli.core.precision import DTYPES
-from rtsr_cli.core.run.frames import Moment
+from rtsr_cli.core.network.precision import DTYPES
+from rtsr_cli.core.network.tiling import choose_tile_side, predict_in_tiles
+from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.system import Prediction, State, System
-from rtsr_cli.core.tiling import predict, tile_side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,20 +41,20 @@ class Predictor:
         self._run = run
         self._state: State = None
 
-    def predict(self, moment: Moment) -> Prediction:
+    def predict(self, moment: FrameInTurn) -> Prediction:
         """Predict a frame; where history begins, without a state."""
         run, window = self._run, moment.window
         state = None if moment.begins else self._state
-        side = tile_side(run.system, window.current.size, window.scale, run.tile)
+        side = choose_tile_side(run.system, window.current.size, window.scale, run.tile)
         computes = any(True for _ in run.network.parameters())
         cast = DTYPES.get(run.precision) if computes else None
         device = torch.device(run.device)
         with torch.inference_mode(), torch.autocast(device.type, cast, enabled=cast is not None):
-            prediction = predict(run.system, run.network, window, state, side)
+            prediction = predict_in_tiles(run.system, run.network, window, state, side)
         self._state = prediction.state
         return prediction
 
-    def predict_if_due(self, moment: Moment) -> Prediction | None:
+    def predict_if_due(self, moment: FrameInTurn) -> Prediction | None:
         """Predict a frame that is wanted, or whose state the next one may go on with."""
         due = moment.wanted or self._run.system.carries_history
         return self.predict(moment) if due else None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
-from rtsr_cli.core.io.selection import Selection, Shard
+from rtsr_cli.core.frames.selection import Selection, Shard
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rtsr_cli.core.errors import RtsrError
-from rtsr_cli.core.io.provenance import FileDigests, digest
-from rtsr_cli.core.run.inputs import ShotInputs
+from rtsr_cli.core.files.provenance import FileDigests, digest_values
+from rtsr_cli.core.run.shot_inputs import ShotInputs
 
 UNREADABLE = "unreadable"
 """Stands in the stamps for the content of a file that could not be read."""
@@ -44,7 +44,7 @@ class Stamps:
 
     def of_output(self, number: int) -> str:
         """Return the stamp of one output."""
-        return digest(self.config_hash, self._chain(self.starts[number], number))
+        return digest_values(self.config_hash, self._chain(self.starts[number], number))
 
     def _chain(self, start: int, number: int) -> str:
         """Hash of the frames from `start` to `number`; the longest known one is gone on with."""
@@ -56,7 +56,7 @@ class Stamps:
             begin -= 1
         chain = self._chains[start, numbers[begin - 1]] if begin > first else ""
         for n in numbers[begin : last + 1]:
-            chain = digest(chain, self.of_input(n))
+            chain = digest_values(chain, self.of_input(n))
         self._chains[start, number] = chain
         return chain
 
@@ -68,9 +68,9 @@ class Stamps:
                 content = self.digests.of_all(self.inputs.files(number))
             except RtsrError:
                 content = UNREADABLE
-            self._inputs[number] = digest(content, camera)
+            self._inputs[number] = digest_values(content, camera)
         return self._inputs[number]
 
     def spoil(self, number: int) -> None:
         """Count a frame that changed under the run as unreadable, whatever it holds by now."""
-        self._inputs[number] = digest(UNREADABLE, number)
+        self._inputs[number] = digest_values(UNREADABLE, number)

@@ -10,25 +10,30 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli import __version__
+from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
+from rtsr_cli.core.captures.layout_writer import write_frame, write_side_car
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.files.atomic_write import check_writable, write_atomically
+from rtsr_cli.core.files.provenance import STAMP
+from rtsr_cli.core.files.streaming import READ_AHEAD_BYTES
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.io.atomic import check_writable, write_atomically
-from rtsr_cli.core.io.capture import CAPTURE_FILE
-from rtsr_cli.core.io.layout_writing import write_frame, write_side_car
-from rtsr_cli.core.io.provenance import STAMP
-from rtsr_cli.core.io.streaming import READ_AHEAD_BYTES
 from rtsr_cli.core.run.events import RunStarted, Status
 from rtsr_cli.core.run.loop import Outcome, Pace, Product, run_job
-from rtsr_cli.core.synth.choices import Role, SynthOptions
-from rtsr_cli.core.synth.plan import COMMAND, SynthPlan, check_size, plan_synthetic_shot
+from rtsr_cli.core.synth.frame_storage import (
+    SHOT,
+    count_stored_bytes,
+    describe_camera,
+    prepare_for_storage,
+)
 from rtsr_cli.core.synth.render import render_frame, render_reference
 from rtsr_cli.core.synth.request import SynthRequest
-from rtsr_cli.core.synth.writing import SHOT, as_stored, camera_attributes, stored_bytes
+from rtsr_cli.core.synth.shot_options import FileRole, SynthOptions
+from rtsr_cli.core.synth.shot_plan import COMMAND, SynthPlan, check_size, plan_synthetic_shot
 
-FileKey = tuple[int, Role]
+FileKey = tuple[int, FileRole]
 """Frame number and role of a file."""
 
 
@@ -115,13 +120,13 @@ def synthesize_frames(request: SynthRequest) -> Iterator[SynthEvent]:
     Raises:
         OutputError: a file is in the way, or cannot be written.
     """
-    options = synth_options(request)
+    options = make_synth_options(request)
     check_size(options)
     plans = [
         plan_synthetic_shot(
             seed, folder, options, tuple(request.frames), overwrite=request.overwrite
         )
-        for seed, folder in shot_folders(request)
+        for seed, folder in list_shot_folders(request)
     ]
     for plan in plans:
         yield SynthPlanned(plan=plan)
@@ -147,7 +152,7 @@ def synthesize_frames(request: SynthRequest) -> Iterator[SynthEvent]:
     )
 
 
-def synth_options(request: SynthRequest) -> SynthOptions:
+def make_synth_options(request: SynthRequest) -> SynthOptions:
     """Return what of a request decides the files' bytes."""
     return SynthOptions(
         size=request.size,
@@ -159,7 +164,7 @@ def synth_options(request: SynthRequest) -> SynthOptions:
     )
 
 
-def shot_folders(request: SynthRequest) -> list[tuple[int, Path]]:
+def list_shot_folders(request: SynthRequest) -> list[tuple[int, Path]]:
     """Seed and folder of each shot."""
     if request.shots is None:
         return [(request.seed, request.out_folder)]
@@ -217,7 +222,7 @@ class RenderJob:
     def pace(self) -> Pace:
         """One large frame is written while the next is rendered, not more."""
         roles = self._plan.options.roles
-        largest = max(stored_bytes(self._plan.options.role_size(role)) for role in roles)
+        largest = max(count_stored_bytes(self._plan.options.role_size(role)) for role in roles)
         writers = self._jobs if largest * (self._jobs + 1) <= READ_AHEAD_BYTES else 1
         queued = 1 if largest > READ_AHEAD_BYTES else writers + 1
         return Pace(ahead=1, writers=writers, queued=queued)
@@ -262,10 +267,10 @@ def write_cameras(plan: SynthPlan) -> None:
     write_side_car(plan.folder, frames, layout, shot=SHOT, scale=plan.options.scale or 1)
 
 
-def render_role(plan: SynthPlan, number: int, role: Role, threads: int) -> Frame:
+def render_role(plan: SynthPlan, number: int, role: FileRole, threads: int) -> Frame:
     """Render the frame of a role."""
     options, size = plan.options, plan.options.role_size(role)
-    if role is Role.REFERENCE:
+    if role is FileRole.REFERENCE:
         color = render_reference(plan.scene, number, size, samples=options.samples, threads=threads)
         return Frame(
             number=number,
@@ -273,29 +278,29 @@ def render_role(plan: SynthPlan, number: int, role: Role, threads: int) -> Frame
             camera=plan.scene.camera.metadata(number, size),
             view=View(display=size),
         )
-    jittered = role is not Role.HR
+    jittered = role is not FileRole.HR
     frame = render_frame(
         plan.scene,
         number,
         size,
         jitter_px=options.jitter_px(number) if jittered else (0.0, 0.0),
-        buffers=plan.rendered(role),
+        buffers=plan.list_rendered(role),
         threads=threads,
     )
-    if role is not Role.HR or options.file_layout.tree is None:
+    if role is not FileRole.HR or options.file_layout.tree is None:
         return frame
-    reference = render_role(plan, number, Role.REFERENCE, threads)
+    reference = render_role(plan, number, FileRole.REFERENCE, threads)
     return replace(frame, gbuffer=frame.gbuffer.with_buffers(reference.gbuffer))
 
 
-def write_role(plan: SynthPlan, frame: Frame, role: Role) -> None:
+def write_role(plan: SynthPlan, frame: Frame, role: FileRole) -> None:
     """Write the files of a rendered frame.
 
     Raises:
         OutputError: a file cannot be written.
     """
     attributes = {
-        **camera_attributes(frame.camera, frame.number, plan.scene.camera.fov_deg),
+        **describe_camera(frame.camera, frame.number, plan.scene.camera.fov_deg),
         "scene": plan.scene.arrangement,
         "sequence": f"seed {plan.seed}",
         "software": f"rtsr {__version__}",
@@ -307,7 +312,7 @@ def write_role(plan: SynthPlan, frame: Frame, role: Role) -> None:
     layout = plan.options.file_layout
     write_frame(
         plan.role_folder(role),
-        as_stored(frame, layout),
+        prepare_for_storage(frame, layout),
         layout,
         number=frame.number,
         attributes=attributes,

@@ -18,9 +18,9 @@ from torch import Tensor
 
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.shapes import Size
-from rtsr_cli.core.synth.placing import Placed
+from rtsr_cli.core.synth.placement import PlacedPart
 from rtsr_cli.core.synth.scene import NEAR_M, Shape
-from rtsr_cli.core.synth.vectors import Vector
+from rtsr_cli.core.synth.vector_math import Vector
 
 TILE_PX = 16
 """Side of a tile."""
@@ -135,7 +135,7 @@ NOWHERE: Bounds = (math.inf, -math.inf, math.inf, -math.inf)
 EVERYWHERE: Bounds = (-math.inf, math.inf, -math.inf, math.inf)
 
 
-def projected_bounds(solid: Placed, to_camera: NDArray[np.float64]) -> Bounds:
+def project_bounds(solid: PlacedPart, to_camera: NDArray[np.float64]) -> Bounds:
     """Bounds of a solid's bounding box.
 
     What reaches behind the near plane is cut off there first.
@@ -157,7 +157,7 @@ def projected_bounds(solid: Placed, to_camera: NDArray[np.float64]) -> Bounds:
     return float(x0), float(x1), float(y0), float(y1)
 
 
-def touched_tiles(rays: Rays, bounds: Bounds) -> Tensor:
+def find_touched_tiles(rays: Rays, bounds: Bounds) -> Tensor:
     """Numbers of the tiles whose rays may hit what lies within bounds."""
     x0, x1, y0, y1 = bounds
     if y0 > rays.highest or y1 < rays.lowest:
@@ -176,7 +176,7 @@ class LocalRays:
     direction: Vector
 
 
-def local_rays(rays: Rays, x: Tensor, y: Tensor, solid: Placed) -> LocalRays:
+def local_rays(rays: Rays, x: Tensor, y: Tensor, solid: PlacedPart) -> LocalRays:
     """Rays of slopes x and y in the local frame of a solid."""
     ox, oy, oz = (solid.axes @ (rays.eye - solid.centre)).tolist()
     dx, dy, dz = (
@@ -252,24 +252,24 @@ class Hits:
     tiles: tuple[Tensor, ...]
 
 
-def trace(rays: Rays, solids: tuple[Placed, ...], bounds: tuple[Bounds, ...]) -> Hits:
+def trace(rays: Rays, solids: tuple[PlacedPart, ...], bounds: tuple[Bounds, ...]) -> Hits:
     """Find the first hit of every ray.
 
     Args:
         rays: of the strip.
         solids: what they may hit.
-        bounds: of each solid, by `projected_bounds`.
+        bounds: of each solid, by `project_bounds`.
     """
     depth = torch.full_like(rays.x, torch.inf)
     index = torch.full(rays.x.shape, NOTHING, dtype=torch.int32)
-    touched = tuple(touched_tiles(rays, part) for part in bounds)
+    touched = tuple(find_touched_tiles(rays, part) for part in bounds)
     for number, (solid, tiles) in enumerate(zip(solids, touched, strict=True)):
         if not len(tiles):
             continue
         x, y = rays.x.index_select(0, tiles), rays.y.index_select(0, tiles)
-        found = intersect(local_rays(rays, x, y, solid), solid.part.shape, solid.part.half_m)
+        depths = intersect(local_rays(rays, x, y, solid), solid.part.shape, solid.part.half_m)
         before = depth.index_select(0, tiles)
-        closer = (found > NEAR_M) & (found < before) & (found < FAR_M)
-        depth.index_copy_(0, tiles, torch.where(closer, found, before))
+        closer = (depths > NEAR_M) & (depths < before) & (depths < FAR_M)
+        depth.index_copy_(0, tiles, torch.where(closer, depths, before))
         index.index_copy_(0, tiles, index.index_select(0, tiles).masked_fill_(closer, number))
     return Hits(depth, index, touched)

@@ -10,38 +10,30 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.files.streaming import worker_pool
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import box_mean
-from rtsr_cli.core.io.streaming import worker_pool
 from rtsr_cli.core.shapes import Color, Size
 from rtsr_cli.core.synth import surfaces
-from rtsr_cli.core.synth.motion import motion_px
-from rtsr_cli.core.synth.placing import Placed, place
-from rtsr_cli.core.synth.rays import (
-    NOTHING,
-    Bounds,
-    Hits,
-    Rays,
-    projected_bounds,
-    strip_rays,
-    trace,
-)
+from rtsr_cli.core.synth.placement import PlacedPart, place_parts
+from rtsr_cli.core.synth.point_motion import motion_px
+from rtsr_cli.core.synth.rays import NOTHING, Bounds, Hits, Rays, project_bounds, strip_rays, trace
 from rtsr_cli.core.synth.scene import Scene, Vec3
 from rtsr_cli.core.synth.shading import (
     COVERED,
-    Lighting,
-    Points,
-    ambient,
+    FrameLight,
+    SurfacePoints,
     corner_share,
-    direct,
-    shadowing,
+    shade_ambient,
+    shade_direct,
     sky_radiance,
+    trace_shadows,
 )
-from rtsr_cli.core.synth.shadows import Hulls, shadow_hull, together
-from rtsr_cli.core.synth.vectors import Vector, dot, unit
+from rtsr_cli.core.synth.shadows import Hulls, join_hulls, make_shadow_hull
+from rtsr_cli.core.synth.vector_math import Vector, dot, unit_vector
 
 STRIP_PIXELS = 1 << 18
 """Pixels rendered at a time by one thread: some 150 values of 4 bytes each, 160 MiB."""
@@ -81,7 +73,7 @@ ALL_BUFFERS = (Buffer.COLOR, *GEOMETRY)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shot:
+class RenderedShot:
     """A scene at one frame, ready for its strips.
 
     Attributes:
@@ -100,9 +92,9 @@ class Shot:
     camera: CameraMetadata
     previous: CameraMetadata
     following: CameraMetadata
-    solids: tuple[Placed, ...]
+    solids: tuple[PlacedPart, ...]
     bounds: tuple[Bounds, ...]
-    lights: tuple[Lighting, ...]
+    lights: tuple[FrameLight, ...]
     cover: Hulls
 
     @property
@@ -121,18 +113,25 @@ class Shot:
         return None
 
 
-def _hulls(
-    solids: tuple[Placed, ...], light: np.ndarray, softness: float, *, reach_m: float, shell: bool
+def _make_hulls(
+    solids: tuple[PlacedPart, ...],
+    light: np.ndarray,
+    softness: float,
+    *,
+    reach_m: float,
+    shell: bool,
 ) -> Hulls:
-    found = (
-        shadow_hull(i, solid, light, softness=softness, reach_m=reach_m)
+    made = (
+        make_shadow_hull(i, solid, light, softness=softness, reach_m=reach_m)
         for i, solid in enumerate(solids)
         if solid.bounded and solid.body.casts_shadow and (shell or not solid.body.shell)
     )
-    return together(hull for hull in found if hull is not None)
+    return join_hulls(hull for hull in made if hull is not None)
 
 
-def _lighting(scene: Scene, solids: tuple[Placed, ...], number: int) -> tuple[Lighting, ...]:
+def _light_scene(
+    scene: Scene, solids: tuple[PlacedPart, ...], number: int
+) -> tuple[FrameLight, ...]:
     lights = []
     for light in scene.lights:
         place_now = light.motion.position(number)
@@ -140,18 +139,20 @@ def _lighting(scene: Scene, solids: tuple[Placed, ...], number: int) -> tuple[Li
             place_now = place_now / np.linalg.norm(place_now)
         position = np.append(place_now, 0.0 if light.distant else 1.0)
         reach = SUN_REACH_M if light.distant else LAMP_REACH_M
-        hulls = _hulls(solids, position, light.softness, reach_m=reach, shell=True)
-        lights.append(Lighting(light, position, hulls))
+        hulls = _make_hulls(solids, position, light.softness, reach_m=reach, shell=True)
+        lights.append(FrameLight(light, position, hulls))
     return tuple(lights)
 
 
-def prepare(scene: Scene, number: int, size: Size, jitter_px: Jitter = (0.0, 0.0)) -> Shot:
+def prepare_shot(
+    scene: Scene, number: int, size: Size, jitter_px: Jitter = (0.0, 0.0)
+) -> RenderedShot:
     """Place everything of a frame."""
-    solids = place(scene, number)
+    solids = place_parts(scene, number)
     camera = scene.camera.metadata(number, size, jitter_px)
     assert camera.world_to_camera is not None
     to_camera = camera.world_to_camera.numpy()
-    return Shot(
+    return RenderedShot(
         scene=scene,
         number=number,
         size=size,
@@ -159,13 +160,15 @@ def prepare(scene: Scene, number: int, size: Size, jitter_px: Jitter = (0.0, 0.0
         previous=scene.camera.metadata(number - 1, size),
         following=scene.camera.metadata(number + 1, size),
         solids=solids,
-        bounds=tuple(projected_bounds(solid, to_camera) for solid in solids),
-        lights=_lighting(scene, solids, number),
-        cover=_hulls(solids, ZENITH, ZENITH_SOFTNESS, reach_m=ZENITH_REACH_M, shell=False),
+        bounds=tuple(project_bounds(solid, to_camera) for solid in solids),
+        lights=_light_scene(scene, solids, number),
+        cover=_make_hulls(solids, ZENITH, ZENITH_SOFTNESS, reach_m=ZENITH_REACH_M, shell=False),
     )
 
 
-def render_rows(shot: Shot, rows: range, wanted: tuple[Buffer, ...]) -> dict[Buffer, Tensor]:
+def render_rows(
+    shot: RenderedShot, rows: range, wanted: tuple[Buffer, ...]
+) -> dict[Buffer, Tensor]:
     """Buffers (channels, rows, width) of some rows."""
     rays = strip_rays(shot.camera, shot.size, rows)
     hits = trace(rays, shot.solids, shot.bounds)
@@ -183,14 +186,14 @@ def render_rows(shot: Shot, rows: range, wanted: tuple[Buffer, ...]) -> dict[Buf
         out[Buffer.OBJECT_ID] = values[surfaces.OBJECT_ID][None].int()
     if Buffer.POSITION in wanted:
         out[Buffer.POSITION] = torch.stack([p.masked_fill(sky, 0.0) for p in position])
-    out |= _motions(shot, rays, hits, wanted)
+    out |= _render_motion(shot, rays, hits, wanted)
     if Buffer.COLOR in wanted:
-        out[Buffer.COLOR] = _radiance(shot, rays, hits, values=values, position=position)
+        out[Buffer.COLOR] = _render_radiance(shot, rays, hits, values=values, position=position)
     return {buffer: rays.image(value) for buffer, value in out.items()}
 
 
-def _motions(
-    shot: Shot, rays: Rays, hits: Hits, wanted: tuple[Buffer, ...]
+def _render_motion(
+    shot: RenderedShot, rays: Rays, hits: Hits, wanted: tuple[Buffer, ...]
 ) -> dict[Buffer, Tensor]:
     others = {Buffer.MOTION: shot.previous, Buffer.FORWARD: shot.following}
     return {
@@ -207,11 +210,13 @@ def _motions(
     }
 
 
-def _radiance(shot: Shot, rays: Rays, hits: Hits, *, values: Tensor, position: Vector) -> Tensor:
+def _render_radiance(
+    shot: RenderedShot, rays: Rays, hits: Hits, *, values: Tensor, position: Vector
+) -> Tensor:
     """Radiance (3, tiles, pixels of a tile), exposure applied."""
     scene = shot.scene
     x, y, z = (rays.x * r + rays.y * u + f for r, u, f in rays.basis.T.tolist())
-    direction = unit((x, y, z))
+    direction = unit_vector((x, y, z))
     out = torch.zeros(3, *rays.x.shape)
     sky = hits.index == NOTHING
     seen = sky.any(1).nonzero()[:, 0]
@@ -221,8 +226,8 @@ def _radiance(shot: Shot, rays: Rays, hits: Hits, *, values: Tensor, position: V
     solid = (~sky).any(1).nonzero()[:, 0]
     if len(solid):
         to_eye = (-direction[0], -direction[1], -direction[2])
-        points = Points(values, position, to_eye, hits.index).tiles(solid)
-        lit = _lit(shot, points)
+        points = SurfacePoints(values, position, to_eye, hits.index).tiles(solid)
+        lit = _light_points(shot, points)
         background = out.index_select(1, solid)
         out.index_copy_(1, solid, torch.where(sky.index_select(0, solid), background, lit))
     out *= scene.exposure
@@ -230,30 +235,30 @@ def _radiance(shot: Shot, rays: Rays, hits: Hits, *, values: Tensor, position: V
     return out
 
 
-def _lit(shot: Shot, points: Points) -> Tensor:
+def _light_points(shot: RenderedShot, points: SurfacePoints) -> Tensor:
     """Radiance of surface points before exposure, without emission."""
     nov = dot(points.vector(surfaces.NORMAL), points.to_eye).clamp_(1e-3, 1.0)
-    covered = shadowing(points, shot.cover, ZENITH)
+    covered = trace_shadows(points, shot.cover, ZENITH)
     open_share = covered * (1.0 - COVERED) + COVERED
     if shot.scene.room_m is not None:
         open_share *= corner_share(points.position, shot.scene.room_m)
-    total = ambient(points, shot.scene.ambient, nov, open_share)
+    total = shade_ambient(points, shot.scene.ambient, nov, open_share)
     for lighting in shot.lights:
-        total += direct(points, lighting, nov)
+        total += shade_direct(points, lighting, nov)
     return total
 
 
-def _strips(shot: Shot, multiple: int) -> list[range]:
+def _cut_row_strips(shot: RenderedShot, multiple: int) -> list[range]:
     """Rows in strips of about `STRIP_PIXELS`, each a multiple of `multiple` rows (but the last)."""
     height, width = shot.size
     rows = max(1, STRIP_PIXELS // (width * multiple)) * multiple
     return [range(top, min(height, top + rows)) for top in range(0, height, rows)]
 
 
-def _each_strip(
-    shot: Shot, work: Callable[[range], dict[Buffer, Tensor]], multiple: int, threads: int
+def _map_strips(
+    shot: RenderedShot, work: Callable[[range], dict[Buffer, Tensor]], multiple: int, threads: int
 ) -> Iterator[tuple[range, dict[Buffer, Tensor]]]:
-    strips = _strips(shot, multiple)
+    strips = _cut_row_strips(shot, multiple)
     # a thread a strip: torch's own threads would split every small operation
     with worker_pool(threads, "rtsr-synth") as pool:
         yield from zip(strips, pool.map(work, strips), strict=True)
@@ -278,7 +283,7 @@ def render_frame(
         buffers: which to render.
         threads: strips at a time; the result does not depend on it.
     """
-    shot = prepare(scene, number, size, jitter_px)
+    shot = prepare_shot(scene, number, size, jitter_px)
     tensors = {
         b: torch.empty(
             1,
@@ -288,7 +293,7 @@ def render_frame(
         )
         for b in buffers
     }
-    strips = _each_strip(shot, lambda rows: render_rows(shot, rows, buffers), 1, threads)
+    strips = _map_strips(shot, lambda rows: render_rows(shot, rows, buffers), 1, threads)
     for rows, values in strips:
         for buffer, value in values.items():
             tensors[buffer][0, :, rows.start : rows.stop] = value
@@ -310,13 +315,13 @@ def render_reference(
         samples: along an axis.
         threads: strips at a time.
     """
-    shot = prepare(scene, number, (size[0] * samples, size[1] * samples))
+    shot = prepare_shot(scene, number, (size[0] * samples, size[1] * samples))
     image = torch.empty(1, 3, *size)
 
     def work(rows: range) -> dict[Buffer, Tensor]:
         dense = render_rows(shot, rows, (Buffer.COLOR,))[Buffer.COLOR]
         return {Buffer.COLOR: box_mean(dense[None], samples)[0]}
 
-    for rows, values in _each_strip(shot, work, samples, threads):
+    for rows, values in _map_strips(shot, work, samples, threads):
         image[0, :, rows.start // samples : rows.stop // samples] = values[Buffer.COLOR]
     return image

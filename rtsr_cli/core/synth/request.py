@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from rtsr_cli.core.captures.layout_names import PAIR_LAYOUTS
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.io.layout_names import PAIR_LAYOUTS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,8 +29,8 @@ from rtsr_cli.core.synth.surfaces import (
     NORMAL,
     ROUGHNESS,
 )
-from rtsr_cli.core.synth.textures import look_up, texture
-from rtsr_cli.core.synth.vectors import Vector, dot, unit
+from rtsr_cli.core.synth.textures import bake_texture, look_up
+from rtsr_cli.core.synth.vector_math import Vector, dot, unit_vector
 
 DIELECTRIC_F0 = 0.04
 """Reflectance of a dielectric at normal incidence [Karis 2013]."""
@@ -59,7 +59,7 @@ SUN_DISC = 8.0
 
 
 @dataclass(frozen=True)
-class Lighting:
+class FrameLight:
     """A light at one frame.
 
     Attributes:
@@ -74,7 +74,7 @@ class Lighting:
 
 
 @dataclass(frozen=True)
-class Points:
+class SurfacePoints:
     """Surface points of some tiles, each value (tiles, pixels of a tile).
 
     Attributes:
@@ -94,12 +94,12 @@ class Points:
         x, y, z = self.rows[rows].unbind(0)
         return x, y, z
 
-    def tiles(self, chosen: Tensor) -> Points:
+    def tiles(self, chosen: Tensor) -> SurfacePoints:
         """Return some of the tiles."""
         px, py, pz = (p.index_select(0, chosen) for p in self.position)
         ex, ey, ez = (p.index_select(0, chosen) for p in self.to_eye)
         rows, index = self.rows.index_select(1, chosen), self.index.index_select(0, chosen)
-        return Points(rows, (px, py, pz), (ex, ey, ez), index)
+        return SurfacePoints(rows, (px, py, pz), (ex, ey, ez), index)
 
 
 @functools.cache
@@ -113,13 +113,13 @@ def blend(low: float, high: float, value: Tensor) -> Tensor:
     return share * share * (3.0 - 2.0 * share)
 
 
-def shadowing(points: Points, hulls: Hulls, light: NDArray[np.float64]) -> Tensor:
+def trace_shadows(points: SurfacePoints, hulls: Hulls, light: NDArray[np.float64]) -> Tensor:
     """Share of a light that reaches each point; a convex solid does not shade itself."""
     lit = torch.ones_like(points.position[0])
     if not hulls.hulls:
         return lit
     homogeneous = torch.stack([*points.position, torch.ones_like(lit)])
-    touched = hulls.touched(homogeneous[:3].amin(2), homogeneous[:3].amax(2))
+    touched = hulls.find_touched(homogeneous[:3].amin(2), homogeneous[:3].amax(2))
     for number in touched.any(1).nonzero()[:, 0].tolist():
         hull, tiles = hulls.hulls[number], touched[number].nonzero()[:, 0]
         some = homogeneous.index_select(1, tiles)
@@ -129,7 +129,7 @@ def shadowing(points: Points, hulls: Hulls, light: NDArray[np.float64]) -> Tenso
     return lit
 
 
-def _towards(points: Points, lighting: Lighting) -> tuple[Vector, Tensor]:
+def _find_light(points: SurfacePoints, lighting: FrameLight) -> tuple[Vector, Tensor]:
     """Unit vector to the light, and the share of its colour that arrives unshaded."""
     light, position = lighting.light, lighting.position
     if light.distant:
@@ -139,7 +139,7 @@ def _towards(points: Points, lighting: Lighting) -> tuple[Vector, Tensor]:
         return (x, y, z), torch.ones_like(x)
     x, y, z = (float(origin) - p for origin, p in zip(position[:3], points.position, strict=True))
     squared = dot((x, y, z), (x, y, z)).clamp_(min=light.softness**2 + 1e-4)
-    towards = unit((x, y, z))
+    towards = unit_vector((x, y, z))
     # inverse square, brought smoothly to zero at the light's reach
     window = (1.0 - (squared * (1.0 / light.reach_m**2)).square_()).clamp_(min=0.0).square_()
     strength = window / squared
@@ -152,8 +152,8 @@ def _towards(points: Points, lighting: Lighting) -> tuple[Vector, Tensor]:
     return towards, strength
 
 
-def _reflected(
-    points: Points, towards: Vector, facing: Tensor, nov: Tensor, softness: float
+def _reflect_light(
+    points: SurfacePoints, towards: Vector, facing: Tensor, nov: Tensor, softness: float
 ) -> Tensor:
     """Diffuse and specular response (3, ...) times n.l, of a unit irradiance."""
     rows = points.rows
@@ -181,9 +181,9 @@ def _reflected(
     return out
 
 
-def direct(points: Points, lighting: Lighting, nov: Tensor) -> Tensor:
+def shade_direct(points: SurfacePoints, lighting: FrameLight, nov: Tensor) -> Tensor:
     """Radiance (3, ...) that one light causes."""
-    towards, strength = _towards(points, lighting)
+    towards, strength = _find_light(points, lighting)
     facing = dot(points.vector(NORMAL), towards).clamp_(0.0, 1.0)
     # a normal map must not light a face that is turned away
     above = (dot(points.vector(GEONORMAL), towards) * 12.0).clamp_(0.0, 1.0)
@@ -194,10 +194,10 @@ def direct(points: Points, lighting: Lighting, nov: Tensor) -> Tensor:
         return out
     some = points.tiles(chosen)
     strength = strength.index_select(0, chosen)
-    strength = strength * shadowing(some, lighting.hulls, lighting.position)
+    strength = strength * trace_shadows(some, lighting.hulls, lighting.position)
     tx, ty, tz = (t.index_select(0, chosen) for t in towards)
     softness = lighting.light.softness * (1.0 if lighting.light.distant else 0.25)
-    response = _reflected(
+    response = _reflect_light(
         some, (tx, ty, tz), facing.index_select(0, chosen), nov.index_select(0, chosen), softness
     )
     for channel, lit, color in zip(out, response, lighting.light.color, strict=True):
@@ -205,7 +205,7 @@ def direct(points: Points, lighting: Lighting, nov: Tensor) -> Tensor:
     return out
 
 
-def _gradient(sky: Sky, up: Tensor, blur: Tensor | float) -> Tensor:
+def _sky_gradient(sky: Sky, up: Tensor, blur: Tensor | float) -> Tensor:
     """Radiance (3, ...) by the sine of the elevation; the horizon is blurred."""
     above = (up / (0.35 + blur)).clamp(0.0, 1.0)
     below = (-up / (0.06 + blur)).clamp(0.0, 1.0)
@@ -218,7 +218,7 @@ def _gradient(sky: Sky, up: Tensor, blur: Tensor | float) -> Tensor:
     return out
 
 
-def ambient(points: Points, sky: Sky, nov: Tensor, open_share: Tensor) -> Tensor:
+def shade_ambient(points: SurfacePoints, sky: Sky, nov: Tensor, open_share: Tensor) -> Tensor:
     """Radiance (3, ...) by the light of all directions.
 
     Args:
@@ -230,9 +230,9 @@ def ambient(points: Points, sky: Sky, nov: Tensor, open_share: Tensor) -> Tensor
     rows = points.rows
     roughness, metallic = rows[ROUGHNESS], rows[METALLIC]
     normal_z = rows[NORMAL][2]
-    irradiance = _gradient(sky, normal_z * 0.5, 0.6)
+    irradiance = _sky_gradient(sky, normal_z * 0.5, 0.6)
     mirrored = 2.0 * nov * normal_z - points.to_eye[2]
-    reflected = _gradient(sky, mirrored, roughness * 0.8)
+    reflected = _sky_gradient(sky, mirrored, roughness * 0.8)
     terms = sample_lut(_split_sum(), nov[None, None], roughness[None, None])[0]
     out = torch.empty_like(rows[ALBEDO])
     strength = open_share * sky.ambient
@@ -258,12 +258,12 @@ def corner_share(position: Vector, room: tuple[Vec3, Vec3]) -> Tensor:
 def sky_radiance(sky: Sky, direction: Vector, sun: Vec3 | None) -> Tensor:
     """Radiance (3, ...) of unit directions: gradient, clouds, glow and disc of the sun."""
     up = direction[2]
-    out = _gradient(sky, up, 0.0)
+    out = _sky_gradient(sky, up, 0.0)
     if sky.clouds > 0:
         plane = (1.0 / (up.clamp(min=0.0) + CLOUD_HEIGHT)).mul_(0.09)
         level = torch.full_like(up, CLOUD_LEVEL)
         values = look_up(
-            texture(Pattern.PLASTER),
+            bake_texture(Pattern.PLASTER),
             (direction[0] * plane).flatten(),
             (direction[1] * plane).flatten(),
             level.flatten(),

@@ -18,9 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rtsr_cli.core.synth.placing import Placed
+from rtsr_cli.core.synth.placement import PlacedPart
 from rtsr_cli.core.synth.scene import Shape
-from rtsr_cli.core.synth.vectors import Vector, dot
+from rtsr_cli.core.synth.vector_math import Vector, dot
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def _prism(sides: int) -> tuple[Array, NDArray[np.intp], tuple[tuple[int, ...], 
     return np.concatenate([low, high]), np.array(edges), faces
 
 
-def polyhedron(solid: Placed) -> Solid:
+def polyhedron(solid: PlacedPart) -> Solid:
     """A box or a cylinder in world space."""
     half = np.array(solid.part.half_m)
     sides = 4
@@ -134,7 +134,7 @@ class Hulls:
     planes: Tensor
     limits: Tensor
 
-    def touched(self, lower: Tensor, upper: Tensor) -> Tensor:
+    def find_touched(self, lower: Tensor, upper: Tensor) -> Tensor:
         """Which shadow (rows) may reach which box, by lower and upper corners (3, boxes).
 
         The least value of n . p + c over a box is that of its centre less |n| . half extent.
@@ -147,7 +147,7 @@ class Hulls:
         return beyond.amax(1) <= 0
 
 
-def together(hulls: Iterable[Hull]) -> Hulls:
+def join_hulls(hulls: Iterable[Hull]) -> Hulls:
     """Collect shadow volumes."""
     kept = tuple(hulls)
     most = max((len(h.silhouette) + len(h.facing) for h in kept), default=1)
@@ -161,8 +161,8 @@ def together(hulls: Iterable[Hull]) -> Hulls:
     return Hulls(kept, torch.from_numpy(planes).float(), torch.from_numpy(limits).float())
 
 
-def shadow_hull(
-    number: int, solid: Placed, light: Array, *, softness: float, reach_m: float
+def make_shadow_hull(
+    number: int, solid: PlacedPart, light: Array, *, softness: float, reach_m: float
 ) -> Hull | None:
     """Shadow volume of a solid, None where the light is inside it.
 
@@ -200,7 +200,7 @@ def shadow_hull(
 
 
 def _sphere_hull(
-    number: int, solid: Placed, light: Array, *, spread: float, reach_m: float
+    number: int, solid: PlacedPart, light: Array, *, spread: float, reach_m: float
 ) -> Hull | None:
     """Shadow volume of a sphere; the planes touch it and enclose the shadow.
 

@@ -236,7 +236,7 @@ _BASES = torch.tensor(
 
 
 @functools.cache
-def texture(pattern: Pattern) -> Texture:
+def bake_texture(pattern: Pattern) -> Texture:
     """Bake a pattern; kept for the process (11 MiB each)."""
     mask, tone, height = _BAKERS[pattern]()
     slope_u = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) * (TEXELS / 2)

@@ -12,16 +12,16 @@ from torch import Tensor, nn
 
 import rtsr_cli
 from rtsr_cli.core.errors import CheckpointError
-from rtsr_cli.core.learning.clips import Clip
-from rtsr_cli.core.learning.config import TrainingConfig
-from rtsr_cli.core.learning.crops import Task
-from rtsr_cli.core.weights import load_into, read_weights, save_weights
+from rtsr_cli.core.network.weights import fill_network, read_weights, save_weights
+from rtsr_cli.core.training.clips import Clip
+from rtsr_cli.core.training.config import TrainingConfig
+from rtsr_cli.core.training.samples import SampleTask
 
 MAX_NAMED = 40
 """Shots that weights name; more are counted."""
 
 
-def make_network(task: Task, training: TrainingConfig, init_file: Path | None) -> nn.Module:
+def make_network(task: SampleTask, training: TrainingConfig, init_file: Path | None) -> nn.Module:
     """Return a network with fresh weights by the seed, or with those of a file.
 
     Raises:
@@ -38,7 +38,7 @@ def make_network(task: Task, training: TrainingConfig, init_file: Path | None) -
             "others as --init"
         )
     begun = {name: network.get_buffer(name).clone() for name in task.learning.measured}
-    load_into(network, weights)
+    fill_network(network, weights)
     for name, value in begun.items():
         network.get_buffer(name).copy_(value)
     return network

@@ -6,16 +6,16 @@ from collections.abc import Generator, Sequence
 from dataclasses import replace
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.learning.clips import SUFFIX, Clip, read_clips, total_frames
-from rtsr_cli.core.learning.config import DataConfig
-from rtsr_cli.core.learning.crops import Task
-from rtsr_cli.core.learning.ranks import Ranks
+from rtsr_cli.core.training.clips import SUFFIX, Clip, count_frames, read_clips
+from rtsr_cli.core.training.config import DataConfig
 from rtsr_cli.core.training.events import ClipsGathered, DataEvent
+from rtsr_cli.core.training.ranks import ProcessRanks
 from rtsr_cli.core.training.request import TrainRequest
+from rtsr_cli.core.training.samples import SampleTask
 
 
 def gather_clips(
-    request: TrainRequest, task: Task, data: DataConfig, ranks: Ranks
+    request: TrainRequest, task: SampleTask, data: DataConfig, ranks: ProcessRanks
 ) -> Generator[DataEvent, None, list[Clip]]:
     """Return the clips of every DATA, some of them for validation.
 
@@ -36,14 +36,14 @@ def gather_clips(
         from rtsr_cli.core.training.folders import record_folders
 
         clips += yield from record_folders(folders, request, task, data, ranks)
-    held_out = total_frames(c for c in clips if c.facts.validation) > 0
+    held_out = count_frames(c for c in clips if c.facts.validation) > 0
     if not held_out:
         clips += validate_as_trained(clips)
     learnt = [clip for clip in clips if not clip.facts.validation]
     yield ClipsGathered(
-        frames=total_frames(learnt),
+        frames=count_frames(learnt),
         shots=len({clip.facts.name for clip in learnt}),
-        validation_frames=total_frames(c for c in clips if c.facts.validation),
+        validation_frames=count_frames(c for c in clips if c.facts.validation),
         held_out=held_out,
     )
     return clips

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rtsr_cli.core.learning.loop import Progress
+from rtsr_cli.core.training.trainer import TrainingProgress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +112,7 @@ class TrainingStep:
         steps: of the whole run.
     """
 
-    progress: Progress
+    progress: TrainingProgress
     values: Mapping[str, float | None]
     steps: int
 

@@ -5,22 +5,31 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from pathlib import Path
 
-from rtsr_cli.core.io.atomic import check_writable
-from rtsr_cli.core.io.opening import ReadOptions
-from rtsr_cli.core.learning.clips import Clip
-from rtsr_cli.core.learning.config import DataConfig
-from rtsr_cli.core.learning.crops import Task
-from rtsr_cli.core.learning.gathering import Gathering, chosen_shots, gather, recorded_clips
-from rtsr_cli.core.learning.ranks import Ranks
-from rtsr_cli.core.learning.recording import wanted_by
+from rtsr_cli.core.files.atomic_write import check_writable
+from rtsr_cli.core.pairs.opening import ReadOptions
+from rtsr_cli.core.training.clip_recording import list_recorded_inputs
+from rtsr_cli.core.training.clips import Clip
+from rtsr_cli.core.training.config import DataConfig
+from rtsr_cli.core.training.data_folders import (
+    ClipSources,
+    choose_shots,
+    gather_clips,
+    record_clips,
+)
 from rtsr_cli.core.training.events import DataRemark
+from rtsr_cli.core.training.ranks import ProcessRanks
 from rtsr_cli.core.training.request import TrainRequest
+from rtsr_cli.core.training.samples import SampleTask
 
 CACHE_FOLDER = "cache"
 
 
 def record_folders(
-    folders: Sequence[Path], request: TrainRequest, task: Task, data: DataConfig, ranks: Ranks
+    folders: Sequence[Path],
+    request: TrainRequest,
+    task: SampleTask,
+    data: DataConfig,
+    ranks: ProcessRanks,
 ) -> Generator[DataRemark, None, list[Clip]]:
     """Record what was not recorded before, each process its share of shots, and open it all.
 
@@ -29,8 +38,8 @@ def record_folders(
     """
     cache = request.cache_folder or request.output_folder / CACHE_FOLDER
     check_writable(cache)
-    how = Gathering(
-        wanted=wanted_by(task.system, task.config, task.scale),
+    how = ClipSources(
+        wanted=list_recorded_inputs(task.system, task.config, task.scale),
         samples_per_pixel=task.samples_per_pixel,
         cache=cache,
         options=ReadOptions(
@@ -40,12 +49,12 @@ def record_folders(
         data=data,
     )
     if ranks.count > 1:
-        for number, shot in enumerate(chosen_shots(folders, how)):
+        for number, shot in enumerate(choose_shots(folders, how)):
             if ranks.share(number):
-                for text in recorded_clips(shot, how):
+                for text in record_clips(shot, how):
                     yield DataRemark(text=text)
         ranks.wait()
-    gathered = gather(folders, how)
+    gathered = gather_clips(folders, how)
     while True:
         try:
             yield DataRemark(text=next(gathered))

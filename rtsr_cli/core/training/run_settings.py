@@ -8,9 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import ConfigError
-from rtsr_cli.core.learning.config import DataConfig, TrainingConfig
-from rtsr_cli.core.settings import Source, parse_assignments, read_toml, resolve, to_plain
+from rtsr_cli.core.settings import (
+    SettingsSource,
+    parse_assignments,
+    read_toml,
+    resolve_settings,
+    to_plain,
+)
 from rtsr_cli.core.system import System
+from rtsr_cli.core.training.config import DataConfig, TrainingConfig
 from rtsr_cli.core.training.request import TrainRequest
 
 CONFIG_FILE = "config.toml"
@@ -60,7 +66,7 @@ def resolve_request(system: System, request: TrainRequest) -> RunSettings:
         ConfigError: a setting is unknown or unfit, is of another system, or the run that is gone
             on with has others.
     """
-    settings = resolve_sources(system, _sources(request))
+    settings = resolve_sources(system, _list_sources(request))
     scale = settings.training.scale
     if system.scales and scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)
@@ -70,24 +76,24 @@ def resolve_request(system: System, request: TrainRequest) -> RunSettings:
     return settings
 
 
-def resolve_sources(system: System, sources: Sequence[Source]) -> RunSettings:
+def resolve_sources(system: System, sources: Sequence[SettingsSource]) -> RunSettings:
     """Return the settings of the network, the training and the data, later sources winning.
 
     Raises:
         ConfigError: a setting is unknown or unfit; lists them all.
     """
-    own = Source(
+    own = SettingsSource(
         f"defaults of {system.name}", {} if system.learning is None else system.learning.defaults
     )
     return RunSettings(
         system=system,
-        network=resolve(system.config, *_tables(sources, "network")),
-        training=resolve(TrainingConfig, own, *_tables(sources, "training")),
-        data=resolve(DataConfig, *_tables(sources, "data")),
+        network=resolve_settings(system.config, *_list_tables(sources, "network")),
+        training=resolve_settings(TrainingConfig, own, *_list_tables(sources, "training")),
+        data=resolve_settings(DataConfig, *_list_tables(sources, "data")),
     )
 
 
-def _sources(request: TrainRequest) -> list[Source]:
+def _list_sources(request: TrainRequest) -> list[SettingsSource]:
     assignments = list(request.assignments)
     if request.scale is not None:
         assignments.append(f"training.scale={request.scale}")
@@ -106,14 +112,14 @@ def _sources(request: TrainRequest) -> list[Source]:
     return sources
 
 
-def _tables(sources: Sequence[Source], table: str) -> list[Source]:
+def _list_tables(sources: Sequence[SettingsSource], table: str) -> list[SettingsSource]:
     """One table of every source."""
     tables = []
     for source in sources:
         values = source.values.get(table, {})
         if not isinstance(values, Mapping):
             raise ConfigError(f"{source.name}: '{table}' is a table of settings, not a value")
-        tables.append(Source(f"{source.name} [{table}]", values))
+        tables.append(SettingsSource(f"{source.name} [{table}]", values))
     return tables
 
 
@@ -132,8 +138,8 @@ def refuse_other_settings(settings: RunSettings, path: Path) -> None:
     system, stored = settings.system, read_toml(path)
     if stored.values.get("system", system.name) != system.name:
         raise ConfigError(f"{path}: the run there is of another system; choose another --out")
-    before = _flat(resolve_sources(system, [stored]).plain)
-    now = _flat(settings.plain)
+    before = _flatten(resolve_sources(system, [stored]).plain)
+    now = _flatten(settings.plain)
     changed = sorted(k for k in now if before[k] != now[k] and k not in MAY_CHANGE)
     if changed:
         listed = ", ".join(f"{k} is {before.get(k)!r}, not {now.get(k)!r}" for k in changed)
@@ -143,11 +149,11 @@ def refuse_other_settings(settings: RunSettings, path: Path) -> None:
         )
 
 
-def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+def _flatten(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            flat |= _flat(value, f"{above}{name}.")
+            flat |= _flatten(value, f"{above}{name}.")
         else:
             flat[f"{above}{name}"] = value
     return flat

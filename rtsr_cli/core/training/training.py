@@ -14,28 +14,13 @@ from torch import nn
 
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.io.atomic import check_writable, write_atomically
-from rtsr_cli.core.learning import loop
-from rtsr_cli.core.learning.clips import Clip
-from rtsr_cli.core.learning.crops import Task, make_task
-from rtsr_cli.core.learning.journal import Journal
-from rtsr_cli.core.learning.loop import STATE_FOLDER, Progress, Run
-from rtsr_cli.core.learning.packing import pack
-from rtsr_cli.core.learning.ranks import Ranks, joined, local_device
-from rtsr_cli.core.learning.sampling import check_sizes
-from rtsr_cli.core.learning.state import saved_step
-from rtsr_cli.core.learning.validating import (
-    Judged,
-    judge_of,
-    judged,
-    mean_scores,
-    panels,
-    validation_frames,
-)
+from rtsr_cli.core.files.atomic_write import check_writable, write_atomically
 from rtsr_cli.core.memory import keep_freed
 from rtsr_cli.core.settings import to_toml
 from rtsr_cli.core.system import System
+from rtsr_cli.core.training import trainer
 from rtsr_cli.core.training.checkpoints import WeightsWriter, make_network
+from rtsr_cli.core.training.clips import Clip
 from rtsr_cli.core.training.dataset import gather_clips
 from rtsr_cli.core.training.events import (
     BaselineJudged,
@@ -47,8 +32,23 @@ from rtsr_cli.core.training.events import (
     TrainingStarted,
     TrainingStep,
 )
+from rtsr_cli.core.training.journal import Journal
+from rtsr_cli.core.training.packs import pack_crops
+from rtsr_cli.core.training.ranks import ProcessRanks, join_processes, resolve_local_device
 from rtsr_cli.core.training.request import TrainRequest
 from rtsr_cli.core.training.run_settings import CONFIG_FILE, RunSettings, resolve_request
+from rtsr_cli.core.training.sampler import check_sizes
+from rtsr_cli.core.training.samples import SampleTask, make_task
+from rtsr_cli.core.training.saved_state import read_saved_step
+from rtsr_cli.core.training.trainer import STATE_FOLDER, TrainingProgress, TrainingRun
+from rtsr_cli.core.training.validation import (
+    JudgedSample,
+    average_scores,
+    choose_judge,
+    choose_validation_frames,
+    draw_panels,
+    judge_network,
+)
 
 MOST_WORKERS = 8
 """Threads that make samples, unless data.workers says more."""
@@ -84,23 +84,25 @@ def train(
         return
     # before frames are decoded: weights that do not fit are told at once
     network = make_network(task, training, request.init_file)
-    device = torch.device(local_device(resolve_device(request.device)))
-    with joined(device) as ranks:
-        clips = yield from _heard(gather_clips(request, task, settings.data, ranks), ranks)
+    device = torch.device(resolve_local_device(resolve_device(request.device)))
+    with join_processes(device) as ranks:
+        clips = yield from _collect_reports(
+            gather_clips(request, task, settings.data, ranks), ranks
+        )
         if request.pack_file is not None:
-            count = pack(request.pack_file, clips, task, training, crops=request.pack_crops)
+            count = pack_crops(request.pack_file, clips, task, training, crops=request.pack_crops)
             if ranks.first:
                 yield ClipsPacked(path=request.pack_file, count=count)
             return
         run = _prepare_run(request, settings, task, clips, device=device, ranks=ranks)
         keep_freed()
         if ranks.first:
-            yield from _lead(run, network, baseline())
+            yield from _lead_processes(run, network, baseline())
         else:
-            yield from _accompany(run, network)
+            yield from _follow_lead(run, network)
 
 
-def _heard(events: Generator[E, None, R], ranks: Ranks) -> Generator[E, None, R]:
+def _collect_reports(events: Generator[E, None, R], ranks: ProcessRanks) -> Generator[E, None, R]:
     """Let the first process' events through."""
     while True:
         try:
@@ -115,18 +117,18 @@ def _heard(events: Generator[E, None, R], ranks: Ranks) -> Generator[E, None, R]
 def _prepare_run(
     request: TrainRequest,
     settings: RunSettings,
-    task: Task,
+    task: SampleTask,
     clips: Sequence[Clip],
     *,
     device: torch.device,
-    ranks: Ranks,
-) -> Run:
+    ranks: ProcessRanks,
+) -> TrainingRun:
     """Make the folder of a run, and put its settings there."""
     folder, plain = request.output_folder, settings.plain
     if ranks.first:
         check_writable(folder)
         write_atomically(folder / CONFIG_FILE, partial(_write_text, to_toml(plain)))
-    return Run(
+    return TrainingRun(
         folder=folder,
         task=task,
         config=settings.training,
@@ -142,30 +144,30 @@ def _write_text(text: str, path: Path) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _accompany(run: Run, network: nn.Module) -> Iterator[TrainEvent]:
+def _follow_lead(run: TrainingRun, network: nn.Module) -> Iterator[TrainEvent]:
     """Do the work of a process that is not the first, silently."""
-    step = saved_step(run.folder / STATE_FOLDER)
+    step = read_saved_step(run.folder / STATE_FOLDER)
     yield TrainingStarted(step=step, steps=run.config.steps, reports=False)
-    for _ in loop.train(run, network):
+    for _ in trainer.train(run, network):
         pass
 
 
-def _lead(run: Run, network: nn.Module, baseline: System) -> Iterator[TrainEvent]:
+def _lead_processes(run: TrainingRun, network: nn.Module, baseline: System) -> Iterator[TrainEvent]:
     """Run the loop; log and draw what it reports."""
     config, task = run.config, run.task
     warning = check_sizes(run.clips, config)
     if warning:
         yield CropsShrunk(message=warning)
-    frames = validation_frames(run.clips, config.validation_frames)
+    frames = choose_validation_frames(run.clips, config.validation_frames)
     enlarged = judge_baseline(baseline, task, frames)
     if enlarged:
-        yield BaselineJudged(name=baseline.name, scores=mean_scores(enlarged))
-    start = saved_step(run.folder / STATE_FOLDER)
+        yield BaselineJudged(name=baseline.name, scores=average_scores(enlarged))
+    start = read_saved_step(run.folder / STATE_FOLDER)
     yield TrainingStarted(step=start, steps=config.steps)
-    names = judge_of(task).names
+    names = choose_judge(task).names
     journal = Journal(run.folder, resume_step=start or None, score=names[0])
-    for progress in loop.train(run, network):
-        values = journal_row(progress, names)
+    for progress in trainer.train(run, network):
+        values = make_journal_row(progress, names)
         journal.log(progress.step, values)
         draw_pictures(journal, progress, enlarged, config.picture_side)
         yield TrainingStep(progress=progress, values=values, steps=config.steps)
@@ -173,17 +175,19 @@ def _lead(run: Run, network: nn.Module, baseline: System) -> Iterator[TrainEvent
     yield TrainingDone(folder=run.folder, steps=config.steps)
 
 
-def judge_baseline(system: System, task: Task, frames: Sequence[tuple[Clip, int]]) -> list[Judged]:
+def judge_baseline(
+    system: System, task: SampleTask, frames: Sequence[tuple[Clip, int]]
+) -> list[JudgedSample]:
     """Judge an untrained system on the frames that validation uses, if it can run on them."""
     if set(system.lr_inputs) - set(task.system.lr_inputs):
         return []
     if set(system.hr_inputs) - set(task.system.hr_inputs):
         return []
     network = system.build(system.config(), task.scale)
-    return list(judged(system, network, task, frames))
+    return list(judge_network(system, network, task, frames))
 
 
-def journal_row(progress: Progress, names: Sequence[str]) -> dict[str, float | None]:
+def make_journal_row(progress: TrainingProgress, names: Sequence[str]) -> dict[str, float | None]:
     """What log.csv says of a step; scores are None where nothing was judged."""
     scores = {name: progress.scores.get(name) for name in names}
     rates = {"learning_rate": progress.learning_rate, "steps_per_s": progress.steps_per_second}
@@ -191,9 +195,9 @@ def journal_row(progress: Progress, names: Sequence[str]) -> dict[str, float | N
 
 
 def draw_pictures(
-    journal: Journal, progress: Progress, enlarged: Sequence[Judged], side: int
+    journal: Journal, progress: TrainingProgress, enlarged: Sequence[JudgedSample], side: int
 ) -> None:
     """Draw the judged frames, each beside the baseline's."""
     for frame, other in zip_longest(progress.frames, enlarged[: len(progress.frames)]):
         name = f"{frame.clip.facts.name}-{frame.clip.facts.numbers[frame.position]}"
-        journal.picture(progress.step, name.replace("/", "-"), panels(frame, other, side))
+        journal.picture(progress.step, name.replace("/", "-"), draw_panels(frame, other, side))

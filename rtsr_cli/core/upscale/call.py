@@ -9,25 +9,30 @@ import torch
 
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.devices import resolve_device
-from rtsr_cli.core.io.opening import open_pairs
-from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
-from rtsr_cli.core.io.pairs import PairSource
-from rtsr_cli.core.io.passing import find_passed
-from rtsr_cli.core.networks import Loaded, has_weights, load_network
+from rtsr_cli.core.network.load import LoadedNetwork, has_weights, load_network
+from rtsr_cli.core.network.precision import resolve_precision
+from rtsr_cli.core.network.tiling import choose_tile_side
+from rtsr_cli.core.network.weights import read_weights
+from rtsr_cli.core.pairs.opening import open_pairs
+from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.precision import settled
+from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
-from rtsr_cli.core.run.frames import PairJob, PairReading, read_options
-from rtsr_cli.core.run.plan import Outputs, check_selection, plan_shot
+from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
+from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
+from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun
-from rtsr_cli.core.run.shots import run_shots
-from rtsr_cli.core.run.systems import SystemTable, check_system, history_reach, system_inputs
+from rtsr_cli.core.run.shot_runs import run_shots
+from rtsr_cli.core.run.system_inputs import (
+    SystemTable,
+    check_system,
+    measure_history_reach,
+    resolve_system_inputs,
+)
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import System
-from rtsr_cli.core.tiling import tile_side
 from rtsr_cli.core.upscale.reconstruction import Reconstruction
 from rtsr_cli.core.upscale.request import UpscaleRequest
-from rtsr_cli.core.weights import read_weights
 
 COMMAND = "upscale"
 
@@ -86,29 +91,29 @@ def plan_upscaling(
     device = resolve_device(request.device)
     system = choose_system(request, source, systems)
     loaded = load_network(system, source.scale, device, request.weights_file)
-    inputs = system_inputs(system, request.on_nonfinite, loaded.config)
+    inputs = resolve_system_inputs(system, request.on_nonfinite, loaded.config)
     check_system(system, source, inputs)
     run = NetworkRun(
         system=system,
         network=loaded.network,
         device=device,
-        precision=settled(request.precision, torch.device(device)),
+        precision=resolve_precision(request.precision, torch.device(device)),
         # a tile has no debug picture of the whole
         tile=0 if request.debug_buffers else request.tile,
     )
-    passed = find_passed(source, request.passthrough)
+    passed = find_passthrough(source, request.passthrough)
     reading = PairReading(source=source, inputs=inputs, passed=passed)
     plan = plan_shot(
         reading.of_shot(name),
-        _outputs(name, reading, request),
-        settings=stamped_settings(request, source, loaded, run),
+        _name_outputs(name, reading, request),
+        settings=collect_stamp_settings(request, source, loaded, run),
         selection=request.selection,
         overwrite=request.overwrite,
-        history=history_reach(system),
+        history=measure_history_reach(system),
     )
     work = Reconstruction(run, source, previews=request.previews, debug=request.debug_buffers)
     job = PairJob(plan, reading, work, history_frames=system.history_frames, device=device)
-    return job, _details(system, source)
+    return job, _describe_details(system, source)
 
 
 def choose_system(request: UpscaleRequest, source: PairSource, systems: SystemTable) -> System:
@@ -121,13 +126,13 @@ def choose_system(request: UpscaleRequest, source: PairSource, systems: SystemTa
     for system in preferred:
         fits = not system.scales or source.scale in system.scales
         able = fits and has_weights(system, source.scale)
-        if able and not source.missing(system_inputs(system, request.on_nonfinite)):
+        if able and not source.missing(resolve_system_inputs(system, request.on_nonfinite)):
             return system
     return preferred[-1]
 
 
-def stamped_settings(
-    request: UpscaleRequest, source: PairSource, loaded: Loaded, run: NetworkRun
+def collect_stamp_settings(
+    request: UpscaleRequest, source: PairSource, loaded: LoadedNetwork, run: NetworkRun
 ) -> object:
     """Plain values of everything that, beside the inputs, decides the outputs' bytes."""
     system, scale = run.system, source.scale
@@ -136,7 +141,7 @@ def stamped_settings(
         scale,
         to_plain(loaded.config),
         asdict(system.derivation(loaded.config)),
-        tile_side(system, source.lr_size, scale, run.tile),
+        choose_tile_side(system, source.lr_size, scale, run.tile),
         [loaded.digest, run.precision.value] if loaded.weights else [],
         request.simulate_lr,
         request.samples_per_pixel,
@@ -147,9 +152,9 @@ def stamped_settings(
     ]
 
 
-def _outputs(name: str, reading: PairReading, request: UpscaleRequest) -> Outputs:
+def _name_outputs(name: str, reading: PairReading, request: UpscaleRequest) -> FrameOutputs:
     pictures = (PREVIEW_SUFFIX,) if request.previews else ()
-    return Outputs(
+    return FrameOutputs(
         folder=request.out_folder / name,
         command=COMMAND,
         pictures=pictures,
@@ -158,7 +163,7 @@ def _outputs(name: str, reading: PairReading, request: UpscaleRequest) -> Output
     )
 
 
-def _details(system: System, source: PairSource) -> dict[str, object]:
+def _describe_details(system: System, source: PairSource) -> dict[str, object]:
     (height, width), scale = source.lr_size, source.scale
     return {
         "system": system.name,

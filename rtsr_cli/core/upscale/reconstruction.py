@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.provenance import name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
-from rtsr_cli.core.io.outputs import OutputFrame
-from rtsr_cli.core.io.pairs import PairSource
-from rtsr_cli.core.io.provenance import color_tag
-from rtsr_cli.core.run.frames import Moment
+from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.run.loop import Product
+from rtsr_cli.core.run.outputs import OutputFrame
 from rtsr_cli.core.run.prediction import NetworkRun, Predictor
 from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import Prediction
@@ -32,17 +32,17 @@ class Reconstruction:
         self._predictor = Predictor(run)
         self._system, self._windows = run.system, source.output_window
         self._colorspace = source.reader.conventions.colorspace
-        self._tag = color_tag(source.reader.conventions)
+        self._tag = name_color_space(source.reader.conventions)
         self._previews, self._debug = previews, debug
 
-    def __call__(self, moment: Moment) -> Product | None:
+    def __call__(self, moment: FrameInTurn) -> Product | None:
         """Predict a frame; return what writes it."""
         prediction = self._predictor.predict_if_due(moment)
         if not moment.wanted or prediction is None:
             return None
         return moment.product(self._picture(moment, prediction).write)
 
-    def _picture(self, moment: Moment, prediction: Prediction) -> OutputFrame:
+    def _picture(self, moment: FrameInTurn, prediction: Prediction) -> OutputFrame:
         """Return the output of a prediction.
 
         Raises:
@@ -54,17 +54,17 @@ class Reconstruction:
         return OutputFrame(
             path=moment.path,
             color=prediction.image,
-            alpha=enlarged_alpha(moment),
+            alpha=enlarge_alpha(moment),
             attributes={**moment.attributes, **known},
             windows=self._windows,
             colorspace=self._colorspace,
             passed=moment.passed,
             previews=self._previews,
-            debug=debug_pictures(moment, prediction) if self._debug else None,
+            debug=list_debug_pictures(moment, prediction) if self._debug else None,
         )
 
 
-def enlarged_alpha(moment: Moment) -> Image | None:
+def enlarge_alpha(moment: FrameInTurn) -> Image | None:
     """Coverage at the target size, None where the frames hold none."""
     frame = moment.pair.lr
     alpha = frame.gbuffer.buffers.get(Buffer.ALPHA)
@@ -73,6 +73,6 @@ def enlarged_alpha(moment: Moment) -> Image | None:
     return upsample_bicubic(alpha, moment.window.scale, frame.camera.jitter_px).clamp(0.0, 1.0)
 
 
-def debug_pictures(moment: Moment, prediction: Prediction) -> Mapping[str, Image]:
+def list_debug_pictures(moment: FrameInTurn, prediction: Prediction) -> Mapping[str, Image]:
     """Pictures for `--debug-buffers`: the system's; of one that has none, what it saw."""
     return prediction.debug or {b.value: image for b, image in moment.pair.lr.gbuffer.items()}

@@ -17,7 +17,7 @@ MIN_VARIANCE = 1e-4
 
 
 @dataclass(frozen=True)
-class Tally:
+class AccuracyTally:
     """Sums over the tiles of one rate.
 
     Attributes:
@@ -36,9 +36,9 @@ class Tally:
     absolute: float = 0.0
     under: float = 0.0
 
-    def __add__(self, other: Tally) -> Tally:
+    def __add__(self, other: AccuracyTally) -> AccuracyTally:
         """Both together."""
-        return Tally(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+        return AccuracyTally(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     @property
     def determination(self) -> float | None:
@@ -49,7 +49,7 @@ class Tally:
         return 1.0 - self.squared / spread
 
 
-def tally(predicted: TileMap, wanted: TileMap, chosen: Mask | None = None) -> Tally:
+def tally_errors(predicted: TileMap, wanted: TileMap, chosen: Mask | None = None) -> AccuracyTally:
     """Sum up tiles, those where `chosen` is 1 or all; all arguments of one channel."""
     p, y = predicted.double(), wanted.double()
     weight = y.new_ones(1) if chosen is None else chosen.double()
@@ -62,19 +62,19 @@ def tally(predicted: TileMap, wanted: TileMap, chosen: Mask | None = None) -> Ta
         difference.abs(),
         (-difference).clamp(min=0.0),
     )
-    return Tally(*(float((term * weight).sum()) for term in terms))
+    return AccuracyTally(*(float((term * weight).sum()) for term in terms))
 
 
-def together(tallies: Iterable[Mapping[str, Tally]]) -> dict[str, Tally]:
+def join_tallies(tallies: Iterable[Mapping[str, AccuracyTally]]) -> dict[str, AccuracyTally]:
     """Add up what was tallied under the same name."""
-    total: dict[str, Tally] = {}
+    total: dict[str, AccuracyTally] = {}
     for one in tallies:
         for name, value in one.items():
-            total[name] = total.get(name, Tally()) + value
+            total[name] = total.get(name, AccuracyTally()) + value
     return total
 
 
-def accuracy(tallies: Mapping[str, Tally]) -> dict[str, float]:
+def average_accuracy(tallies: Mapping[str, AccuracyTally]) -> dict[str, float]:
     """`r2`, `mae`, `under`: of each rate, then the mean over rates.
 
     R^2 is 0, that of their mean, where no rate's true values vary.
@@ -90,12 +90,12 @@ def accuracy(tallies: Mapping[str, Tally]) -> dict[str, float]:
     }
 
 
-def from_plain(values: Mapping[str, Iterable[float]]) -> dict[str, Tally]:
-    """Undo `to_plain`."""
-    return {name: Tally(*numbers) for name, numbers in values.items()}
+def tallies_from_plain(values: Mapping[str, Iterable[float]]) -> dict[str, AccuracyTally]:
+    """Undo `tallies_to_plain`."""
+    return {name: AccuracyTally(*numbers) for name, numbers in values.items()}
 
 
-def to_plain(tallies: Mapping[str, Tally]) -> dict[str, list[float]]:
+def tallies_to_plain(tallies: Mapping[str, AccuracyTally]) -> dict[str, list[float]]:
     """Lists of numbers in the order of the fields."""
-    names = [field.name for field in fields(Tally)]
+    names = [field.name for field in fields(AccuracyTally)]
     return {name: [getattr(value, field) for field in names] for name, value in tallies.items()}

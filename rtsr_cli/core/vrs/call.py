@@ -9,29 +9,40 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rtsr_cli.core.captured_rates import CAPTURED_NAMES, labels
 from rtsr_cli.core.devices import resolve_device
+from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.io.atomic import write_atomically
-from rtsr_cli.core.io.beside import Beside, find_beside
-from rtsr_cli.core.io.opening import open_single
-from rtsr_cli.core.io.pairs import Inputs, PairSource
+from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
+from rtsr_cli.core.pairs.opening import open_single_sets
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
-from rtsr_cli.core.run.frames import Moment, PairJob, PairReading, read_options
-from rtsr_cli.core.run.inputs import HistoryReach
-from rtsr_cli.core.run.plan import Outputs, ShotPlan, check_selection, plan_shot
+from rtsr_cli.core.run.frame_pairs import FrameInTurn, PairJob, PairReading, read_options
+from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan, check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun, Predictor
-from rtsr_cli.core.run.shots import run_shots
-from rtsr_cli.core.run.systems import SystemTable, check_inputs, check_system, system_inputs
-from rtsr_cli.core.shading_files import OVERLAY_SUFFIX, Decide, RateChoice, figures_of, summary
-from rtsr_cli.core.shading_rates import RateDecider, ReuseDecider
+from rtsr_cli.core.run.shot_inputs import HistoryReach
+from rtsr_cli.core.run.shot_runs import run_shots
+from rtsr_cli.core.run.system_inputs import (
+    SystemTable,
+    check_inputs,
+    check_system,
+    resolve_system_inputs,
+)
 from rtsr_cli.core.shapes import TileMap
-from rtsr_cli.core.vrs.estimating import VrsOptions
+from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, list_captured_labels
+from rtsr_cli.core.vrs.decision_files import (
+    OVERLAY_SUFFIX,
+    Decide,
+    RateChoice,
+    read_figures,
+    summarise_figures,
+)
+from rtsr_cli.core.vrs.decisions import RateDecider, ReuseDecider
+from rtsr_cli.core.vrs.estimate import VrsOptions
 from rtsr_cli.core.vrs.predictor import (
     ANALYTIC_INPUTS,
     ChosenPredictor,
     choose_predictor,
-    rate_options,
+    make_rate_options,
 )
 from rtsr_cli.core.vrs.request import PredictVrsRequest
 
@@ -79,8 +90,8 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
     """
     device = resolve_device(request.device)
     chosen = choose_predictor(request, systems, device)
-    options = rate_options(request, chosen)
-    opened = list(open_single(request.in_folder, read_options(request)))
+    options = make_rate_options(request, chosen)
+    opened = list(open_single_sets(request.in_folder, read_options(request)))
     captured = [find_captured(source, request) for _, source in opened]
     jobs = [
         plan_prediction(name, source, rates, request=request, chosen=chosen, options=options)
@@ -88,24 +99,24 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
     ]
     check_selection(request.selection, [job.plan.inputs for job in jobs])
     for job, rates in zip(jobs, captured, strict=True):
-        yield job.plan.announcement(_details(options, rates))
+        yield job.plan.announcement(_describe_details(options, rates))
     if not request.dry_run:
         yield from run_shots(jobs, request)
         yield write_summary(request.out_folder, [job.plan for job in jobs], options)
 
 
-def find_captured(source: PairSource, request: PredictVrsRequest) -> tuple[Beside, ...]:
+def find_captured(source: PairSource, request: PredictVrsRequest) -> tuple[AuxiliaryRadiance, ...]:
     """Find captured rates, with which true errors are measured."""
     if request.no_compare or Buffer.COLOR not in source.reader.stored:
         return ()
     wanted = request.selection.of(source.reader.numbers)
     read, policy = read_options(request), request.on_nonfinite
-    return find_beside(source, CAPTURED_NAMES, wanted, read, policy)
+    return find_auxiliary(source, CAPTURED_NAMES, wanted, read, policy)
 
 
-def prediction_inputs(request: PredictVrsRequest, chosen: ChosenPredictor) -> Inputs:
+def resolve_prediction_inputs(request: PredictVrsRequest, chosen: ChosenPredictor) -> PairInputs:
     """Return what is read of a frame."""
-    inputs = system_inputs(chosen.system, request.on_nonfinite, chosen.loaded.config)
+    inputs = resolve_system_inputs(chosen.system, request.on_nonfinite, chosen.loaded.config)
     if not chosen.analytic:
         return inputs
     return replace(inputs, lr=ANALYTIC_INPUTS, lr_optional=(Buffer.OBJECT_ID, Buffer.ALPHA))
@@ -114,7 +125,7 @@ def prediction_inputs(request: PredictVrsRequest, chosen: ChosenPredictor) -> In
 def plan_prediction(
     name: str,
     source: PairSource,
-    captured: tuple[Beside, ...],
+    captured: tuple[AuxiliaryRadiance, ...],
     *,
     request: PredictVrsRequest,
     chosen: ChosenPredictor,
@@ -126,16 +137,16 @@ def plan_prediction(
         RtsrError: an input is missing or wrong, an output is in the way.
     """
     loaded, system = chosen.loaded, chosen.system
-    inputs = prediction_inputs(request, chosen)
+    inputs = resolve_prediction_inputs(request, chosen)
     if chosen.analytic:
         check_inputs(f"system '{chosen.name}'", source, inputs)
     else:
         check_system(system, source, inputs)
     reading = PairReading(source=source, inputs=inputs, passed=captured)
-    pictures = _picture_suffixes(source, chosen, overlays=request.overlays)
+    pictures = _list_picture_suffixes(source, chosen, overlays=request.overlays)
     plan = plan_shot(
         reading.of_shot(name),
-        Outputs(
+        FrameOutputs(
             folder=request.out_folder / name,
             command=COMMAND,
             pictures=pictures,
@@ -155,30 +166,30 @@ def plan_prediction(
     device = resolve_device(request.device)
     work = RateChoice(
         system=chosen.name,
-        predict=_tile_errors(chosen, device),
-        decide=decider(options, chosen),
+        predict=_bind_tile_errors(chosen, device),
+        decide=make_decider(options, chosen),
         tile=options.error.tile,
-        suffix=_codes_suffix(chosen),
+        suffix=_name_codes_suffix(chosen),
         overlays=request.overlays,
     )
     return PairJob(plan, reading, work, history_frames=system.history_frames, device=device)
 
 
-def _tile_errors(chosen: ChosenPredictor, device: str) -> Any:
+def _bind_tile_errors(chosen: ChosenPredictor, device: str) -> Any:
     """Return what gives a frame's predicted errors; None of the analytic estimate."""
     if chosen.analytic:
         return lambda moment: None
     run = NetworkRun(system=chosen.system, network=chosen.loaded.network, device=device)
     predictor = Predictor(run)
 
-    def predict(moment: Moment) -> TileMap | None:
+    def predict(moment: FrameInTurn) -> TileMap | None:
         prediction = predictor.predict_if_due(moment)
         return None if prediction is None else prediction.tiles
 
     return predict
 
 
-def decider(options: VrsOptions, chosen: ChosenPredictor) -> Decide:
+def make_decider(options: VrsOptions, chosen: ChosenPredictor) -> Decide:
     """What is decided, with T of the weights; the analytic estimate has another unit."""
     config, tiles, network = chosen.loaded.config, chosen.tiles, chosen.loaded.network
     if chosen.analytic:
@@ -192,27 +203,27 @@ def decider(options: VrsOptions, chosen: ChosenPredictor) -> Decide:
     return RateDecider(options=options, rates=tiles.rates(config), transform=transform)
 
 
-def _codes_suffix(chosen: ChosenPredictor) -> str:
+def _name_codes_suffix(chosen: ChosenPredictor) -> str:
     """Suffix of the images for engines."""
     return REUSE_SUFFIX if chosen.reuses else RATE_SUFFIX
 
 
-def _picture_suffixes(
+def _list_picture_suffixes(
     source: PairSource, chosen: ChosenPredictor, *, overlays: bool
 ) -> tuple[str, ...]:
     """PNGs that each frame of a shot gets: overlays lie over its radiance."""
     shown = overlays and Buffer.COLOR in source.reader.stored
-    return (_codes_suffix(chosen), OVERLAY_SUFFIX) if shown else (_codes_suffix(chosen),)
+    return (_name_codes_suffix(chosen), OVERLAY_SUFFIX) if shown else (_name_codes_suffix(chosen),)
 
 
-def _details(options: VrsOptions, captured: Sequence[Beside]) -> dict[str, Any]:
+def _describe_details(options: VrsOptions, captured: Sequence[AuxiliaryRadiance]) -> dict[str, Any]:
     return {
         "estimator": options.estimator,
         "metric": options.error.metric,
         "tile": options.error.tile,
         "threshold": options.threshold,
         "analytic_threshold": options.analytic.threshold,
-        "captured_rates": labels(captured),
+        "captured_rates": list_captured_labels(captured),
     }
 
 
@@ -226,14 +237,14 @@ def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) 
     for plan in plans:
         # frames of earlier runs with the same settings count, too
         config_hash = plan.stamps.config_hash
-        known = {n: figures_of(plan.path(n), config_hash) for n in plan.sequence.numbers}
+        known = {n: read_figures(plan.path(n), config_hash) for n in plan.sequence.numbers}
         shots[plan.inputs.name] = {str(n): facts for n, facts in known.items() if facts is not None}
-    total = summary(facts for frames in shots.values() for facts in frames.values())
+    total = summarise_figures(facts for frames in shots.values() for facts in frames.values())
     content = {
         "options": json.loads(json.dumps(asdict(options), default=str)),
         "total": total,
         "shots": {
-            name: {"total": summary(frames.values()), "frames": frames}
+            name: {"total": summarise_figures(frames.values()), "frames": frames}
             for name, frames in shots.items()
         },
     }

@@ -17,16 +17,16 @@ from torch import nn
 from rtsr_cli.core.choices import Estimator, VrsMetric
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.networks import Loaded, load_network, shipped_weights
-from rtsr_cli.core.run.systems import SystemTable
+from rtsr_cli.core.network.load import LoadedNetwork, find_shipped_weights, load_network
+from rtsr_cli.core.network.weights import SHIPPED, read_weights
+from rtsr_cli.core.run.system_inputs import SystemTable
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import NoNetwork, System
-from rtsr_cli.core.vrs.adaptive import AdaptiveConfig
-from rtsr_cli.core.vrs.errors import ErrorConfig, amplitude
-from rtsr_cli.core.vrs.estimating import VrsOptions
-from rtsr_cli.core.vrs.rates import Rate
+from rtsr_cli.core.vrs.adaptive_estimate import AdaptiveConfig
+from rtsr_cli.core.vrs.estimate import VrsOptions
+from rtsr_cli.core.vrs.rates import ShadingRate
 from rtsr_cli.core.vrs.request import PredictVrsRequest
-from rtsr_cli.core.weights import SHIPPED, read_weights
+from rtsr_cli.core.vrs.shading_error import ErrorConfig, to_amplitude
 
 ANALYTIC_INPUTS = (Buffer.COLOR, Buffer.MOTION, Buffer.DEPTH, Buffer.NORMAL)
 """What the analytic estimate reads."""
@@ -53,7 +53,7 @@ class TilePredictor:
 
     configure: Callable[[ErrorConfig, bool], Any]
     error: Callable[[Any], ErrorConfig]
-    rates: Callable[[Any], tuple[Rate, ...]]
+    rates: Callable[[Any], tuple[ShadingRate, ...]]
     threshold: Callable[[Any], float]
     keeps_edges: Callable[[Any], bool]
     reuses: Callable[[Any], bool]
@@ -75,7 +75,7 @@ class ChosenPredictor:
 
     name: str
     system: System
-    loaded: Loaded
+    loaded: LoadedNetwork
     analytic: bool = False
 
     @property
@@ -111,8 +111,8 @@ def choose_predictor(
             f"--reuse: only networks predict it; leave out --estimator {request.estimator}"
         )
     if request.estimator is Estimator.ANALYTIC:
-        return _analytic_predictor(request, system)
-    path = request.weights_file or _shipped_path(request, system)
+        return _choose_analytic(request, system)
+    path = request.weights_file or _find_shipped(request, system)
     loaded = load_network(system, 1, device, path)
     chosen = ChosenPredictor(name=system.name, system=system, loaded=loaded)
     _check_weights(request, chosen, path)
@@ -124,23 +124,23 @@ def choose_predictor(
     return replace(chosen, loaded=replace(loaded, config=config))
 
 
-def wanted_error(request: PredictVrsRequest) -> ErrorConfig:
+def resolve_error_config(request: PredictVrsRequest) -> ErrorConfig:
     """Return metric and tiles of a request where no weights say otherwise."""
     return ErrorConfig(metric=request.metric or VrsMetric.JNFLIP, tile=request.tile or DEFAULT_TILE)
 
 
-def _analytic_predictor(request: PredictVrsRequest, system: System) -> ChosenPredictor:
+def _choose_analytic(request: PredictVrsRequest, system: System) -> ChosenPredictor:
     for option, value in (("weights", request.weights_file), ("margin", request.margin)):
         if value is not None:
             raise ConfigError(f"--{option}: the analytic estimate has none; leave it out")
     chosen = ChosenPredictor(
         name=Estimator.ANALYTIC.value,
         system=system,
-        loaded=Loaded(network=NoNetwork(None), config=None),
+        loaded=LoadedNetwork(network=NoNetwork(None), config=None),
         analytic=True,
     )
-    config = chosen.tiles.configure(wanted_error(request), False)
-    return replace(chosen, loaded=Loaded(network=NoNetwork(config), config=config))
+    config = chosen.tiles.configure(resolve_error_config(request), False)
+    return replace(chosen, loaded=LoadedNetwork(network=NoNetwork(config), config=config))
 
 
 def _check_weights(request: PredictVrsRequest, chosen: ChosenPredictor, path: Path) -> None:
@@ -166,15 +166,15 @@ def _check_weights(request: PredictVrsRequest, chosen: ChosenPredictor, path: Pa
         )
 
 
-def _shipped_path(request: PredictVrsRequest, system: System) -> Path:
+def _find_shipped(request: PredictVrsRequest, system: System) -> Path:
     """Return the weights that come with rtsr.
 
     Raises:
         CheckpointError: there are none; says which there are, and how to train others.
     """
-    error, name = wanted_error(request), system.name
+    error, name = resolve_error_config(request), system.name
     assert isinstance(system.tiles, TilePredictor)
-    path = shipped_weights(system, 1, system.tiles.configure(error, request.reuse))
+    path = find_shipped_weights(system, 1, system.tiles.configure(error, request.reuse))
     if path is not None:
         return path
     there = sorted(p.stem.removeprefix(f"{name}-") for p in SHIPPED.glob(f"{name}-*"))
@@ -188,7 +188,7 @@ def _shipped_path(request: PredictVrsRequest, system: System) -> Path:
     )
 
 
-def rate_options(request: PredictVrsRequest, chosen: ChosenPredictor) -> VrsOptions:
+def make_rate_options(request: PredictVrsRequest, chosen: ChosenPredictor) -> VrsOptions:
     """Return how rates are decided.
 
     Raises:
@@ -199,7 +199,7 @@ def rate_options(request: PredictVrsRequest, chosen: ChosenPredictor) -> VrsOpti
         estimator=request.estimator,
         error=chosen.error,
         threshold=request.threshold or tiles.threshold(config),
-        analytic=_analytic_config(request, chosen.error.tile),
+        analytic=_make_analytic_config(request, chosen.error.tile),
         compare=not request.no_compare,
         keep_edges=tiles.keeps_edges(config),
     )
@@ -208,7 +208,7 @@ def rate_options(request: PredictVrsRequest, chosen: ChosenPredictor) -> VrsOpti
     return options
 
 
-def _analytic_config(request: PredictVrsRequest, tile: int) -> AdaptiveConfig:
+def _make_analytic_config(request: PredictVrsRequest, tile: int) -> AdaptiveConfig:
     """Settings of the analytic estimate.
 
     Raises:
@@ -229,7 +229,10 @@ def _check_threshold(options: VrsOptions, chosen: ChosenPredictor) -> None:
     """
     worst = chosen.tiles.decode(torch.ones(1, 1, 1, 1), chosen.loaded.network)
     metric = options.error.metric
-    reach, asked = amplitude(worst, metric), amplitude(torch.tensor(options.threshold), metric)
+    reach, asked = (
+        to_amplitude(worst, metric),
+        to_amplitude(torch.tensor(options.threshold), metric),
+    )
     if float(asked) >= float(reach):
         raise ConfigError(
             f"--threshold {options.threshold:g}: these weights tell errors up to "

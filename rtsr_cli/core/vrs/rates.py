@@ -16,7 +16,7 @@ DOUBLING = 2.13
 """What an error grows by when one axis' rate is halved once more   [Yang et al. 2019]."""
 
 
-class Rate(Enum):
+class ShadingRate(Enum):
     """A shading rate: (pixels across, pixels down, code).
 
     The code is that of D3D12_SHADING_RATE; Vulkan's fragment-shading-rate attachment has the same.
@@ -56,22 +56,24 @@ class Rate(Enum):
         return 1.0 / (self.across * self.down)
 
 
-REDUCED: tuple[Rate, ...] = tuple(rate for rate in Rate if rate is not Rate.FULL)
+REDUCED: tuple[ShadingRate, ...] = tuple(
+    rate for rate in ShadingRate if rate is not ShadingRate.FULL
+)
 """Every rate that saves anything."""
 
 CHEAPEST_FIRST = (
-    (Rate.QUARTER,),
-    (Rate.QUARTER_X, Rate.QUARTER_Y),
-    (Rate.HALF,),
-    (Rate.HALF_X, Rate.HALF_Y),
+    (ShadingRate.QUARTER,),
+    (ShadingRate.QUARTER_X, ShadingRate.QUARTER_Y),
+    (ShadingRate.HALF,),
+    (ShadingRate.HALF_X, ShadingRate.HALF_Y),
 )
 """Rates by cost; among those of one cost the one of the lower error is taken."""
 
-Errors = Mapping[Rate, TileMap]
+Errors = Mapping[ShadingRate, TileMap]
 """Amplitude of the error of each rate, 0 = none, n 1 tiles-down tiles-across."""
 
 
-def extrapolated(errors: Errors) -> dict[Rate, TileMap]:
+def extrapolate_errors(errors: Errors) -> dict[ShadingRate, TileMap]:
     """Errors of the rates that were not predicted, from those that were.
 
         22 = max(12, 21),  24 = max(k 12, 22),  42 = max(k 21, 22),  44 = max(24, 42)   [Eq. 10]
@@ -82,17 +84,17 @@ def extrapolated(errors: Errors) -> dict[Rate, TileMap]:
     Returns:
         Errors of every reduced rate.
     """
-    found = dict(errors)
-    x, y = found[Rate.HALF_X], found[Rate.HALF_Y]
-    half = found.setdefault(Rate.HALF, torch.maximum(x, y))
-    found.setdefault(Rate.QUARTER_Y, torch.maximum(DOUBLING * y, half))
-    found.setdefault(Rate.QUARTER_X, torch.maximum(DOUBLING * x, half))
-    quarters = torch.maximum(found[Rate.QUARTER_X], found[Rate.QUARTER_Y])
-    found.setdefault(Rate.QUARTER, quarters)
-    return {rate: found[rate] for rate in REDUCED}
+    known = dict(errors)
+    x, y = known[ShadingRate.HALF_X], known[ShadingRate.HALF_Y]
+    half = known.setdefault(ShadingRate.HALF, torch.maximum(x, y))
+    known.setdefault(ShadingRate.QUARTER_Y, torch.maximum(DOUBLING * y, half))
+    known.setdefault(ShadingRate.QUARTER_X, torch.maximum(DOUBLING * x, half))
+    quarters = torch.maximum(known[ShadingRate.QUARTER_X], known[ShadingRate.QUARTER_Y])
+    known.setdefault(ShadingRate.QUARTER, quarters)
+    return {rate: known[rate] for rate in REDUCED}
 
 
-def chosen_codes(errors: Errors, threshold: float) -> TileMap:
+def choose_codes(errors: Errors, threshold: float) -> TileMap:
     """Codes of the cheapest rates whose error lies below a threshold; full rate where none does.
 
     Args:
@@ -102,7 +104,7 @@ def chosen_codes(errors: Errors, threshold: float) -> TileMap:
     Returns:
         Whole numbers, of the errors' shape.
     """
-    codes = torch.full_like(errors[Rate.HALF], Rate.FULL.code)
+    codes = torch.full_like(errors[ShadingRate.HALF], ShadingRate.FULL.code)
     for same_cost in reversed(CHEAPEST_FIRST):
         stacked = torch.stack([errors[rate] for rate in same_cost])
         lowest, index = stacked.min(dim=0)
@@ -111,9 +113,9 @@ def chosen_codes(errors: Errors, threshold: float) -> TileMap:
     return codes
 
 
-def rate_of(code: int) -> Rate:
+def find_rate(code: int) -> ShadingRate:
     """Rate of a code."""
-    return next(rate for rate in Rate if rate.code == code)
+    return next(rate for rate in ShadingRate if rate.code == code)
 
 
 def rate_shares(codes: TileMap, pixels: TileMap) -> dict[str, float]:
@@ -123,9 +125,9 @@ def rate_shares(codes: TileMap, pixels: TileMap) -> dict[str, float]:
         codes: of the tiles' rates.
         pixels: share of the frame's pixels in each tile.
     """
-    return {rate.label: float(pixels[codes == rate.code].sum()) for rate in Rate}
+    return {rate.label: float(pixels[codes == rate.code].sum()) for rate in ShadingRate}
 
 
 def shaded_share(shares: Mapping[str, float]) -> float:
     """Samples that are shaded, as a share of those at full rate."""
-    return sum(shares[rate.label] * rate.samples for rate in Rate)
+    return sum(shares[rate.label] * rate.samples for rate in ShadingRate)

@@ -8,23 +8,23 @@ import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.history import brightening, sample_motion
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.imaging.disocclusion import (
     DisocclusionThresholds,
     SurfaceBuffers,
     disocclusion_mask,
 )
+from rtsr_cli.core.imaging.frame_motion import exposure_ratio, sample_motion
 from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.shapes import Color, Mask
-from rtsr_cli.core.system import Window
+from rtsr_cli.core.system import FrameWindow
 
 SAME_SURFACE = DisocclusionThresholds(depth_relative=0.1, normal_cosine=0.5)
 """Wider than what is blended with the present may be: a normal map's detail, half a pixel off, is
 no other surface, and what would be left out is just what is hard to shade."""
 
 
-def displayed(color: Color) -> Color:
+def encode_display(color: Color) -> Color:
     """What a monitor shows of radiance: c / (1 + c), then sRGB, 0..1."""
     return encode_srgb(encode_reinhard(color))
 
@@ -50,12 +50,12 @@ class Reprojection:
         return self.moved * self.seen
 
 
-def reproject(window: Window) -> Reprojection:
+def reproject(window: FrameWindow) -> Reprojection:
     """Bring the frame before to this one's pixels, once a window."""
     return window.compute_once(_reproject)
 
 
-def _reproject(window: Window) -> Reprojection:
+def _reproject(window: FrameWindow) -> Reprojection:
     now = window.current
     if len(window.lr) == 1:
         nothing = torch.zeros_like(now.gbuffer[Buffer.NORMAL])
@@ -63,14 +63,17 @@ def _reproject(window: Window) -> Reprojection:
     before = window.lr[1]
     motion = sample_motion(now, before)
     hidden = disocclusion_mask(
-        motion, current=_surfaces(now), previous=_surfaces(before), thresholds=SAME_SURFACE
+        motion,
+        current=_read_surfaces(now),
+        previous=_read_surfaces(before),
+        thresholds=SAME_SURFACE,
     )
-    color = before.gbuffer[Buffer.COLOR] * brightening(now, before)
-    moved, _ = backward_warp(displayed(color), motion, mode="nearest")
+    color = before.gbuffer[Buffer.COLOR] * exposure_ratio(now, before)
+    moved, _ = backward_warp(encode_display(color), motion, mode="nearest")
     return Reprojection(moved=moved, seen=1.0 - hidden)
 
 
-def _surfaces(frame: Frame) -> SurfaceBuffers:
+def _read_surfaces(frame: Frame) -> SurfaceBuffers:
     gbuffer = frame.gbuffer
     return SurfaceBuffers(
         depth_m=gbuffer[Buffer.DEPTH],

@@ -5,7 +5,7 @@ Fusion", SIGGRAPH Asia 2023. HR material buffers are pixel-unshuffled to LR, whe
 features of LR lighting; the result is shuffled back and multiplied by the HR material. The fast
 network leaves history out; the direct one predicts radiance without demodulation.
 
-Conventions: those of `core.lighting` and `inputs`.
+Conventions: those of `lighting.lighting` and `inputs`.
 
 Departs from the publication in the preset `rtsr`: the network sees and predicts log(1 + L/k), k of
 the whole frame; depth is 1 / (1 + metres); its output is added to an enlargement of the lighting
@@ -17,7 +17,7 @@ choices around the same layers: raw lighting over softplus(F), depth as stored, 
 from __future__ import annotations
 
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.lighting import (
+from rtsr_cli.core.lighting.lighting import (
     GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
@@ -25,7 +25,14 @@ from rtsr_cli.core.lighting import (
     REFERENCE_BUFFERS,
     compose_lighting,
 )
-from rtsr_cli.core.system import Learning, Prediction, System, Tensors, Window, neural_predict
+from rtsr_cli.core.system import (
+    FrameWindow,
+    Prediction,
+    System,
+    Tensors,
+    TrainingRecipe,
+    neural_predict,
+)
 from rtsr_cli.models.fusesr.config import (
     HISTORY_FRAMES,
     FuseSRConfig,
@@ -40,12 +47,14 @@ FAST_HALO_PX = 17
 """LR pixels that an output of the fast network reaches to: 14 layers at LR, one HR, and `base`."""
 
 
-def compose(config: FuseSRConfig, window: Window, inputs: Tensors, outputs: Tensors) -> Prediction:
+def compose(
+    config: FuseSRConfig, window: FrameWindow, inputs: Tensors, outputs: Tensors
+) -> Prediction:
     """Radiance from predicted lighting."""
     return compose_lighting(surroundings_of(config), window, inputs, outputs["predicted"])
 
 
-LEARNING = Learning(prepare=prepare, reference=REFERENCE_BUFFERS, goal=goal, loss=loss)
+LEARNING = TrainingRecipe(prepare=prepare, reference=REFERENCE_BUFFERS, goal=goal, loss=loss)
 
 CITATION = "Zhong et al., FuseSR, SIGGRAPH Asia 2023"
 

@@ -11,7 +11,7 @@ from rtsr_cli.core.choices import DemodulationMode, LutConvention, Preset
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.lighting import Base, LossWeights, Surroundings
+from rtsr_cli.core.lighting.lighting import EnlargementBase, LossWeights, Surroundings
 from rtsr_cli.core.shapes import Color
 
 HISTORY_FRAMES = 2
@@ -89,7 +89,7 @@ class FuseSRConfig:
     lut: LutConvention = LutConvention.KARIS
     fusion: Fusion = Fusion.UNSHUFFLE
     history: bool = True
-    base: Base = Base.GUIDED
+    base: EnlargementBase = EnlargementBase.GUIDED
     loss: LossWeights = field(default_factory=LossWeights)
 
     def __post_init__(self) -> None:
@@ -133,4 +133,4 @@ class FuseSRDirectConfig(FuseSRConfig):
 
     variant: Variant = Variant.DIRECT
     demodulation: DemodulationMode = DemodulationMode.NONE
-    base: Base = Base.CUBIC
+    base: EnlargementBase = EnlargementBase.CUBIC

@@ -13,22 +13,22 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.choices import DemodulationMode, Preset
-from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.history import sample_motion
+from rtsr_cli.core.imaging.derivation import DerivationConfig
+from rtsr_cli.core.imaging.frame_motion import sample_motion
 from rtsr_cli.core.imaging.warping import compose_motion
-from rtsr_cli.core.lighting import (
+from rtsr_cli.core.lighting.lighting import (
     MAX_LIGHTING,
-    aligned,
+    align_image,
+    build_lighting_inputs,
     encode_lighting,
-    hr_frame,
-    lighting_inputs,
+    lighting_scale_of,
     network_normal,
-    scale_of,
+    require_hr_frame,
 )
 from rtsr_cli.core.shapes import Color, Image
-from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.fusesr.config import (
     HISTORY_FRAMES,
     FuseSRConfig,
@@ -40,7 +40,7 @@ from rtsr_cli.models.fusesr.published import MAX_RADIANCE, PUBLISHED
 def log_lighting(frame: Frame) -> Color:
     """Log lighting of an LR frame with its own k, bounded; 0 where nothing was divided."""
     bounded = frame.gbuffer[Buffer.LIGHTING].clamp(max=MAX_LIGHTING)
-    return encode_lighting(bounded, scale_of(frame)) * frame.gbuffer[Buffer.LIGHTING_MASK]
+    return encode_lighting(bounded, lighting_scale_of(frame)) * frame.gbuffer[Buffer.LIGHTING_MASK]
 
 
 SURROUNDINGS: Mapping[Preset, FuseSRSurroundings] = {
@@ -76,19 +76,19 @@ def frame_features(frame: Frame, surroundings: FuseSRSurroundings) -> Image:
     return torch.cat([lighting, depth, network_normal(frame)], dim=1)
 
 
-def hr_features(window: Window, config: FuseSRConfig) -> Image:
+def hr_features(window: FrameWindow, config: FuseSRConfig) -> Image:
     """HR buffers that the network sees, aligned; depth as networks take it."""
-    gbuffer, show_depth = hr_frame(window).gbuffer, surroundings_of(config).show_depth
+    gbuffer, show_depth = require_hr_frame(window).gbuffer, surroundings_of(config).show_depth
     parts = [
         show_depth(gbuffer[buffer]) if buffer is Buffer.DEPTH else gbuffer[buffer]
         for buffer in config.hr_parts
     ]
     height, width = gbuffer.size
     empty = torch.zeros(1, 0, height, width, device=gbuffer.device)
-    return aligned(window, torch.cat([empty, *parts], dim=1))
+    return align_image(window, torch.cat([empty, *parts], dim=1))
 
 
-def history_inputs(window: Window, surroundings: FuseSRSurroundings) -> dict[str, Tensor]:
+def history_inputs(window: FrameWindow, surroundings: FuseSRSurroundings) -> dict[str, Tensor]:
     """Past frames, motion to them in pixels and in (-1, 1) screen units, newest first."""
     inputs: dict[str, Tensor] = {}
     frames, current = window.lr, window.current
@@ -109,11 +109,11 @@ def history_inputs(window: Window, surroundings: FuseSRSurroundings) -> dict[str
     return inputs
 
 
-def prepare(config: FuseSRConfig, window: Window) -> Tensors:
+def prepare(config: FuseSRConfig, window: FrameWindow) -> Tensors:
     """Inputs of either network."""
     surroundings = surroundings_of(config)
     apart = derivation(config).has_emission
-    inputs = lighting_inputs(window, surroundings, config.base, emission_apart=apart)
+    inputs = build_lighting_inputs(window, surroundings, config.base, emission_apart=apart)
     inputs["frame_0"] = frame_features(window.current, surroundings)
     inputs["hr"] = hr_features(window, config)
     if config.history:

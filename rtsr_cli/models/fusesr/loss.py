@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.lighting import lighting_goal, lighting_loss
-from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.lighting.lighting import build_lighting_goal, lighting_loss
+from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.fusesr.config import FuseSRConfig
 from rtsr_cli.models.fusesr.inputs import surroundings_of
 
 
-def goal(config: FuseSRConfig, window: Window, reference: Frame) -> Tensors:
+def goal(config: FuseSRConfig, window: FrameWindow, reference: Frame) -> Tensors:
     """What the capture's lighting is."""
-    return lighting_goal(surroundings_of(config), window, reference)
+    return build_lighting_goal(surroundings_of(config), window, reference)
 
 
 def loss(config: FuseSRConfig, inputs: Tensors, outputs: Tensors, target: Tensors) -> Tensors:

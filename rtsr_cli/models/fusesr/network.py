@@ -9,17 +9,17 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from rtsr_cli.core.blocks import (
+from rtsr_cli.core.imaging.warping import backward_warp
+from rtsr_cli.core.network.blocks import (
     InvertedResidual,
     ResidualBlock,
-    conv3,
-    normalised_conv3,
+    make_conv3,
+    make_normalised_conv3,
+    make_separable_conv,
     pixel_unshuffle,
-    separable,
 )
-from rtsr_cli.core.imaging.warping import backward_warp
+from rtsr_cli.core.network.row_strips import run_in_strips
 from rtsr_cli.core.shapes import Color, Image, Plane
-from rtsr_cli.core.strips import in_strips
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.fusesr.config import HISTORY_FRAMES, LR_CHANNELS, FuseSRConfig, Fusion, Variant
 from rtsr_cli.models.fusesr.inputs import surroundings_of
@@ -45,8 +45,8 @@ class Encoder(nn.Module):
     def __init__(self) -> None:
         """Build the layers of `MAIN_WIDTHS`."""
         super().__init__()
-        self.shallow = nn.Sequential(conv3(LR_CHANNELS, MAIN_WIDTHS[0]), nn.ReLU(inplace=True))
-        self.main = nn.Sequential(*(normalised_conv3(a, b) for a, b in pairwise(MAIN_WIDTHS)))
+        self.shallow = nn.Sequential(make_conv3(LR_CHANNELS, MAIN_WIDTHS[0]), nn.ReLU(inplace=True))
+        self.main = nn.Sequential(*(make_normalised_conv3(a, b) for a, b in pairwise(MAIN_WIDTHS)))
 
     def forward(self, frame: Image) -> tuple[Image, Image]:
         """Return both."""
@@ -63,9 +63,9 @@ class WarpAttention(nn.Module):
     def __init__(self) -> None:
         """Four channels in, one out."""
         super().__init__()
-        self.first = conv3(4, 4)
-        self.second = conv3(4, 4)
-        self.last = conv3(1, 1)
+        self.first = make_conv3(4, 4)
+        self.second = make_conv3(4, 4)
+        self.last = make_conv3(1, 1)
 
     def forward(self, motion_ndc: Image, depth_past: Plane, depth: Plane) -> Plane:
         """Motion in screen widths and heights times 2."""
@@ -109,8 +109,8 @@ class Decoder(nn.Module):
         """Start as the identity on `base` where the network corrects one."""
         super().__init__()
         self.fusion = fusion
-        self.upsample = conv3(channels, 3 * fusion.scale**2)
-        self.refine = conv3(3 + fusion.hr_channels, 3)
+        self.upsample = make_conv3(channels, 3 * fusion.scale**2)
+        self.refine = make_conv3(3 + fusion.hr_channels, 3)
         if corrects:
             nn.init.zeros_(self.upsample.weight)
             nn.init.zeros_(self.refine.weight)
@@ -135,20 +135,20 @@ class FuseSRNetwork(nn.Module):
         super().__init__()
         self.config = config
         self.encoder = Encoder()
-        self.expand = nn.Sequential(conv3(MAIN_WIDTHS[-1], 64), nn.ReLU(inplace=True))
+        self.expand = nn.Sequential(make_conv3(MAIN_WIDTHS[-1], 64), nn.ReLU(inplace=True))
         self.attention = WarpAttention() if config.history else None
         self.fusion = HrFusion(config, scale)
         # the first release concatenates the unshuffled material as it is
         compacts = self.fusion.lr_channels > 0 and config.variant is not Variant.FIRST_RELEASE
         self.compact = (
-            nn.Sequential(conv3(self.fusion.lr_channels, 64), nn.ReLU(inplace=True))
+            nn.Sequential(make_conv3(self.fusion.lr_channels, 64), nn.ReLU(inplace=True))
             if compacts
             else nn.Identity()
         )
         past = HISTORY_FRAMES * MAIN_WIDTHS[-1] if config.history else 0
         fused = 64 if compacts else self.fusion.lr_channels
         self.backbone = nn.Sequential(
-            conv3(64 + past + fused, 128),
+            make_conv3(64 + past + fused, 128),
             nn.ReLU(inplace=True),
             *(ResidualBlock(128) for _ in range(BACKBONE_BLOCKS)),
         )
@@ -161,18 +161,18 @@ class FuseSRNetwork(nn.Module):
         parts = [self.expand(main)]
         past: list[Image] = []
         if self.attention is not None:
-            past = [self._past(age, inputs, state) for age in (1, 2)]
-            parts += [self._fetched(age, past[age - 1], inputs) for age in (1, 2)]
+            past = [self._encode_past(age, inputs, state) for age in (1, 2)]
+            parts += [self._fetch(age, past[age - 1], inputs) for age in (1, 2)]
         images = {"seen": torch.cat(parts, dim=1), "shallow": shallow}
         images |= {name: inputs[name] for name in ("hr", "base") if name in inputs}
         height, width = main.shape[-2:]
         rows = height if height * width <= WHOLE_PIXELS else max(1, WHOLE_PIXELS // width)
-        predicted = in_strips(self._fused, images, rows=rows, halo=STRIP_HALO)
+        predicted = run_in_strips(self._fuse, images, rows=rows, halo=STRIP_HALO)
         # after a reset the current frame may have stood in for the past: it is none of the next's
         known = past[:1] if state is not None else []
         return {"predicted": predicted}, (main, *known) if past else None
 
-    def _fused(self, images: Tensors) -> Color:
+    def _fuse(self, images: Tensors) -> Color:
         """Current and past features, HR buffers -> HR prediction."""
         parts = [images["seen"]]
         if self.fusion.lr_channels:
@@ -181,7 +181,7 @@ class FuseSRNetwork(nn.Module):
         predicted: Color = self.decoder(torch.cat([features, images["shallow"]], dim=1), images)
         return predicted
 
-    def _past(self, age: int, inputs: Tensors, state: State) -> Image:
+    def _encode_past(self, age: int, inputs: Tensors, state: State) -> Image:
         """Main features of a past frame, or of what stands in: as computed then, or anew."""
         known = cast(tuple[Image, ...], state or ())
         if age <= len(known):
@@ -189,7 +189,7 @@ class FuseSRNetwork(nn.Module):
         features: Image = self.encoder(inputs[f"frame_{age}"])[1]
         return features
 
-    def _fetched(self, age: int, features: Image, inputs: Tensors) -> Image:
+    def _fetch(self, age: int, features: Image, inputs: Tensors) -> Image:
         """Features where each pixel was, weighted."""
         motion_px = inputs[f"motion_{age}"]
         depth_past = inputs[f"frame_{age}"][:, 3:4]
@@ -210,12 +210,12 @@ class FuseSRFastNetwork(nn.Module):
         super().__init__()
         self.config = config
         width = FAST_WIDTHS[0]
-        self.shallow = nn.Sequential(conv3(LR_CHANNELS, width), nn.ReLU(inplace=True))
-        self.main = nn.Sequential(*(separable(a, b) for a, b in pairwise(FAST_WIDTHS)))
-        self.expand = nn.Sequential(conv3(FAST_WIDTHS[-1], width), nn.ReLU(inplace=True))
+        self.shallow = nn.Sequential(make_conv3(LR_CHANNELS, width), nn.ReLU(inplace=True))
+        self.main = nn.Sequential(*(make_separable_conv(a, b) for a, b in pairwise(FAST_WIDTHS)))
+        self.expand = nn.Sequential(make_conv3(FAST_WIDTHS[-1], width), nn.ReLU(inplace=True))
         self.fusion = HrFusion(config, scale)
         self.backbone = nn.Sequential(
-            conv3(width + self.fusion.lr_channels, width),
+            make_conv3(width + self.fusion.lr_channels, width),
             nn.ReLU(inplace=True),
             *(InvertedResidual(width) for _ in range(BACKBONE_BLOCKS)),
         )

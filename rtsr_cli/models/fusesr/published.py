@@ -11,7 +11,7 @@ from torch import Tensor
 from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.lighting import LossWeights, keep_lighting, keep_picture, stored_depth
+from rtsr_cli.core.lighting.lighting import LossWeights, keep_lighting, keep_picture, stored_depth
 from rtsr_cli.core.shapes import Color
 from rtsr_cli.models.fusesr.config import FuseSRSurroundings
 
@@ -19,7 +19,7 @@ MAX_RADIANCE = 10.0
 """Bound of the radiance, of the input and of the reference [FuseSR, code]."""
 
 
-def bounded_lighting(frame: Frame) -> Color:
+def bound_lighting(frame: Frame) -> Color:
     """LR lighting of radiance bounded at 10: min(c, 10) / F = L min(1, 10 / c)."""
     color = frame.gbuffer[Buffer.COLOR]
     return frame.gbuffer[Buffer.LIGHTING] * (MAX_RADIANCE / color).nan_to_num().clamp(0.0, 1.0)
@@ -32,7 +32,7 @@ def no_goal(reference: Frame, scale: Tensor) -> dict[str, Tensor]:
 
 
 PUBLISHED = FuseSRSurroundings(
-    show_lighting=bounded_lighting,
+    show_lighting=bound_lighting,
     show_depth=stored_depth,
     decode=keep_lighting,
     corrects_base=False,

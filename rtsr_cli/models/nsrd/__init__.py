@@ -5,7 +5,7 @@ Lighting of the current frame and two past ones, moved to it and marked by dual 
 last HR output and a convolutional LSTM's state make the HR lighting, which is multiplied by the HR
 material.
 
-Conventions: those of `core.lighting`. History that is missing is the current frame, marked
+Conventions: those of `lighting.lighting`. History that is missing is the current frame, marked
 unreliable; the last output and the state are zeros then.
 
 Departs from the publication in the preset `rtsr`: the network sees and predicts log(1 + L/k), k of
@@ -22,16 +22,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.lighting import (
+from rtsr_cli.core.lighting.lighting import (
     GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LR_BUFFERS,
     REFERENCE_BUFFERS,
     compose_lighting,
-    unaligned,
+    unalign_image,
 )
-from rtsr_cli.core.system import Learning, Prediction, System, Tensors, Window, neural_predict
+from rtsr_cli.core.system import (
+    FrameWindow,
+    Prediction,
+    System,
+    Tensors,
+    TrainingRecipe,
+    neural_predict,
+)
 from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, UNROLLED_FRAMES, NSRDConfig
 from rtsr_cli.models.nsrd.inputs import derivation, prepare, surroundings_of
 from rtsr_cli.models.nsrd.loss import goal, loss
@@ -42,11 +49,13 @@ PREROLL_FRAMES = 8
 measured (`benchmarks/shards.py` and a moving scene), and each later one nearer."""
 
 
-def compose(config: NSRDConfig, window: Window, inputs: Tensors, outputs: Tensors) -> Prediction:
+def compose(
+    config: NSRDConfig, window: FrameWindow, inputs: Tensors, outputs: Tensors
+) -> Prediction:
     """Radiance from predicted lighting; of what was decided, where the last output was used."""
     predicted = outputs["predicted"].clamp(min=0)
     prediction = compose_lighting(surroundings_of(config), window, inputs, predicted)
-    unreliable = unaligned(window, inputs["unreliable_hr"])
+    unreliable = unalign_image(window, inputs["unreliable_hr"])
     return replace(prediction, debug={**prediction.debug, "unreliable": unreliable})
 
 
@@ -67,7 +76,7 @@ NSRD = System(
     config=NSRDConfig,
     build=NSRDNetwork,
     predict=neural_predict(prepare, compose),
-    learning=Learning(
+    learning=TrainingRecipe(
         prepare=prepare,
         reference=REFERENCE_BUFFERS,
         goal=goal,

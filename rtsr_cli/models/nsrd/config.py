@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rtsr_cli.core.choices import DemodulationMode, LutConvention, Preset
-from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.history import DualMotion
-from rtsr_cli.core.lighting import Base, LossWeights, Surroundings
+from rtsr_cli.core.imaging.derivation import DerivationConfig
+from rtsr_cli.core.imaging.frame_motion import DualMotion
+from rtsr_cli.core.lighting.lighting import EnlargementBase, LossWeights, Surroundings
 from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
-from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.system import FrameWindow, Tensors
 
 HISTORY_FRAMES = 2
 
@@ -68,7 +68,7 @@ class NSRDSurroundings(Surroundings):
     show_lighting: Callable[[Frame, Frame], Color]
     chain_motion: Callable[[DualMotion, DualMotion, Mark], tuple[MotionPx, Mask]]
     move_frame: Callable[[Image, MotionPx, Image], Image]
-    enlarge_motion: Callable[[Window, Image], tuple[MotionPx, Image, int]]
+    enlarge_motion: Callable[[FrameWindow, Image], tuple[MotionPx, Image, int]]
     fetch_output: Callable[[Color, Tensors], Color]
     show_output: Callable[[Color, Tensors], Color]
     moves_state: bool
@@ -102,7 +102,7 @@ class NSRDConfig:
     lstm: bool = True
     warp_state: bool = True
     gradient_frames: int = 1
-    base: Base = Base.GUIDED
+    base: EnlargementBase = EnlargementBase.GUIDED
     loss: NSRDLossWeights = field(default_factory=NSRDLossWeights)
 
     def __post_init__(self) -> None:

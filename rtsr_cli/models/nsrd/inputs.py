@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.choices import Preset
-from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.history import DualMotion, brightening, dual_motion_between
-from rtsr_cli.core.imaging.alignment import block_shift, shifted_jitter
+from rtsr_cli.core.imaging.alignment import block_shift, shift_jitter
+from rtsr_cli.core.imaging.derivation import DerivationConfig
+from rtsr_cli.core.imaging.frame_motion import DualMotion, exposure_ratio, find_dual_motion
 from rtsr_cli.core.imaging.splatting import UNRELIABLE_PX, unreliable_mask
 from rtsr_cli.core.imaging.warping import (
     backward_warp,
@@ -26,15 +26,15 @@ from rtsr_cli.core.imaging.warping import (
     inside_frame,
     upsample_motion,
 )
-from rtsr_cli.core.lighting import (
+from rtsr_cli.core.lighting.lighting import (
     MAX_LIGHTING,
+    build_lighting_inputs,
     encode_lighting,
-    lighting_inputs,
+    lighting_scale_of,
     network_normal,
-    scale_of,
 )
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
-from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, Mark, NSRDConfig, NSRDSurroundings
 from rtsr_cli.models.nsrd.published import PUBLISHED
 
@@ -52,8 +52,8 @@ def derivation(config: NSRDConfig) -> DerivationConfig:
 
 def show_lighting(frame: Frame, now: Frame) -> Color:
     """Log lighting of an LR frame, at the current one's exposure and with its k, bounded."""
-    exposed = frame.gbuffer[Buffer.LIGHTING] * brightening(now, frame)
-    encoded = encode_lighting(exposed.clamp(max=MAX_LIGHTING), scale_of(now))
+    exposed = frame.gbuffer[Buffer.LIGHTING] * exposure_ratio(now, frame)
+    encoded = encode_lighting(exposed.clamp(max=MAX_LIGHTING), lighting_scale_of(now))
     return encoded * frame.gbuffer[Buffer.LIGHTING_MASK]
 
 
@@ -62,7 +62,7 @@ def outside_mask(motion_px: MotionPx) -> Mask:
     return 1.0 - inside_frame(motion_px)
 
 
-def marking(config: NSRDConfig) -> Mark:
+def choose_mark(config: NSRDConfig) -> Mark:
     """What tells where the frame before must not be trusted: dual vectors, or what was outside."""
     if config.dual_vectors:
         return lambda dual: dual.unreliable
@@ -83,11 +83,11 @@ def move_frame(frame: Image, motion_px: MotionPx, current: Image) -> Image:
     return torch.where(inside > 0, moved, current)
 
 
-def enlarge_motion(window: Window, fields: Image) -> tuple[MotionPx, Image, int]:
+def enlarge_motion(window: FrameWindow, fields: Image) -> tuple[MotionPx, Image, int]:
     """mv_HR = S up(mv) + shift(now) - shift(before), of the grids that `alignment` moved."""
     now, before = window.lr[:2]
     scale = window.scale
-    jitter = shifted_jitter(now.camera.jitter_px, scale)
+    jitter = shift_jitter(now.camera.jitter_px, scale)
     large = upsample_motion(fields, scale, jitter_px=jitter)
     shifts = [block_shift(f.camera.jitter_px, scale) for f in (now, before)]
     shift = [a - b for a, b in zip(*shifts, strict=True)]
@@ -136,7 +136,9 @@ def frame_features(frame: Frame, now: Frame, surroundings: NSRDSurroundings) -> 
     return torch.cat([lighting, network_normal(frame), depth], dim=1)
 
 
-def output_motion(config: NSRDConfig, window: Window, dual: DualMotion) -> tuple[MotionPx, Mask]:
+def output_motion(
+    config: NSRDConfig, window: FrameWindow, dual: DualMotion
+) -> tuple[MotionPx, Mask]:
     """Motion of the last HR output's pixels, and where it is unreliable.
 
     1 where |S up(DMV) - S up(TMV)| >= 0.1 S; in `paper` vectors and threshold are in LR pixels.
@@ -153,13 +155,13 @@ def output_motion(config: NSRDConfig, window: Window, dual: DualMotion) -> tuple
     return motion, unreliable
 
 
-def history_inputs(config: NSRDConfig, window: Window, current: Image) -> dict[str, Tensor]:
+def history_inputs(config: NSRDConfig, window: FrameWindow, current: Image) -> dict[str, Tensor]:
     """Past frames with their masks, newest first; motion and trust of the last output.
 
     What is missing at the start is the current frame with a mask of 1.
     """
     frames, now, scale = window.lr, window.current, window.scale
-    surroundings, mark = surroundings_of(config), marking(config)
+    surroundings, mark = surroundings_of(config), choose_mark(config)
     nothing = torch.zeros_like(now.gbuffer[Buffer.MOTION])
     untrusted = torch.ones_like(nothing[:, :1])
     inputs = {f"past_{age}": torch.cat([current, untrusted], 1) for age in (1, HISTORY_FRAMES)}
@@ -169,25 +171,25 @@ def history_inputs(config: NSRDConfig, window: Window, current: Image) -> dict[s
     inputs["motion_hr"], inputs["unreliable_hr"] = large, torch.ones_like(large[:, :1])
     if len(frames) == 1:
         return inputs
-    newer = dual_motion_between(now, frames[1])
+    newer = find_dual_motion(now, frames[1])
     steps = [(newer.motion_px, mark(newer))]
     if len(frames) > HISTORY_FRAMES:
-        older = dual_motion_between(frames[1], frames[2])
+        older = find_dual_motion(frames[1], frames[2])
         steps.append(surroundings.chain_motion(newer, older, mark))
     for age, (motion, unreliable) in enumerate(steps, start=1):
         past = frame_features(frames[age], now, surroundings)
         moved = surroundings.move_frame(past, motion, current)
         inputs[f"past_{age}"] = torch.cat([moved, unreliable], dim=1)
     inputs["motion_1"] = newer.motion_px
-    inputs["brightening"] = inputs["brightening"] * brightening(now, frames[1])
+    inputs["brightening"] = inputs["brightening"] * exposure_ratio(now, frames[1])
     inputs["motion_hr"], inputs["unreliable_hr"] = output_motion(config, window, newer)
     return inputs
 
 
-def prepare(config: NSRDConfig, window: Window) -> Tensors:
+def prepare(config: NSRDConfig, window: FrameWindow) -> Tensors:
     """Inputs of the network."""
     surroundings, now = surroundings_of(config), window.current
     current = frame_features(now, now, surroundings)
     apart = config.derivation.has_emission
-    inputs = lighting_inputs(window, surroundings, config.base, emission_apart=apart)
+    inputs = build_lighting_inputs(window, surroundings, config.base, emission_apart=apart)
     return inputs | {"frame_0": current} | history_inputs(config, window, current)

@@ -7,16 +7,16 @@ from torch import Tensor
 
 from rtsr_cli.core.choices import SsimConvention
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.lighting import lighting_goal, lighting_loss
+from rtsr_cli.core.lighting.lighting import build_lighting_goal, lighting_loss
 from rtsr_cli.core.metrics.ssim import ssim
-from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.nsrd.config import NSRDConfig
 from rtsr_cli.models.nsrd.inputs import surroundings_of
 
 
-def goal(config: NSRDConfig, window: Window, reference: Frame) -> Tensors:
+def goal(config: NSRDConfig, window: FrameWindow, reference: Frame) -> Tensors:
     """What the capture's lighting is, as the preset expresses it."""
-    return lighting_goal(surroundings_of(config), window, reference)
+    return build_lighting_goal(surroundings_of(config), window, reference)
 
 
 def loss(config: NSRDConfig, inputs: Tensors, outputs: Tensors, target: Tensors) -> Tensors:

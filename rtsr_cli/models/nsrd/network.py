@@ -8,8 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from rtsr_cli.core.blocks import conv3, pixel_unshuffle
 from rtsr_cli.core.imaging.warping import backward_warp
+from rtsr_cli.core.network.blocks import make_conv3, pixel_unshuffle
 from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, LR_CHANNELS, NSRDConfig
@@ -49,8 +49,8 @@ class GatedConvolution(nn.Module):
     def __init__(self, channels_in: int, channels_out: int) -> None:
         """Weights start Kaiming-normal."""
         super().__init__()
-        self.feature = conv3(channels_in, channels_out)
-        self.gate = conv3(channels_in, channels_out)
+        self.feature = make_conv3(channels_in, channels_out)
+        self.gate = make_conv3(channels_in, channels_out)
         self.norm = nn.BatchNorm2d(channels_out)
         for layer in (self.feature, self.gate):
             nn.init.kaiming_normal_(layer.weight)
@@ -72,7 +72,7 @@ class ConvLSTM(nn.Module):
         """Keep the width."""
         super().__init__()
         self.channels = channels
-        self.gates = conv3(channels_in + channels, 4 * channels)
+        self.gates = make_conv3(channels_in + channels, 4 * channels)
 
     def forward(self, seen: Image, hidden: Image, cell: Image) -> tuple[Image, Image]:
         """Return the new hidden state and cell; what adds up over frames is of single precision."""
@@ -90,7 +90,7 @@ class ChannelAttentionBlock(nn.Module):
         """Keep the width."""
         super().__init__()
         self.layers = nn.Sequential(
-            conv3(channels, channels), nn.ReLU(inplace=True), conv3(channels, channels)
+            make_conv3(channels, channels), nn.ReLU(inplace=True), make_conv3(channels, channels)
         )
         self.attention = nn.Sequential(
             nn.Conv2d(channels, SQUEEZED_WIDTH, 1),
@@ -106,18 +106,18 @@ class ChannelAttentionBlock(nn.Module):
         return torch.addcmul(features, corrected, weights)
 
 
-def attention_blocks(count: int) -> nn.Sequential:
+def make_attention_blocks(count: int) -> nn.Sequential:
     """Blocks one after the other."""
     return nn.Sequential(*(ChannelAttentionBlock(UNET_WIDTH) for _ in range(count)))
 
 
-def halved(features: Image) -> Image:
+def halve_size(features: Image) -> Image:
     """2x2 maximum; a side of one pixel stays."""
     height, width = features.shape[-2:]
     return F.max_pool2d(features, (min(2, height), min(2, width)))
 
 
-def doubled(features: Image, like: Image) -> Image:
+def double_size(features: Image, like: Image) -> Image:
     """Twice the size, bilinear from corner to corner, zeros around up to the size of `like`.
 
     Of what is missing, floor(half) goes above and to the left [NSRD, code].
@@ -131,39 +131,39 @@ def doubled(features: Image, like: Image) -> Image:
     return F.pad(enlarged, (right // 2, right - right // 2, down // 2, down - down // 2))
 
 
-class Joining(nn.Module):
+class LevelJoin(nn.Module):
     """Coarse features, doubled, beside those of the finer level -> the finer level."""
 
     def __init__(self, blocks: int) -> None:
         """Keep the number of blocks."""
         super().__init__()
-        self.join = conv3(2 * UNET_WIDTH, UNET_WIDTH)
-        self.blocks = attention_blocks(blocks)
+        self.join = make_conv3(2 * UNET_WIDTH, UNET_WIDTH)
+        self.blocks = make_attention_blocks(blocks)
 
     def forward(self, coarse: Image, fine: Image) -> Image:
         """Double, join, refine."""
-        joined: Image = self.blocks(self.join(torch.cat([doubled(coarse, fine), fine], dim=1)))
+        joined: Image = self.blocks(self.join(torch.cat([double_size(coarse, fine), fine], dim=1)))
         return joined
 
 
-class Reconstruction(nn.Module):
+class MultiscaleReconstruction(nn.Module):
     """Hidden state -> features, over three levels of resolution."""
 
     def __init__(self) -> None:
         """Build the published numbers of blocks."""
         super().__init__()
-        self.encoder_1 = attention_blocks(3)
-        self.encoder_2 = attention_blocks(2)
-        self.centre = attention_blocks(3)
-        self.decoder_2 = Joining(2)
-        self.decoder_1 = Joining(3)
-        self.narrow = conv3(UNET_WIDTH, WIDTH)
+        self.encoder_1 = make_attention_blocks(3)
+        self.encoder_2 = make_attention_blocks(2)
+        self.centre = make_attention_blocks(3)
+        self.decoder_2 = LevelJoin(2)
+        self.decoder_1 = LevelJoin(3)
+        self.narrow = make_conv3(UNET_WIDTH, WIDTH)
 
     def forward(self, hidden: Image) -> Image:
         """Down and up again."""
         fine = self.encoder_1(hidden)
-        middle = self.encoder_2(halved(fine))
-        coarse = self.centre(halved(middle))
+        middle = self.encoder_2(halve_size(fine))
+        coarse = self.centre(halve_size(middle))
         features: Image = self.narrow(self.decoder_1(self.decoder_2(coarse, middle), fine))
         return features
 
@@ -177,12 +177,12 @@ class NSRDNetwork(nn.Module):
         self.config = config
         self.surroundings = surroundings_of(config)
         self.scale = scale
-        self.current = conv3(LR_CHANNELS, WIDTH)
+        self.current = make_conv3(LR_CHANNELS, WIDTH)
         self.reliable = GatedConvolution(LR_CHANNELS + 1, WIDTH)
-        self.last = conv3(3 * scale**2, WIDTH)
+        self.last = make_conv3(3 * scale**2, WIDTH)
         self.memory = ConvLSTM((2 + HISTORY_FRAMES) * WIDTH, UNET_WIDTH)
-        self.reconstruction = Reconstruction()
-        self.output = conv3(WIDTH, 3 * scale**2)
+        self.reconstruction = MultiscaleReconstruction()
+        self.output = make_conv3(WIDTH, 3 * scale**2)
         if self.surroundings.corrects_base:
             nn.init.zeros_(self.output.weight)
             nn.init.zeros_(cast(Tensor, self.output.bias))
@@ -195,9 +195,11 @@ class NSRDNetwork(nn.Module):
         previous = None
         if before is not None:
             previous = self.surroundings.fetch_output(before.lighting, inputs)
-        last = self.last(pixel_unshuffle(self._shown(inputs, previous), self.scale, like=current))
+        last = self.last(
+            pixel_unshuffle(self._show_last(inputs, previous), self.scale, like=current)
+        )
         seen = torch.cat([current, *past, last], dim=1)
-        hidden, cell = self.memory(seen, *self._remembered(inputs, before, seen))
+        hidden, cell = self.memory(seen, *self._recall_state(inputs, before, seen))
         features = self.reconstruction(hidden)
         predicted = F.pixel_shuffle(self.output(features), self.scale).float()
         if "base" in inputs:
@@ -205,15 +207,15 @@ class NSRDNetwork(nn.Module):
         outputs = {"predicted": predicted}
         if previous is not None:
             outputs["previous"] = previous
-        return outputs, self._left(inputs, predicted, hidden, cell, before)
+        return outputs, self._make_state(inputs, predicted, hidden, cell, before)
 
-    def _shown(self, inputs: Tensors, previous: Color | None) -> Color:
+    def _show_last(self, inputs: Tensors, previous: Color | None) -> Color:
         """What the network sees of the last output: zeros where there is none."""
         if previous is None or not self.config.feedback:
             return torch.zeros_like(inputs["material"])
         return self.surroundings.show_output(previous, inputs)
 
-    def _remembered(
+    def _recall_state(
         self, inputs: Tensors, before: NSRDState | None, seen: Image
     ) -> tuple[Image, Image]:
         """Hidden state and cell of the frame before, zeros where there is none."""
@@ -228,7 +230,7 @@ class NSRDNetwork(nn.Module):
         )
         return hidden, cell
 
-    def _left(
+    def _make_state(
         self,
         inputs: Tensors,
         predicted: Color,

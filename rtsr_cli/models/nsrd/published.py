@@ -14,18 +14,18 @@ from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.history import DualMotion
+from rtsr_cli.core.imaging.frame_motion import DualMotion
 from rtsr_cli.core.imaging.warping import own_index
-from rtsr_cli.core.lighting import hr_frame, keep_lighting, stored_depth, with_sky
+from rtsr_cli.core.lighting.lighting import add_sky, keep_lighting, require_hr_frame, stored_depth
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
-from rtsr_cli.core.system import Tensors, Window
+from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.nsrd.config import Mark, NSRDLossWeights, NSRDSurroundings
 
 EMISSIVE = 1e-4
 """Emission from which, in any channel, it is shown instead of the prediction [NSRD, code]."""
 
 
-def published_grid(motion_px: MotionPx) -> Tensor:
+def make_published_grid(motion_px: MotionPx) -> Tensor:
     """2 (x + mv) / W - 1 and the same of y, for `grid_sample` with corners aligned."""
     axes = [
         2.0 * (motion_px[:, axis] + own_index(motion_px, axis)) / motion_px.shape[3 - axis] - 1.0
@@ -34,20 +34,20 @@ def published_grid(motion_px: MotionPx) -> Tensor:
     return torch.stack(axes, dim=-1)
 
 
-def _sampled(image: Image, grid: Tensor) -> Image:
+def _sample_grid(image: Image, grid: Tensor) -> Image:
     return F.grid_sample(image, grid, mode="bilinear", padding_mode="border", align_corners=True)
 
 
 def warp_frame(frame: Image, motion_px: MotionPx, current: Image) -> Image:
     """A past LR frame where each pixel was; the current one where that is outside."""
-    grid = published_grid(motion_px)
+    grid = make_published_grid(motion_px)
     outside = (grid.abs() > 1.0).any(dim=-1).unsqueeze(1)
-    return torch.where(outside, current, _sampled(frame, grid))
+    return torch.where(outside, current, _sample_grid(frame, grid))
 
 
 def warp_output(output: Color, motion_px: MotionPx) -> Color:
     """The last HR output where each pixel was, borders clamped."""
-    return _sampled(output, published_grid(motion_px))
+    return _sample_grid(output, make_published_grid(motion_px))
 
 
 def show_lighting(frame: Frame, now: Frame) -> Color:
@@ -62,7 +62,7 @@ def add_motion(newer: DualMotion, older: DualMotion, mark: Mark) -> tuple[Motion
     return motion, mark(DualMotion(motion, dual, newer.known * older.known))
 
 
-def enlarge_motion(window: Window, fields: Image) -> tuple[MotionPx, Image, int]:
+def enlarge_motion(window: FrameWindow, fields: Image) -> tuple[MotionPx, Image, int]:
     """Corners aligned; vectors stay in LR pixels."""
     size = [side * window.scale for side in fields.shape[-2:]]
     large = F.interpolate(fields, size=size, mode="bilinear", align_corners=True)
@@ -80,13 +80,13 @@ def show_output(previous: Color, inputs: Tensors) -> Color:
     return previous
 
 
-def show_emission(window: Window, image: Color) -> Color:
+def show_emission(window: FrameWindow, image: Color) -> Color:
     """Emission instead of the prediction where there is any; sky enlarged on its own."""
-    emission = hr_frame(window).gbuffer.buffers.get(Buffer.EMISSION)
+    emission = require_hr_frame(window).gbuffer.buffers.get(Buffer.EMISSION)
     if emission is not None:
         shines = (emission.abs() >= EMISSIVE).any(dim=1, keepdim=True)
         image = torch.where(shines, emission, image)
-    return with_sky(window, image)
+    return add_sky(window, image)
 
 
 def raw_goal(reference: Frame, scale: Tensor) -> dict[str, Tensor]:

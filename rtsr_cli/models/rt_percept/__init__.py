@@ -15,20 +15,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rtsr_cli.core.captured_rates import CAPTURED_NAMES
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.learning.augmentation import NO_AUGMENTATION
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import (
-    Judge,
-    Learning,
+    FrameJudge,
+    FrameWindow,
     Prediction,
     System,
     Tensors,
-    Window,
+    TrainingRecipe,
     neural_predict,
 )
+from rtsr_cli.core.training.augmentation import NO_AUGMENTATION
+from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES
 from rtsr_cli.core.vrs.predictor import TilePredictor
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
 from rtsr_cli.models.rt_percept.inputs import BUFFERS, OPTIONAL, prepare
@@ -45,7 +45,7 @@ from rtsr_cli.models.rt_percept.network import RtPerceptNetwork
 
 
 def compose(
-    config: RtPerceptConfig, window: Window, inputs: Tensors, outputs: Tensors
+    config: RtPerceptConfig, window: FrameWindow, inputs: Tensors, outputs: Tensors
 ) -> Prediction:
     """Errors of the predicted rates, the margin of the config added before T^-1."""
     del window
@@ -69,7 +69,7 @@ RT_PERCEPT = System(
     config=RtPerceptConfig,
     build=RtPerceptNetwork,
     predict=neural_predict(prepare, compose),
-    learning=Learning(
+    learning=TrainingRecipe(
         prepare=prepare,
         reference=(Buffer.COLOR,),
         goal=goal,
@@ -85,7 +85,7 @@ RT_PERCEPT = System(
             "schedule": "exponential",
             "augmentation": to_plain(NO_AUGMENTATION),
         },
-        judge=Judge(names=("r2", "mae", "under"), scores=scores, panels=panels),
+        judge=FrameJudge(names=("r2", "mae", "under"), scores=scores, panels=panels),
     ),
     tiles=TilePredictor(
         configure=lambda error, reuse: RtPerceptConfig(error=error, reuse=reuse),

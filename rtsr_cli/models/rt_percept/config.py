@@ -7,8 +7,8 @@ from enum import StrEnum
 
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.settings import check_numbers
-from rtsr_cli.core.vrs.errors import JUST_NOTICED, ErrorConfig
-from rtsr_cli.core.vrs.rates import REDUCED, Rate
+from rtsr_cli.core.vrs.rates import REDUCED, ShadingRate
+from rtsr_cli.core.vrs.shading_error import JUST_NOTICED, ErrorConfig
 
 WIDTH = 16
 """Channels; the least without evident loss [rt-percept]."""
@@ -16,7 +16,7 @@ WIDTH = 16
 MAX_TILE = 64
 
 
-class Inputs(StrEnum):
+class NetworkInputs(StrEnum):
     """Which buffers the network sees, by the number of their channels."""
 
     FOUR = "4"
@@ -30,7 +30,7 @@ class Inputs(StrEnum):
     """4 channels: specular instead of the mask."""
 
 
-class Groups(StrEnum):
+class ConvolutionGroups(StrEnum):
     """Groups of the five convolutions."""
 
     CODE = "code"
@@ -41,10 +41,10 @@ class Groups(StrEnum):
     @property
     def numbers(self) -> tuple[int, ...]:
         """Groups layer by layer."""
-        return (1, 1, 2, 4, 1) if self is Groups.CODE else (1, 1, 4, 8, 1)
+        return (1, 1, 2, 4, 1) if self is ConvolutionGroups.CODE else (1, 1, 4, 8, 1)
 
 
-class Transform(StrEnum):
+class ErrorTransform(StrEnum):
     """How errors are brought to 0..1."""
 
     CLAMPED = "clamped"
@@ -72,10 +72,10 @@ class RtPerceptConfig:
         error: what is predicted.
     """
 
-    inputs: Inputs = Inputs.LUMA
+    inputs: NetworkInputs = NetworkInputs.LUMA
     rates: tuple[str, ...] = ("1x2", "2x1", "2x4", "4x2")
-    groups: Groups = Groups.CODE
-    transform: Transform = Transform.CLAMPED
+    groups: ConvolutionGroups = ConvolutionGroups.CODE
+    transform: ErrorTransform = ErrorTransform.CLAMPED
     mean: float = 0.0
     margin: float = 0.0
     threshold: float = 0.0
@@ -122,6 +122,6 @@ class RtPerceptConfig:
         return ("reuse",) if self.reuse else self.rates
 
     @property
-    def predicted(self) -> tuple[Rate, ...]:
+    def predicted(self) -> tuple[ShadingRate, ...]:
         """Rates of the output channels."""
         return tuple(next(r for r in REDUCED if r.label == name) for name in self.rates)

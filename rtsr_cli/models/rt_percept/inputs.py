@@ -14,10 +14,10 @@ import torch
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.shapes import Color, Image, Mask
-from rtsr_cli.core.system import Tensors, Window
-from rtsr_cli.core.vrs.errors import luma
-from rtsr_cli.core.vrs.reprojection import displayed, reproject
-from rtsr_cli.models.rt_percept.config import Inputs, RtPerceptConfig
+from rtsr_cli.core.system import FrameWindow, Tensors
+from rtsr_cli.core.vrs.reprojection import encode_display, reproject
+from rtsr_cli.core.vrs.shading_error import rec601_luma
+from rtsr_cli.models.rt_percept.config import NetworkInputs, RtPerceptConfig
 
 DIELECTRIC_F0 = 0.04
 
@@ -35,50 +35,52 @@ def _view_normal(frame: Frame) -> Image:
     return frame.gbuffer[Buffer.VIEW_NORMAL] * 0.5 + 0.5
 
 
-def _plane(frame: Frame, buffer: Buffer) -> Image:
+def _plane_or_zero(frame: Frame, buffer: Buffer) -> Image:
     """A buffer, 0 where it is not there."""
     held = frame.gbuffer.buffers.get(buffer)
     return torch.zeros_like(frame.gbuffer[Buffer.DEPTH]) if held is None else held
 
 
-def _diffuse(frame: Frame) -> Color:
+def _diffuse_color(frame: Frame) -> Color:
     """Albedo times what is no metal."""
-    return frame.gbuffer[Buffer.ALBEDO] * (1.0 - _plane(frame, Buffer.METALLIC))
+    return frame.gbuffer[Buffer.ALBEDO] * (1.0 - _plane_or_zero(frame, Buffer.METALLIC))
 
 
-def _specular(frame: Frame) -> Color:
+def _specular_color(frame: Frame) -> Color:
     """F0 = lerp(0.04, albedo, metallic)."""
-    metallic = _plane(frame, Buffer.METALLIC)
+    metallic = _plane_or_zero(frame, Buffer.METALLIC)
     return DIELECTRIC_F0 * (1.0 - metallic) + frame.gbuffer[Buffer.ALBEDO] * metallic
 
 
-def _four(frame: Frame, picture: Color, seen: Mask) -> Image:
+def _four_channels(frame: Frame, picture: Color, seen: Mask) -> Image:
     """Reprojected red, mask, diffuse red, z of the normal."""
     normal_z = _view_normal(frame)[:, 2:]
-    return torch.cat([picture[:, :1], seen, _diffuse(frame)[:, :1], normal_z], dim=1)
+    return torch.cat([picture[:, :1], seen, _diffuse_color(frame)[:, :1], normal_z], dim=1)
 
 
 def _luma(frame: Frame, picture: Color, seen: Mask) -> Image:
     """Luma of the reprojected picture, mask, luma of the diffuse colour, z of the normal."""
     normal_z = _view_normal(frame)[:, 2:]
-    return torch.cat([luma(picture), seen, luma(_diffuse(frame)), normal_z], dim=1)
+    return torch.cat(
+        [rec601_luma(picture), seen, rec601_luma(_diffuse_color(frame)), normal_z], dim=1
+    )
 
 
 def _reuse(frame: Frame, picture: Color, seen: Mask) -> Image:
     """Reprojected red, diffuse and specular red, z of the normal."""
     del seen
     normal_z = _view_normal(frame)[:, 2:]
-    parts = [picture[:, :1], _diffuse(frame)[:, :1], _specular(frame)[:, :1], normal_z]
+    parts = [picture[:, :1], _diffuse_color(frame)[:, :1], _specular_color(frame)[:, :1], normal_z]
     return torch.cat(parts, dim=1)
 
 
-def _three(frame: Frame, picture: Color, seen: Mask) -> Image:
+def _three_channels(frame: Frame, picture: Color, seen: Mask) -> Image:
     """The reprojected picture alone."""
     del frame, seen
     return picture
 
 
-def _sixteen(frame: Frame, picture: Color, seen: Mask) -> Image:
+def _sixteen_channels(frame: Frame, picture: Color, seen: Mask) -> Image:
     """Mask, normal, diffuse, shadow, roughness, specular, n.v, emission.
 
     No file holds a shadow buffer: its channel is 0.
@@ -89,33 +91,33 @@ def _sixteen(frame: Frame, picture: Color, seen: Mask) -> Image:
     parts = [
         seen,
         _view_normal(frame),
-        _diffuse(frame),
+        _diffuse_color(frame),
         torch.zeros_like(seen),
-        _plane(frame, Buffer.ROUGHNESS),
-        _specular(frame),
-        _plane(frame, Buffer.NOV),
-        shown if emission is None else displayed(emission),
+        _plane_or_zero(frame, Buffer.ROUGHNESS),
+        _specular_color(frame),
+        _plane_or_zero(frame, Buffer.NOV),
+        shown if emission is None else encode_display(emission),
     ]
     return torch.cat(parts, dim=1)
 
 
-def _nineteen(frame: Frame, picture: Color, seen: Mask) -> Image:
+def _nineteen_channels(frame: Frame, picture: Color, seen: Mask) -> Image:
     """Every candidate."""
-    return torch.cat([picture, _sixteen(frame, picture, seen)], dim=1)
+    return torch.cat([picture, _sixteen_channels(frame, picture, seen)], dim=1)
 
 
-SETS: dict[Inputs, tuple[int, Channels]] = {
-    Inputs.FOUR: (4, _four),
-    Inputs.LUMA: (4, _luma),
-    Inputs.THREE: (3, _three),
-    Inputs.SIXTEEN: (16, _sixteen),
-    Inputs.NINETEEN: (19, _nineteen),
-    Inputs.REUSE: (4, _reuse),
+SETS: dict[NetworkInputs, tuple[int, Channels]] = {
+    NetworkInputs.FOUR: (4, _four_channels),
+    NetworkInputs.LUMA: (4, _luma),
+    NetworkInputs.THREE: (3, _three_channels),
+    NetworkInputs.SIXTEEN: (16, _sixteen_channels),
+    NetworkInputs.NINETEEN: (19, _nineteen_channels),
+    NetworkInputs.REUSE: (4, _reuse),
 }
 """Number of channels, and what makes them."""
 
 
-def prepare(config: RtPerceptConfig, window: Window) -> Tensors:
+def prepare(config: RtPerceptConfig, window: FrameWindow) -> Tensors:
     """`seen`: channels of the network; `mask`: 1 where the frame before shows the surface."""
     before = reproject(window)
     _, channels = SETS[config.inputs]

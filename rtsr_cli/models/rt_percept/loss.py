@@ -17,18 +17,18 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from rtsr_cli.core.captured_rates import true_errors
 from rtsr_cli.core.choices import VrsMetric
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import decode_reinhard, decode_srgb
-from rtsr_cli.core.metrics.heat import heat_map
+from rtsr_cli.core.metrics.heat_map import heat_map
 from rtsr_cli.core.shapes import Color, TileMap
-from rtsr_cli.core.system import Prediction, Tensors, Window
-from rtsr_cli.core.vrs.accuracy import accuracy, tally
+from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
+from rtsr_cli.core.vrs.accuracy import average_accuracy, tally_errors
+from rtsr_cli.core.vrs.captured_rates import measure_true_errors
 from rtsr_cli.core.vrs.reuse import reuse_errors
-from rtsr_cli.core.vrs.tiles import tile_mean
-from rtsr_cli.models.rt_percept.config import RtPerceptConfig, Transform
+from rtsr_cli.core.vrs.tile_pooling import tile_mean
+from rtsr_cli.models.rt_percept.config import ErrorTransform, RtPerceptConfig
 
 STEEPNESS = 10.0
 
@@ -50,7 +50,7 @@ def transform_errors(errors: Tensor, mean: Tensor, config: RtPerceptConfig) -> T
     """T(Y), 0..1."""
     if config.error.metric is VrsMetric.PSNR:
         return (1.0 - DECIBEL * errors).clamp(0.0, 1.0)
-    if config.transform is Transform.CLAMPED:
+    if config.transform is ErrorTransform.CLAMPED:
         return (errors / (2.0 * mean)).clamp(0.0, 1.0)
     low, high = _curve(torch.zeros_like(mean), mean), _curve(torch.ones_like(mean), mean)
     return ((_curve(errors, mean) - low) / (high - low)).clamp(0.0, 1.0)
@@ -61,7 +61,7 @@ def restore_errors(values: Tensor, mean: Tensor, config: RtPerceptConfig) -> Ten
     values = values.clamp(0.0, 1.0)
     if config.error.metric is VrsMetric.PSNR:
         return (1.0 - values) / DECIBEL
-    if config.transform is Transform.CLAMPED:
+    if config.transform is ErrorTransform.CLAMPED:
         return values * (2.0 * mean)
     low, high = _curve(torch.zeros_like(mean), mean), _curve(torch.ones_like(mean), mean)
     # rounding may leave the range, beyond which there are errors below 0 or above 1
@@ -81,13 +81,13 @@ def decode_errors(values: Tensor, network: nn.Module) -> Tensor:
     return restore_errors(values, network.get_buffer("mean").cpu(), config)
 
 
-def goal(config: RtPerceptConfig, window: Window, reference: Frame) -> Tensors:
+def goal(config: RtPerceptConfig, window: FrameWindow, reference: Frame) -> Tensors:
     """`errors`: what is to be predicted, not transformed, a channel a rate; or of reuse."""
     color = reference.gbuffer[Buffer.COLOR]
     if config.reuse:
         return {"errors": reuse_errors(window, color, config.error)}
     ids = reference.gbuffer.buffers.get(Buffer.OBJECT_ID) if config.keep_edges else None
-    errors = true_errors(
+    errors = measure_true_errors(
         color,
         config.error,
         captured=reference.beside,
@@ -119,18 +119,18 @@ def loss(config: RtPerceptConfig, inputs: Tensors, outputs: Tensors, target: Ten
 
 
 def scores(
-    config: RtPerceptConfig, window: Window, prediction: Prediction, reference: Frame
+    config: RtPerceptConfig, window: FrameWindow, prediction: Prediction, reference: Frame
 ) -> dict[str, float]:
     """R^2, mean absolute error and mean underestimation, in transformed space."""
     wanted, predicted = _both(config, window, prediction, reference)
     each = enumerate(config.channels)
-    return accuracy(
-        {name: tally(predicted[:, i : i + 1], wanted[:, i : i + 1]) for i, name in each}
+    return average_accuracy(
+        {name: tally_errors(predicted[:, i : i + 1], wanted[:, i : i + 1]) for i, name in each}
     )
 
 
 def panels(
-    config: RtPerceptConfig, window: Window, prediction: Prediction, reference: Frame
+    config: RtPerceptConfig, window: FrameWindow, prediction: Prediction, reference: Frame
 ) -> dict[str, Color]:
     """Radiance, and the first rate's error, predicted and true, a pixel a pixel."""
     wanted, predicted = _both(config, window, prediction, reference)
@@ -146,7 +146,7 @@ def panels(
 
 
 def _both(
-    config: RtPerceptConfig, window: Window, prediction: Prediction, reference: Frame
+    config: RtPerceptConfig, window: FrameWindow, prediction: Prediction, reference: Frame
 ) -> tuple[TileMap, TileMap]:
     """True and predicted values in transformed space."""
     mean = prediction.debug["mean"].cpu()

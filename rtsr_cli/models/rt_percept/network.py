@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.shapes import Image, TileMap
 from rtsr_cli.core.system import State, Tensors
-from rtsr_cli.core.vrs.tiles import padded
+from rtsr_cli.core.vrs.tile_pooling import pad_to_tiles
 from rtsr_cli.models.rt_percept.config import WIDTH, RtPerceptConfig
 from rtsr_cli.models.rt_percept.inputs import SETS
 
@@ -60,7 +60,7 @@ class ErrorLayer(nn.Module):
         return pooled
 
 
-def affine(norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
+def fold_affine(norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
     """(a, b): y = a x + b of a batch norm that keeps its statistics."""
     assert norm.running_mean is not None
     assert norm.running_var is not None
@@ -97,7 +97,7 @@ class FrozenLayer(nn.Module):
         assert convolution.bias is not None
         weight, bias = convolution.weight.detach(), convolution.bias.detach()
         groups = convolution.groups
-        a, b = (part.detach() for part in affine(norm))
+        a, b = (part.detach() for part in fold_affine(norm))
         taps = None
         if carried is not None:
             sign, shift = carried
@@ -129,23 +129,23 @@ class FrozenLayer(nn.Module):
 
     def forward(self, features: Image) -> Image:
         """Convolve, pool, rectify, normalise."""
-        found: Image = self.convolution(features)
+        features_out: Image = self.convolution(features)
         if self.taps is not None:
-            self._mend_borders(found, self.taps.to(found.dtype))
+            self._mend_borders(features_out, self.taps.to(features_out.dtype))
         if self.leaves is not None:
-            return found.relu_()
+            return features_out.relu_()
         if self.pool > 1:
-            found = F.max_pool2d(found, self.pool)
-        return torch.relu(found * self.sign) * self.a + self.b
+            features_out = F.max_pool2d(features_out, self.pool)
+        return torch.relu(features_out * self.sign) * self.a + self.b
 
-    def _mend_borders(self, found: Image, taps: Tensor) -> None:
+    def _mend_borders(self, features_out: Image, taps: Tensor) -> None:
         """Take off what the shift gave beyond the frame."""
         for row, tap in ((0, 0), (-1, 2)):
-            found[..., row, :] -= taps[:, tap].sum(1).view(-1, 1)
+            features_out[..., row, :] -= taps[:, tap].sum(1).view(-1, 1)
             for column, beside in ((0, 0), (-1, 2)):
-                found[..., row, column] += taps[:, tap, beside]
+                features_out[..., row, column] += taps[:, tap, beside]
         for column, tap in ((0, 0), (-1, 2)):
-            found[..., column] -= taps[:, :, tap].sum(1).view(-1, 1)
+            features_out[..., column] -= taps[:, :, tap].sum(1).view(-1, 1)
 
 
 class RtPerceptNetwork(nn.Module):
@@ -189,6 +189,6 @@ class RtPerceptNetwork(nn.Module):
 
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Pad to whole tiles, predict."""
-        seen = padded(inputs["seen"], self.config.error.tile)
+        seen = pad_to_tiles(inputs["seen"], self.config.error.tile)
         predicted: TileMap = torch.sigmoid(self.layers(seen))
         return {"predicted": predicted, "mean": self.mean}, state

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from rtsr_cli.core.demodulate import frame_parts
-from rtsr_cli.core.derive import DerivationConfig
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.derivation import DerivationConfig
 
 SIZE = (12, 16)
 
@@ -40,10 +40,10 @@ def frame(analytic_channels: Callable[..., dict[str, Any]], make_camera: Any) ->
 def test_strips_give_the_bytes_of_the_whole_frame(
     frame: Frame, monkeypatch: pytest.MonkeyPatch, full: bool
 ) -> None:
-    whole = frame_parts.divided(frame, DerivationConfig(), full=full)
+    whole = frame_parts.demodulate_frame(frame, DerivationConfig(), full=full)
     monkeypatch.setattr(frame_parts, "STRIP_PIXELS", 5 * SIZE[1])
-    assert [top for top, _ in frame_parts.strips(frame)] == [0, 5, 10]
-    parts = frame_parts.divided(frame, DerivationConfig(), full=full)
+    assert [top for top, _ in frame_parts.cut_strips(frame)] == [0, 5, 10]
+    parts = frame_parts.demodulate_frame(frame, DerivationConfig(), full=full)
     assert parts.error == whole.error
     assert parts.undivided == whole.undivided
     for name, plane in whole.channels.items():
@@ -51,7 +51,7 @@ def test_strips_give_the_bytes_of_the_whole_frame(
 
 
 def test_the_sky_is_the_share_that_is_not_divided(frame: Frame) -> None:
-    parts = frame_parts.divided(frame, DerivationConfig(), full=False)
+    parts = frame_parts.demodulate_frame(frame, DerivationConfig(), full=False)
     # two of twelve rows are sky
     assert parts.undivided == pytest.approx(2 / 12)
     assert parts.error < 2e-3

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rtsr_cli.core.evaluation.metric_table import METRICS
-from rtsr_cli.core.metrics.vmaf import Vmaf, default_model
+from rtsr_cli.core.metrics.vmaf import Vmaf, choose_model
 
 
 def test_vmaf_names_its_models_and_what_they_are_shown() -> None:
     meaning = METRICS["vmaf"].meaning
-    assert f"by model {default_model(1080)} ({default_model(2160)} from 2160 rows)" in meaning
+    assert f"by model {choose_model(1080)} ({choose_model(2160)} from 2160 rows)" in meaning
     assert "8-bit BT.709 luma" in meaning
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from rtsr_cli.core.evaluation.protocols import PROTOCOLS, Shown, rounded_srgb
+from rtsr_cli.core.evaluation.protocols import PROTOCOLS, ShownPicture, encode_rounded_srgb
 from rtsr_cli.core.imaging.color import decode_srgb
 
 
@@ -16,7 +16,7 @@ def grey(*values: float) -> torch.Tensor:
 
 def test_every_8_bit_code_survives_decoding_encoding_and_rounding() -> None:
     codes = (torch.arange(256.0) / 255.0).view(1, 1, 1, -1)
-    torch.testing.assert_close(rounded_srgb(decode_srgb(codes)), codes)
+    torch.testing.assert_close(encode_rounded_srgb(decode_srgb(codes)), codes)
 
 
 @pytest.mark.parametrize(
@@ -62,6 +62,6 @@ def test_only_extranet_asks_for_predicted_frames() -> None:
 
 
 def test_bytes_are_the_rounded_structure() -> None:
-    shown = Shown(grey(0.0, 1.0, 1e9), PROTOCOLS["rtsr"])
+    shown = ShownPicture(grey(0.0, 1.0, 1e9), PROTOCOLS["rtsr"])
     # sRGB(1/2) = 0.735357 -> 187.5 of 255 rounds to 188
     assert shown.eight_bit()[0, :, 0].tolist() == [0, 188, 255]

@@ -11,10 +11,10 @@ from torch import Tensor
 
 from rtsr_cli.core.evaluation.regions import (
     Region,
-    disoccluded,
-    edges,
-    frame_regions,
-    lighting_detail,
+    find_disoccluded,
+    find_edges,
+    find_lighting_detail,
+    find_regions,
 )
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
@@ -69,7 +69,7 @@ def radiance() -> Tensor:
 
 def made(**changes: Any) -> dict[Region, Tensor | None]:
     drop = changes.get("drop", frozenset())
-    return frame_regions(frame(16, -4.0, drop), frame(12, 0.0, drop), radiance())
+    return find_regions(frame(16, -4.0, drop), frame(12, 0.0, drop), radiance())
 
 
 def test_sky_is_where_depth_says_so() -> None:
@@ -103,7 +103,7 @@ def test_an_object_that_comes_nearer_is_no_other_surface(
     depth = then.gbuffer[Buffer.DEPTH]
     moved = torch.where(depth == 2.0, depth_then, depth)
     then = replace(then, gbuffer=then.gbuffer.with_buffers({Buffer.DEPTH: moved}))
-    found = disoccluded(now, then)
+    found = find_disoccluded(now, then)
     assert found is not None
     assert bool(found[..., SQUARE, 16:24].any()) is not seen
     assert found[..., SQUARE, 12:16].all(), "what it uncovered"
@@ -111,7 +111,7 @@ def test_an_object_that_comes_nearer_is_no_other_surface(
 
 
 def test_edges_run_on_both_sides_of_the_square_and_along_the_sky() -> None:
-    found = edges(frame(16).gbuffer)
+    found = find_edges(frame(16).gbuffer)
     assert found is not None
     row = found[0, 0, 14]
     assert row.nonzero()[:, 0].tolist() == [15, 16, 23, 24]
@@ -132,7 +132,7 @@ def test_albedo_is_no_lighting() -> None:
     albedo = torch.full((1, 3, HEIGHT, WIDTH), 0.2)
     albedo[..., WIDTH // 2 :] = 0.8
     surface = torch.ones(1, 1, HEIGHT, WIDTH, dtype=torch.bool)
-    found = lighting_detail(albedo * 3.0, albedo, surface)
+    found = find_lighting_detail(albedo * 3.0, albedo, surface)
     assert found is not None
     assert int(found.sum()) == 0
 
@@ -152,5 +152,5 @@ def test_a_region_without_its_buffers_is_none(drop: set[Buffer], region: Region)
 
 
 def test_without_buffers_or_a_previous_frame_regions_are_none() -> None:
-    assert set(frame_regions(None, None, radiance()).values()) == {None}
-    assert frame_regions(frame(16), None, radiance())[Region.DISOCCLUDED] is None
+    assert set(find_regions(None, None, radiance()).values()) == {None}
+    assert find_regions(frame(16), None, radiance())[Region.DISOCCLUDED] is None

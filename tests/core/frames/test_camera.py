@@ -110,9 +110,9 @@ def test_decimated_pixels_seen_through_their_jitter_have_the_cosines_of_the_samp
 def test_a_view_at_another_scale_shows_the_same_part(make_camera: MakeCamera) -> None:
     camera = make_camera()
     view = View(display=(4, 6), top=1, left=2)
-    assert view.scaled(3) == View(display=(12, 18), top=3, left=6)
+    assert view.at_scale(3) == View(display=(12, 18), top=3, left=6)
     small = ray_axes(camera, view, (2, 2))
-    large = ray_axes(camera, view.scaled(3), (6, 6))
+    large = ray_axes(camera, view.at_scale(3), (6, 6))
     assert small is not None
     assert large is not None
     # the middle one of 3 x 3 pixels has the centre of the large pixel

@@ -17,7 +17,7 @@ from rtsr_cli.core.frames.conventions import (
     NormalConvention,
     NormalSpace,
     RoughnessKind,
-    Stored,
+    StoredFrame,
     depth_to_metres,
     normal_to_world,
     roughness_to_perceptual,
@@ -168,7 +168,7 @@ def test_every_kind_of_roughness_is_the_same_perceptual_one(
 
 
 def converted(buffer: Buffer, stored: torch.Tensor, conventions: Conventions) -> torch.Tensor:
-    frame = Stored(
+    frame = StoredFrame(
         conventions=conventions,
         camera=CameraMetadata(jitter_px=(0.25, 0.5)),
         view=View(display=(stored.shape[-2], stored.shape[-1])),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shifted_jitter
+from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitter
 from rtsr_cli.core.imaging.resampling import sample_jitter
 
 SCALES = (2, 3, 4, 6, 8)
@@ -23,7 +23,7 @@ def test_the_shift_is_the_distance_to_the_middle_sample(scale: int) -> None:
 def test_after_the_shift_every_phase_has_the_jitter_of_the_middle_sample(scale: int) -> None:
     middle = sample_jitter(scale // 2, scale)
     for x in range(scale):
-        moved = shifted_jitter((sample_jitter(x, scale), middle), scale)
+        moved = shift_jitter((sample_jitter(x, scale), middle), scale)
         assert moved == pytest.approx((middle, middle))
 
 

@@ -13,8 +13,8 @@ from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.imaging.brdf_lut import (
     integrate_lut,
     integrate_split_sum,
+    load_default_lut,
     lobe_parameters,
-    lut_for,
     sample_lut,
 )
 
@@ -112,7 +112,7 @@ def test_the_default_table_holds_the_converged_integral(
     alpha = roughness**2 if convention is LutConvention.KARIS else roughness
     k = alpha / 2 if convention is LutConvention.KARIS else (alpha + 1) ** 2 / 8
     expected = textbook(nov, alpha, k)
-    table = lut_for(convention)[0, :, row, column].double().numpy()
+    table = load_default_lut(convention)[0, :, row, column].double().numpy()
     np.testing.assert_allclose(table, expected, atol=2e-4)
 
 
@@ -125,7 +125,7 @@ def test_hard_rows_agree_with_an_integral_over_incident_light(
         integrate_over_incident_light((x + 0.5) / 512, (row + 0.5) / 512, convention)
         for x in columns
     ]
-    found = lut_for(convention)[0, :, row, columns].numpy()
+    found = load_default_lut(convention)[0, :, row, columns].numpy()
     np.testing.assert_allclose(found.T, expected, rtol=0, atol=3e-5)
 
 
@@ -194,7 +194,7 @@ def test_interpolating_nodes_loses_nothing_against_integrating_every_texel(
     exact = integrate_split_sum(
         centres[columns], centres[rows], samples=8192, convention=convention
     )
-    table = lut_for(convention)[0].double().numpy()[:, rows][:, :, columns]
+    table = load_default_lut(convention)[0].double().numpy()[:, rows][:, :, columns]
     assert np.abs(table - exact).max() < 1e-4
 
 
@@ -205,13 +205,13 @@ def test_a_smooth_surface_seen_head_on_reflects_everything_without_fresnel() -> 
 
 
 def test_no_texel_gains_energy_or_is_negative(convention: LutConvention) -> None:
-    table = lut_for(convention)
+    table = load_default_lut(convention)
     assert float(table.min()) >= 0.0
     assert float(table.sum(1).max()) <= 1.0
 
 
 def test_the_conventions_differ() -> None:
-    karis, seed = (lut_for(c) for c in CONVENTIONS)
+    karis, seed = (load_default_lut(c) for c in CONVENTIONS)
     assert float((karis - seed).abs().max()) > 0.05
 
 
@@ -250,7 +250,7 @@ def test_strips_of_any_shape_hold_the_bilinear_value_of_each_pixel(
 def test_looking_up_leaves_the_planes_as_they_were() -> None:
     nov, roughness = torch.rand(2, 1, 1, 4, 4, generator=torch.Generator().manual_seed(1))
     before = nov.clone(), roughness.clone()
-    sample_lut(lut_for(LutConvention.KARIS), nov, roughness)
+    sample_lut(load_default_lut(LutConvention.KARIS), nov, roughness)
     assert torch.equal(nov, before[0])
     assert torch.equal(roughness, before[1])
 
@@ -264,17 +264,17 @@ def test_the_look_up_in_the_default_table_is_close_to_the_integral(
         torch.from_numpy(plane.astype(np.float32))[None, None]
         for plane in np.meshgrid(nov, roughness)
     )
-    found = sample_lut(lut_for(convention), columns, rows)[0].numpy()
+    found = sample_lut(load_default_lut(convention), columns, rows)[0].numpy()
     assert np.abs(found - exact).max() < 1.2e-3
 
 
 def test_a_table_is_made_once() -> None:
-    assert lut_for(LutConvention.SEED) is lut_for(LutConvention.SEED)
+    assert load_default_lut(LutConvention.SEED) is load_default_lut(LutConvention.SEED)
 
 
 def test_a_table_first_made_under_inference_mode_can_be_trained_through() -> None:
     with torch.inference_mode():
-        lut = lut_for(LutConvention.KARIS, torch.device("cpu", 0))
+        lut = load_default_lut(LutConvention.KARIS, torch.device("cpu", 0))
     roughness = torch.full((1, 1, 2, 2), 0.5, requires_grad=True)
     sample_lut(lut, torch.full((1, 1, 2, 2), 0.5), roughness)[:, 0].sum().backward()
     assert roughness.grad is not None

@@ -14,13 +14,13 @@ from rtsr_cli.core.imaging.demodulation import (
     MATERIAL_EPSILON,
     Demodulated,
     demodulate,
-    floored,
+    floor_material,
     glossy_albedo,
     lighting_scale,
     material_term,
     recomposition_error,
     remodulate,
-    soften,
+    soften_material,
     specular_f0,
 )
 
@@ -246,11 +246,13 @@ def test_the_glossy_divisor_adds_the_dielectric_reflectance() -> None:
 
 
 def test_albedo_divisors_have_a_floor() -> None:
-    assert floored(pixel(0.0, 0.05, 0.6)).flatten().tolist() == pytest.approx([0.05, 0.05, 0.6])
+    assert floor_material(pixel(0.0, 0.05, 0.6)).flatten().tolist() == pytest.approx(
+        [0.05, 0.05, 0.6]
+    )
 
 
 def test_the_soft_floor_is_log_two_over_beta_at_zero_and_the_material_far_from_it() -> None:
-    soft = soften(pixel(0.0, 0.02, 0.7)).flatten().tolist()
+    soft = soften_material(pixel(0.0, 0.02, 0.7)).flatten().tolist()
     expected = [math.log(2) / 100, math.log(1 + math.exp(2)) / 100, 0.7]
     assert soft == pytest.approx(expected, abs=1e-6)
 

@@ -144,8 +144,8 @@ def test_the_result_does_not_depend_on_where_strips_end(
     ldr_pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = ldr_flip(*ldr_pair)
-    monkeypatch.setattr("rtsr_cli.core.metrics.filtering.BAND_OUTPUTS", 64)
-    monkeypatch.setattr("rtsr_cli.core.metrics.filtering.STRIP_PIXELS", {"cpu": 1, "cuda": 1})
+    monkeypatch.setattr("rtsr_cli.core.metrics.filters.BAND_OUTPUTS", 64)
+    monkeypatch.setattr("rtsr_cli.core.metrics.filters.STRIP_PIXELS", {"cpu": 1, "cuda": 1})
     torch.testing.assert_close(ldr_flip(*ldr_pair), whole, atol=2e-5, rtol=0.0)
 
 

@@ -24,8 +24,8 @@ from rtsr_cli.core.metrics.lpips_weights import (
     INSTALL_COMMAND,
     KERNEL_SHAPES,
     find_weights,
-    read_weights,
-    unpickled,
+    read_lpips_weights,
+    unpickle_arrays,
 )
 
 TOLERANCE = 2e-5
@@ -188,7 +188,7 @@ def test_the_unpickler_refuses_all_but_arrays_even_of_the_right_hash(tmp_path: P
     made = tmp_path / "made"
     content = pickle.dumps(Malicious(made), protocol=3)
     with pytest.raises(pickle.UnpicklingError, match=r"mkdir is not part of an array"):
-        unpickled(content)
+        unpickle_arrays(content)
     assert not made.exists()
     pickle.loads(content)
     assert made.exists()
@@ -197,20 +197,20 @@ def test_the_unpickler_refuses_all_but_arrays_even_of_the_right_hash(tmp_path: P
 @pytest.mark.parametrize("attack", [b"cos\nsystem\n.", b"cnumpy\nload\n.", b"cbuiltins\neval\n."])
 def test_the_unpickler_looks_up_no_function(attack: bytes) -> None:
     with pytest.raises(pickle.UnpicklingError, match="not part of an array"):
-        unpickled(attack)
+        unpickle_arrays(attack)
 
 
 def test_arrays_pickled_by_numpy_1_are_read() -> None:
     tree = {"kernel": np.arange(6, dtype=np.float32).reshape(2, 3)}
     content = pickle.dumps(tree, protocol=3).replace(b"numpy._core.", b"numpy.core.")
-    np.testing.assert_array_equal(unpickled(content)["kernel"], tree["kernel"])
+    np.testing.assert_array_equal(unpickle_arrays(content)["kernel"], tree["kernel"])
 
 
 def test_harmless_arrays_of_another_hash_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "alexnet.ckpt"
     path.write_bytes(pickle.dumps({"kernel": np.zeros(3)}, protocol=3))
     with pytest.raises(MetricUnavailableError, match=r"alexnet\.ckpt .*SHA-256"):
-        read_weights(path)
+        read_lpips_weights(path)
 
 
 @pytest.mark.parametrize("missing", [True, False])
@@ -224,14 +224,14 @@ def test_safetensors_of_another_network_are_refused(
     path = tmp_path / "other.safetensors"
     save_file(random_tensors, path)
     with pytest.raises(MetricUnavailableError, match=r"heads\.3" if missing else "shapes"):
-        read_weights(path)
+        read_lpips_weights(path)
 
 
 def test_a_damaged_safetensors_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "damaged.safetensors"
     path.write_bytes(b"no weights at all")
     with pytest.raises(MetricUnavailableError, match=r"damaged\.safetensors"):
-        read_weights(path)
+        read_lpips_weights(path)
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from rtsr_cli.core.errors import MetricUnavailableError
 from rtsr_cli.core.imaging.warping import inside_frame
 from rtsr_cli.core.metrics.fidelity import masked_mean, psnr
 from rtsr_cli.core.metrics.lpips import Lpips
-from rtsr_cli.core.metrics.temporal import epi, temporal_change_map, warped_error_map
+from rtsr_cli.core.metrics.temporal import stack_rows, temporal_change_map, warped_error_map
 
 Oracle = Callable[[str], dict[str, Any]]
 PAIRS = 5
@@ -91,6 +91,6 @@ def test_tlp_of_the_oracle(recipe: SimpleNamespace, oracle: Oracle, device: torc
 
 def test_an_epi_stacks_rows_in_time() -> None:
     rows = [torch.full((1, 3, 1, 4), float(t)) for t in range(5)]
-    picture = epi(rows)
+    picture = stack_rows(rows)
     assert picture.shape == (1, 3, 5, 4)
     assert picture[0, 0, :, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]

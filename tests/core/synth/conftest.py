@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.synth.exposure import random_scene
+from rtsr_cli.core.synth.exposure import draw_scene
 from rtsr_cli.core.synth.render import render_frame
 from rtsr_cli.core.synth.scene import Scene
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @cache
 def _scene(seed: int) -> Scene:
-    return random_scene(seed)
+    return draw_scene(seed)
 
 
 @cache

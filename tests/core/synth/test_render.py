@@ -11,7 +11,7 @@ from rtsr_cli.core.frames.camera import view_cosine_from_camera
 from rtsr_cli.core.imaging.color import luminance
 from rtsr_cli.core.imaging.resampling import box_mean, decimate, sample_jitter
 from rtsr_cli.core.synth import render
-from rtsr_cli.core.synth.exposure import random_scene
+from rtsr_cli.core.synth.exposure import draw_scene
 from rtsr_cli.core.synth.render import ALL_BUFFERS, render_frame, render_reference
 
 SIZE = (64, 96)
@@ -137,7 +137,7 @@ def test_the_reference_is_the_mean_of_the_samples_of_a_pixel(scene_of):
 def test_the_same_seed_gives_the_same_bytes_whatever_the_threads(scene_of, monkeypatch):
     monkeypatch.setattr(render, "STRIP_PIXELS", 2000)
     first = render_frame(scene_of(3), 2, SIZE, threads=1).gbuffer
-    again = render_frame(random_scene(3), 2, SIZE, threads=3).gbuffer
+    again = render_frame(draw_scene(3), 2, SIZE, threads=3).gbuffer
     for buffer in ALL_BUFFERS:
         assert torch.equal(first[buffer], again[buffer]), buffer
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.synth.placing import place
+from rtsr_cli.core.synth.placement import place_parts
 from rtsr_cli.core.synth.render import render_frame
 from rtsr_cli.core.synth.scene import (
     Body,
@@ -20,7 +20,7 @@ from rtsr_cli.core.synth.scene import (
     Shape,
     Sky,
 )
-from rtsr_cli.core.synth.shadows import lit_share, shadow_hull
+from rtsr_cli.core.synth.shadows import lit_share, make_shadow_hull
 
 SIZE = (64, 96)
 SUN = np.array([0.0, 0.0, 1.0, 0.0])
@@ -42,7 +42,7 @@ def lone(shape: Shape, half: tuple[float, float, float], at=(0.0, 0.0, 2.0), tur
         ambient=DARK,
         camera=CameraPath(eye=RigidMotion(), target=RigidMotion(origin_m=(0.0, 1.0, 0.0))),
     )
-    return place(scene, 1)[0]
+    return place_parts(scene, 1)[0]
 
 
 def inside(solid, points):
@@ -77,7 +77,7 @@ def marched(solid, points, light):
 )
 def test_a_hard_shadow_is_where_rays_to_the_light_are_blocked(shape, half, light):
     solid = lone(shape, half)
-    hull = shadow_hull(0, solid, light, softness=0.0, reach_m=1.0)
+    hull = make_shadow_hull(0, solid, light, softness=0.0, reach_m=1.0)
     assert hull is not None
     rng = np.random.default_rng(7)
     points = np.column_stack([rng.uniform(-1.3, 1.3, (3000, 2)), rng.uniform(0.0, 2.8, 3000)])

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from rtsr_cli.core.synth.scene import Pattern
-from rtsr_cli.core.synth.textures import LEVELS, TEXELS, look_up, texture
+from rtsr_cli.core.synth.textures import LEVELS, TEXELS, bake_texture, look_up
 
 
 @pytest.fixture
@@ -20,13 +20,13 @@ def places() -> tuple[torch.Tensor, torch.Tensor]:
 def test_patterns_repeat_with_period_one(places):
     u, v = places
     level = torch.full_like(u, 1.5)
-    bricks = texture(Pattern.BRICKS)
+    bricks = bake_texture(Pattern.BRICKS)
     first, other = look_up(bricks, u, v, level), look_up(bricks, u + 3.0, v - 2.0, level)
     torch.testing.assert_close(first, other, rtol=0.0, atol=2e-2)
 
 
 def test_a_texel_centre_returns_the_texel():
-    checker = texture(Pattern.CHECKER)
+    checker = bake_texture(Pattern.CHECKER)
     column, row = 700, 31
     u, v = (torch.tensor([(i + 0.5) / TEXELS]) for i in (column, row))
     found = look_up(checker, u, v, torch.zeros(1))[0]
@@ -35,7 +35,7 @@ def test_a_texel_centre_returns_the_texel():
 
 @pytest.mark.parametrize("pattern", list(Pattern))
 def test_the_coarsest_level_is_the_mean_and_masks_stay_in_range(pattern):
-    texels = texture(pattern).texels.float()
+    texels = bake_texture(pattern).texels.float()
     finest = texels[: TEXELS * TEXELS]
     torch.testing.assert_close(texels[-1], finest.mean(0), rtol=5e-3, atol=2e-3)
     assert finest[:, 0].min() >= 0
@@ -46,6 +46,6 @@ def test_the_coarsest_level_is_the_mean_and_masks_stay_in_range(pattern):
 
 def test_between_levels_values_are_blended(places):
     u, v = places
-    cobbles = texture(Pattern.COBBLES)
+    cobbles = bake_texture(Pattern.COBBLES)
     low, middle, high = (look_up(cobbles, u, v, torch.full_like(u, x)) for x in (2.0, 2.5, 3.0))
     torch.testing.assert_close(middle, (low + high) / 2, rtol=1e-4, atol=1e-5)

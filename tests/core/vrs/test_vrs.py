@@ -16,33 +16,33 @@ from torch import Tensor
 
 from rtsr_cli.core.choices import Pool, VrsMetric
 from rtsr_cli.core.errors import ConfigError
-from rtsr_cli.core.vrs.adaptive import (
+from rtsr_cli.core.vrs.adaptive_estimate import (
     AdaptiveConfig,
     adaptive_codes,
     axis_errors,
     half_rate_factor,
     quarter_rate_factor,
 )
-from rtsr_cli.core.vrs.coarse import coarse_shading
-from rtsr_cli.core.vrs.errors import (
-    PPD_BY_WIDTH,
-    ErrorConfig,
-    amplitude,
-    from_amplitude,
-    luma,
-    pixel_errors,
-    tile_errors,
-)
+from rtsr_cli.core.vrs.coarse_shading import shade_coarsely
 from rtsr_cli.core.vrs.rates import (
     REDUCED,
-    Rate,
-    chosen_codes,
-    extrapolated,
-    rate_of,
+    ShadingRate,
+    choose_codes,
+    extrapolate_errors,
+    find_rate,
     rate_shares,
     shaded_share,
 )
-from rtsr_cli.core.vrs.tiles import pixel_shares, tile_grid, tile_max, tile_mean
+from rtsr_cli.core.vrs.shading_error import (
+    PPD_BY_WIDTH,
+    ErrorConfig,
+    from_amplitude,
+    pixel_errors,
+    rec601_luma,
+    tile_errors,
+    to_amplitude,
+)
+from rtsr_cli.core.vrs.tile_pooling import pixel_shares, tile_grid, tile_max, tile_mean
 
 METRICS = Path(__file__).parents[1] / "metrics"
 ORACLE = json.loads((Path(__file__).parent / "vrs_tiles.json").read_text(encoding="utf-8"))
@@ -89,15 +89,15 @@ def test_tile_errors_are_the_oracles(
 
 
 def test_luma_and_its_error_are_the_oracles() -> None:
-    assert close(tile_mean(luma(FULL), 16), expected("mean_luma_tile16"))
-    error = (luma(FULL) - luma(COARSE)).abs()
+    assert close(tile_mean(rec601_luma(FULL), 16), expected("mean_luma_tile16"))
+    error = (rec601_luma(FULL) - rec601_luma(COARSE)).abs()
     assert close(tile_max(error, 16), expected("E_luma_tile16_max"))
 
 
 @pytest.mark.parametrize("pool", list(Pool))
 def test_the_analytic_error_is_the_oracles(pool: Pool) -> None:
     kind = "rms" if pool is Pool.MEAN else "max"
-    found = axis_errors(luma(FULL), AdaptiveConfig(pool=pool))
+    found = axis_errors(rec601_luma(FULL), AdaptiveConfig(pool=pool))
     for axis, error in zip("xy", found, strict=True):
         assert close(error, expected("nas", f"error_{kind}_{axis}"))
 
@@ -117,12 +117,12 @@ def codes_of(light: Tensor, motion_px: float) -> Tensor:
 
 
 def counted(codes: Tensor) -> dict[str, int]:
-    return dict(Counter(rate_of(int(code)).label for code in codes.flatten()))
+    return dict(Counter(find_rate(int(code)).label for code in codes.flatten()))
 
 
 def soft_luma() -> Tensor:
     pixels = (RECIPE.ldr_reference() // 6 + 100).astype("uint8")
-    light = luma(shown(pixels))
+    light = rec601_luma(shown(pixels))
     light[..., :64] = light[..., :64].mean()
     light[..., 64:128] = 0.4 + (light[..., 64:128] - 0.4) / 4.0
     return light
@@ -130,20 +130,23 @@ def soft_luma() -> Tensor:
 
 def test_analytic_rates_are_the_oracles() -> None:
     # the oracle's motion is 2 px a frame once the sensitivity has scaled it
-    for light, known in ((luma(FULL), ORACLE["nas"]), (soft_luma(), ORACLE["nas"]["soft_luma"])):
+    for light, known in (
+        (rec601_luma(FULL), ORACLE["nas"]),
+        (soft_luma(), ORACLE["nas"]["soft_luma"]),
+    ):
         assert counted(codes_of(light, 0.0)) == known["rate_counts_rms_no_motion"]
         assert counted(codes_of(light, 4.0)) == known["rate_counts_rms_scaled_motion_2px_x"]
     known = ORACLE["nas"]["soft_luma"]
     for motion, name in ((0.0, "row_0"), (4.0, "row_0_scaled_motion_2px_x")):
         row = codes_of(soft_luma(), motion)[0, 0, 0]
-        assert [rate_of(int(code)).label for code in row] == known[name]
+        assert [find_rate(int(code)).label for code in row] == known[name]
 
 
 def test_codes_are_those_of_d3d12() -> None:
-    codes = {rate.label: rate.code for rate in Rate}
+    codes = {rate.label: rate.code for rate in ShadingRate}
     assert codes == {"1x1": 0, "1x2": 1, "2x1": 4, "2x2": 5, "2x4": 6, "4x2": 9, "4x4": 10}
     # D3D12_MAKE_COARSE_SHADING_RATE: log2 of the width, shifted by 2, or log2 of the height
-    for rate in Rate:
+    for rate in ShadingRate:
         assert rate.code == (rate.across.bit_length() - 1) << 2 | rate.down.bit_length() - 1
 
 
@@ -152,32 +155,34 @@ def tiles(*values: float) -> Tensor:
 
 
 def test_rates_are_extrapolated_by_equation_10() -> None:
-    found = extrapolated({Rate.HALF_Y: tiles(0.1, 0.3), Rate.HALF_X: tiles(0.2, 0.1)})
-    assert torch.allclose(found[Rate.HALF], tiles(0.2, 0.3))
-    assert torch.allclose(found[Rate.QUARTER_Y], tiles(0.213, 0.639))
-    assert torch.allclose(found[Rate.QUARTER_X], tiles(0.426, 0.3))
-    assert torch.allclose(found[Rate.QUARTER], tiles(0.426, 0.639))
-    known = extrapolated(
+    found = extrapolate_errors(
+        {ShadingRate.HALF_Y: tiles(0.1, 0.3), ShadingRate.HALF_X: tiles(0.2, 0.1)}
+    )
+    assert torch.allclose(found[ShadingRate.HALF], tiles(0.2, 0.3))
+    assert torch.allclose(found[ShadingRate.QUARTER_Y], tiles(0.213, 0.639))
+    assert torch.allclose(found[ShadingRate.QUARTER_X], tiles(0.426, 0.3))
+    assert torch.allclose(found[ShadingRate.QUARTER], tiles(0.426, 0.639))
+    known = extrapolate_errors(
         {
-            Rate.HALF_Y: tiles(0.1),
-            Rate.HALF_X: tiles(0.2),
-            Rate.QUARTER_Y: tiles(0.5),
-            Rate.QUARTER_X: tiles(0.05),
+            ShadingRate.HALF_Y: tiles(0.1),
+            ShadingRate.HALF_X: tiles(0.2),
+            ShadingRate.QUARTER_Y: tiles(0.5),
+            ShadingRate.QUARTER_X: tiles(0.05),
         }
     )
-    assert torch.equal(known[Rate.QUARTER_X], tiles(0.05))
-    assert torch.equal(known[Rate.QUARTER], tiles(0.5))
+    assert torch.equal(known[ShadingRate.QUARTER_X], tiles(0.05))
+    assert torch.equal(known[ShadingRate.QUARTER], tiles(0.5))
 
 
 def test_the_cheapest_rate_below_the_threshold_is_chosen() -> None:
     none = tiles(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     errors = {rate: none.clone() for rate in REDUCED}
-    errors[Rate.QUARTER][..., 0] = 0.1
-    errors[Rate.QUARTER_X][..., 1], errors[Rate.QUARTER_Y][..., 1] = 0.15, 0.05
-    errors[Rate.HALF][..., 2] = 0.1
-    errors[Rate.HALF_X][..., 3], errors[Rate.HALF_Y][..., 3] = 0.1, 0.15
-    errors[Rate.HALF_Y][..., 4] = 0.2
-    codes = chosen_codes(errors, 0.2)
+    errors[ShadingRate.QUARTER][..., 0] = 0.1
+    errors[ShadingRate.QUARTER_X][..., 1], errors[ShadingRate.QUARTER_Y][..., 1] = 0.15, 0.05
+    errors[ShadingRate.HALF][..., 2] = 0.1
+    errors[ShadingRate.HALF_X][..., 3], errors[ShadingRate.HALF_Y][..., 3] = 0.1, 0.15
+    errors[ShadingRate.HALF_Y][..., 4] = 0.2
+    codes = choose_codes(errors, 0.2)
     assert codes.flatten().tolist() == [10, 6, 5, 4, 0, 0]
     expected_share = (1 / 16 + 1 / 8 + 1 / 4 + 1 / 2 + 2) / 6
     shares = rate_shares(codes, torch.full_like(codes, 1 / codes.numel()))
@@ -185,9 +190,9 @@ def test_the_cheapest_rate_below_the_threshold_is_chosen() -> None:
 
 
 @pytest.mark.parametrize("rate", REDUCED, ids=[rate.label for rate in REDUCED])
-def test_a_block_shows_the_sample_at_its_middle(rate: Rate) -> None:
+def test_a_block_shows_the_sample_at_its_middle(rate: ShadingRate) -> None:
     image = torch.arange(1 * 3 * 8 * 12).view(1, 3, 8, 12).float()
-    coarse = coarse_shading(image, rate)
+    coarse = shade_coarsely(image, rate)
     for row in range(8):
         for column in range(12):
             y = row // rate.down * rate.down + rate.down // 2
@@ -197,7 +202,7 @@ def test_a_block_shows_the_sample_at_its_middle(rate: Rate) -> None:
 
 def test_blocks_at_the_border_keep_within_the_frame() -> None:
     image = torch.rand(1, 3, 5, 7)
-    coarse = coarse_shading(image, Rate.QUARTER)
+    coarse = shade_coarsely(image, ShadingRate.QUARTER)
     assert torch.equal(coarse[..., 4, 6], image[..., 4, 6])
     assert torch.equal(coarse[..., 4, 4], image[..., 4, 6])
 
@@ -206,7 +211,7 @@ def test_kept_edges_show_no_other_object() -> None:
     image = torch.rand(1, 3, 4, 4)
     ids = torch.zeros(1, 1, 4, 4, dtype=torch.int32)
     ids[..., 0] = 7
-    coarse = coarse_shading(image, Rate.QUARTER, ids)
+    coarse = shade_coarsely(image, ShadingRate.QUARTER, ids)
     assert torch.equal(coarse[..., 0], image[..., 0])
     assert torch.equal(coarse[..., 1:], image[..., 2:3, 2:3].expand(1, 3, 4, 3))
 
@@ -224,7 +229,9 @@ def test_no_tile_is_lost(size: tuple[int, int]) -> None:
 
 
 def test_tiles_at_the_border_count_by_their_pixels() -> None:
-    codes = torch.tensor([[[[Rate.QUARTER.code, Rate.FULL.code]]]], dtype=torch.float32)
+    codes = torch.tensor(
+        [[[[ShadingRate.QUARTER.code, ShadingRate.FULL.code]]]], dtype=torch.float32
+    )
     pixels = pixel_shares((10, 20), 16, codes)
     assert pixels.flatten().tolist() == pytest.approx([0.8, 0.2])
     shares = rate_shares(codes, pixels)
@@ -238,7 +245,7 @@ def test_psnr_is_of_the_mean_squared_error_of_a_tile() -> None:
     coarse[..., :16, :] = 0.1
     found = tile_errors(coarse, full, ErrorConfig(metric=VrsMetric.PSNR))
     assert found.flatten().tolist() == pytest.approx([20.0, 100.0], abs=1e-4)
-    worse = amplitude(found, VrsMetric.PSNR)
+    worse = to_amplitude(found, VrsMetric.PSNR)
     assert worse.flatten().tolist() == pytest.approx([0.1, 1e-5], rel=1e-4)
     assert torch.allclose(from_amplitude(worse, VrsMetric.PSNR), found)
 
@@ -270,7 +277,7 @@ def test_pixels_per_degree_may_follow_the_width() -> None:
     by_width = ErrorConfig(metric=VrsMetric.FLIP, ppd=PPD_BY_WIDTH)
     assert by_width.ppd_at(1920) == pytest.approx(33.51, abs=0.01)  # [rt-percept, code]
     full = torch.rand(1, 3, 64, 96, generator=torch.Generator().manual_seed(3))
-    coarse = coarse_shading(full, Rate.HALF)
+    coarse = shade_coarsely(full, ShadingRate.HALF)
     same = ErrorConfig(metric=VrsMetric.FLIP, ppd=by_width.ppd_at(96))
     assert torch.equal(tile_errors(coarse, full, by_width), tile_errors(coarse, full, same))
     assert not torch.equal(

@@ -1,0 +1,49 @@
+"""Calls that go through folders of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rtsr_cli.core.demodulate.call import demodulate_frames
+from rtsr_cli.core.demodulate.request import DemodulateRequest
+from rtsr_cli.core.label.call import label_frames
+from rtsr_cli.core.label.request import LabelRequest
+from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.system_inputs import SystemTable
+from rtsr_cli.core.synth.call import SynthEvent, synthesize_frames
+from rtsr_cli.core.synth.request import SynthRequest
+from rtsr_cli.core.upscale.call import upscale_frames
+from rtsr_cli.core.upscale.request import UpscaleRequest
+from rtsr_cli.core.vrs.call import VrsEvent, predict_rates
+from rtsr_cli.core.vrs.request import PredictVrsRequest
+from rtsr_cli.models import PREFERENCE, list_rate_predictor_names, load_system
+
+UPSCALERS = SystemTable(load=load_system, preferred=PREFERENCE)
+RATE_PREDICTORS = SystemTable(load=load_system, preferred=list_rate_predictor_names())
+
+
+def upscale(request: UpscaleRequest) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+    """Reconstruct frames at a higher resolution; see `upscale_frames`."""
+    return upscale_frames(request, UPSCALERS)
+
+
+def label(request: LabelRequest) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+    """Make training labels of rendered frames; see `label_frames`."""
+    return label_frames(request)
+
+
+def demodulate(
+    request: DemodulateRequest,
+) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+    """Divide radiance by its material term, or multiply back; see `demodulate_frames`."""
+    return demodulate_frames(request)
+
+
+def synth(request: SynthRequest) -> Iterator[SynthEvent]:
+    """Render random analytic scenes; see `synthesize_frames`."""
+    return synthesize_frames(request)
+
+
+def predict_vrs(request: PredictVrsRequest) -> Iterator[VrsEvent]:
+    """Choose the shading rate of every tile; see `predict_rates`."""
+    return predict_rates(request, RATE_PREDICTORS)

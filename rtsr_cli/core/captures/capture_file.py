@@ -1,0 +1,274 @@
+"""`capture.toml`: what the user declares about a shot.
+
+Everything is validated together: one error lists every wrong field with its path.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PositiveFloat,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+)
+
+from rtsr_cli.core.captures.channel_tables import BufferTable
+from rtsr_cli.core.captures.field_errors import describe_field_error
+from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
+from rtsr_cli.core.errors import ConfigError, did_you_mean
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import (
+    ColorSpace,
+    Conventions,
+    DepthKind,
+    NormalSpace,
+    RoughnessKind,
+    SpecularWorkflow,
+)
+from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
+from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
+
+CAPTURE_FILE = "capture.toml"
+
+T = TypeVar("T")
+
+
+UNIT_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
+"""Metres in a named unit of length."""
+
+
+def _length_in_metres(value: object) -> object:
+    """Let a length be the name of a unit."""
+    if not isinstance(value, str):
+        return value
+    if value not in UNIT_METRES:
+        raise ValueError(f"no unit is called '{value}'{did_you_mean(value, UNIT_METRES)}")
+    return UNIT_METRES[value]
+
+
+LengthUnit = Annotated[PositiveFloat, BeforeValidator(_length_in_metres)]
+"""Metres in one stored unit, or the unit's name."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def declared(self) -> dict[str, Any]:
+        """Return the fields that the user gave."""
+        return {k: v for k, v in self.model_dump().items() if v is not None}
+
+
+class MotionCapture(_Strict):
+    """`[motion]`: see `MotionConvention`; a field left out keeps the layout's value."""
+
+    unit: MotionUnit | None = None
+    direction: MotionDirection | None = None
+    y_axis: YAxis | None = None
+    axes: Axes | None = None
+    jittered: bool | None = None
+    jitter_inverted: bool | None = None
+    scale: float | None = Field(default=None, allow_inf_nan=False)
+    zero: float | None = Field(default=None, allow_inf_nan=False)
+    file_offset: int | None = Field(default=None, ge=-1, le=1)
+
+    def decides(self) -> bool:
+        """Tell whether nothing about sense and size of the vectors is left open."""
+        return None not in {self.unit, self.direction, self.y_axis}
+
+
+class DepthCapture(_Strict):
+    """`[depth]`: kind, sense, and metres in one stored unit (or the unit's name)."""
+
+    kind: DepthKind | None = None
+    reversed: bool | None = None
+    unit: LengthUnit | None = None
+    sky: float | None = Field(default=None, allow_inf_nan=False)
+
+
+class NormalCapture(_Strict):
+    """`[normal]`: axes, whether (n + 1) / 2 is stored, and the vector that marks sky."""
+
+    space: NormalSpace | None = None
+    packed: bool | None = None
+    sky: tuple[float, float, float] | None = None
+
+
+class JitterPattern(StrEnum):
+    """Sequences that engines jitter with."""
+
+    HALTON = "halton"
+
+
+class JitterSequence(_Strict):
+    """`jitter_px = {pattern = "halton", period = 8}`: element 1 is that of `first_frame`."""
+
+    pattern: JitterPattern = JitterPattern.HALTON
+    period: int = Field(default=8, ge=1)
+    first_frame: int = 1
+    scale: float = 1.0
+
+    def at(self, number: int) -> Jitter:
+        """Offset of a frame: Halton(2,3) - 0.5, times `scale`."""
+        index = (number - self.first_frame) % self.period + 1
+        x, y = ((radical_inverse(index, base) - 0.5) * self.scale for base in HALTON_BASES)
+        return x, y
+
+
+Offset = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
+
+JitterPx = tuple[Offset, Offset]
+"""(x right, y down), LR pixels."""
+
+
+def _tell_jitter_kind(value: object) -> str:
+    """Tell the three ways of writing jitter apart, so that errors speak of the one meant."""
+    if isinstance(value, JitterSequence):
+        return "sequence"
+    if not isinstance(value, Mapping):
+        return "offset"
+    numbers = [str(key).removeprefix("-").isdigit() for key in value]
+    return "frames" if value and all(numbers) else "sequence"
+
+
+JitterTable = Annotated[
+    Annotated[JitterPx, Tag("offset")]
+    | Annotated[JitterSequence, Tag("sequence")]
+    | Annotated[dict[int, JitterPx], Tag("frames")],
+    Discriminator(_tell_jitter_kind),
+]
+"""One offset for all frames, a pattern, or one a frame."""
+
+_TAGS = frozenset({"offset", "sequence", "frames", "[key]"})
+"""Parts of an error's place that no user wrote."""
+
+
+class PositionCapture(_Strict):
+    """`[position]`: metres in one stored unit of world positions (or the unit's name)."""
+
+    unit: LengthUnit | None = None
+
+
+class ConventionTables(_Strict):
+    """What channel names do not say; every field may be left out."""
+
+    motion: MotionCapture = MotionCapture()
+    depth: DepthCapture = DepthCapture()
+    normal: NormalCapture = NormalCapture()
+    position: PositionCapture = PositionCapture()
+    roughness: RoughnessKind | None = None
+    specular: SpecularWorkflow | None = None
+    colorspace: ColorSpace | None = None
+
+    def conventions(self, preset: Conventions) -> Conventions:
+        """Return a layout's conventions with the declared ones in their place."""
+        depth = self.depth.declared()
+        if "unit" in depth:
+            depth["unit_m"] = depth.pop("unit")
+        return Conventions(
+            motion=replace(preset.motion, **self.motion.declared()),
+            depth=replace(preset.depth, **depth),
+            normal=replace(preset.normal, **self.normal.declared()),
+            roughness=self.roughness or preset.roughness,
+            specular=self.specular or preset.specular,
+            colorspace=self.colorspace or preset.colorspace,
+            position_unit_m=self.position.unit or preset.position_unit_m,
+        )
+
+
+class CaptureDeclaration(ConventionTables):
+    """The whole of `capture.toml`; every field may be left out.
+
+    `layout` is the name of a preset or the path of a layout file, relative to capture.toml.
+    """
+
+    layout: str | None = None
+    buffers: BufferTable = {}
+    jitter_px: JitterTable | None = None
+    scale: int | None = Field(default=None, ge=1)
+    frame_step: int = Field(default=1, ge=1)
+    camera_cuts: frozenset[int] = frozenset()
+    camera: str | None = None
+
+    def jitter(self, number: int) -> Jitter | None:
+        """Jitter of a frame as declared, None if it is not."""
+        if isinstance(self.jitter_px, JitterSequence):
+            return self.jitter_px.at(number)
+        if isinstance(self.jitter_px, dict):
+            return self.jitter_px.get(number)
+        return self.jitter_px
+
+
+def read_capture(path: Path) -> CaptureDeclaration:
+    """Read a capture.toml.
+
+    Raises:
+        ConfigError: not TOML, or wrong fields; lists every one with its path.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+    capture = validate_content(CaptureDeclaration, content, path)
+    if capture.layout is not None and capture.layout.endswith(LAYOUT_SUFFIX):
+        return capture.model_copy(update={"layout": str(path.parent / capture.layout)})
+    return capture
+
+
+def validate_content(kind: type[T], content: object, path: Path) -> T:
+    """Hold the content of a user's file to a type.
+
+    Raises:
+        ConfigError: lists every wrong field with its path.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(content)
+    except ValidationError as error:
+        lines = dict.fromkeys(_describe_error(item, kind) for item in error.errors())
+        raise ConfigError(f"{path}: " + "; ".join(lines)) from error
+
+
+def _describe_error(item: Mapping[str, Any], kind: Any) -> str:
+    loc = [part for part in item["loc"] if part not in _TAGS]
+    place = ".".join(str(part) for part in loc)
+    if "[key]" in item["loc"] and item["type"] == "enum":
+        return f"{place}: no such buffer{did_you_mean(str(loc[-1]), [b.value for b in Buffer])}"
+    if item["type"] != "extra_forbidden":
+        return f"{place}: {describe_field_error(item)}"
+    return f"{place}: no such field{did_you_mean(str(loc[-1]), _list_known_names(kind, loc[:-1]))}"
+
+
+def _list_known_names(kind: Any, parents: Sequence[object]) -> list[str]:
+    """Names that a table may hold: of the models that the path leads to."""
+    models = _list_models_in(kind)
+    for parent in parents:
+        fields = [m.model_fields[str(parent)] for m in models if str(parent) in m.model_fields]
+        # a key of a table or an index of a list leads to what it holds
+        models = [m for f in fields for m in _list_models_in((f.annotation, *f.metadata))] or models
+    return [name for model in models for name in list_field_names(model)]
+
+
+def _list_models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Models that values of an annotation can be, however deep they are."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    parts = annotation if isinstance(annotation, tuple) else get_args(annotation)
+    return [model for part in parts for model in _list_models_in(part)]
+
+
+def list_field_names(model: type[BaseModel]) -> list[str]:
+    """Names of a table's fields, as users write them."""
+    return [field.alias or name for name, field in model.model_fields.items()]

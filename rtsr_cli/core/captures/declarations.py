@@ -1,0 +1,120 @@
+"""What users declare about the shots below IN: every file that says so is parsed once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from rtsr_cli.core.captures.cameras import CameraRow, add_depth_sense, read_side_car
+from rtsr_cli.core.captures.capture_file import CAPTURE_FILE, CaptureDeclaration, read_capture
+from rtsr_cli.core.captures.channel_tables import build_components
+from rtsr_cli.core.captures.layout_files import list_declared_buffers, load_layout
+from rtsr_cli.core.captures.layouts import SCOPE, Component, Layout
+from rtsr_cli.core.captures.presets import LAYOUTS
+from rtsr_cli.core.captures.shots import Shot
+from rtsr_cli.core.frames.buffers import Buffer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declarations:
+    """What a user declares about a shot.
+
+    Attributes:
+        capture: content of the capture.toml that applies; of an empty one where there is none.
+        side_car: row of the camera side-car by frame number; empty without one.
+        layout: that the option, capture.toml or the data set's folders name; None to detect one.
+        spelled_out: components of each buffer of a layout file or of `[buffers]`.
+    """
+
+    capture: CaptureDeclaration
+    side_car: Mapping[int, CameraRow]
+    layout: Layout | None
+    spelled_out: Mapping[Buffer, tuple[Component, ...]]
+
+
+class DeclarationFiles:
+    """capture.toml, layout files and camera side-cars below one IN, each of them parsed once."""
+
+    def __init__(self, root: Path, *, layout: str | None, capture: Path | None) -> None:
+        """Prepare; nothing is read yet.
+
+        Args:
+            root: IN.
+            layout: preset or layout file in place of what is declared, or None.
+            capture: file in place of each shot's capture.toml, or None.
+        """
+        self._root = root
+        self._layout_name = layout
+        self._capture_file = capture
+        self._capture = cache(read_capture)
+        self._layout = cache(load_layout)
+        self._side_car = cache(read_side_car)
+
+    def resolve_for(self, shot: Shot) -> Declarations:
+        """Resolve what is declared about a shot.
+
+        The nearest capture.toml from the shot's folder up to IN; `--capture` in place of all.
+
+        Raises:
+            ConfigError: a file is not valid.
+            FrameFolderError: there is no layout of a name.
+        """
+        path = self._capture_file or self._nearest(shot.root)
+        capture = CaptureDeclaration() if path is None else self._capture(path)
+        cameras = shot.side_car
+        if path is not None and capture.camera:
+            cameras = path.parent / capture.camera
+        rows: Mapping[int, CameraRow] = {}
+        if cameras is not None:
+            side_car = self._side_car(cameras)
+            capture, rows = add_depth_sense(capture, side_car), side_car.rows
+        named = self._layout_name or capture.layout
+        name = named or shot.layout
+        layout = None if name is None else self._layout(name)
+        return Declarations(
+            capture=capture,
+            side_car=rows,
+            layout=layout,
+            spelled_out=list_declared_buffers(named, layout, capture),
+        )
+
+    def _nearest(self, folder: Path) -> Path | None:
+        above = [folder, *(p for p in folder.parents if p.is_relative_to(self._root))]
+        return next((p / CAPTURE_FILE for p in above if (p / CAPTURE_FILE).is_file()), None)
+
+    def list_searched_layouts(self, folder: Path) -> tuple[Layout, ...]:
+        """Layouts whose folders a folder is searched for: the one that is named for it, or all.
+
+        Raises:
+            RtsrError: a layout or capture.toml is not valid.
+        """
+        path = self._capture_file or folder / CAPTURE_FILE
+        capture = (
+            self._capture(path) if self._capture_file or path.is_file() else CaptureDeclaration()
+        )
+        name = self._layout_name or capture.layout
+        return tuple(LAYOUTS.values()) if name is None else (self._layout(name),)
+
+    def buffer_folders(self, folder: Path) -> tuple[str, ...]:
+        """Patterns of buffer folders by a folder's own capture.toml.
+
+        Raises:
+            RtsrError: a layout or capture.toml is not valid.
+        """
+        path = folder / CAPTURE_FILE
+        if not path.is_file():
+            return ()
+        capture = self._capture(path)
+        own = Layout(
+            name="", description="", buffers=build_components(capture.buffers), folders=True
+        )
+        named = () if capture.layout is None else (self._layout(capture.layout),)
+        return list_folder_patterns((own, *named))
+
+
+def list_folder_patterns(layouts: Iterable[Layout]) -> tuple[str, ...]:
+    """Patterns of folders that hold one buffer each."""
+    patterns = {p for layout in layouts if layout.folders for p in layout.files}
+    return tuple(sorted(p.replace(SCOPE, "*") for p in patterns))

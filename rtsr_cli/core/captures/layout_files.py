@@ -1,0 +1,187 @@
+"""Which layout a dump has: a preset, a TOML file of the user's, `[buffers]`, or what fits best."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pydantic import Field
+
+from rtsr_cli.core.captures.capture_file import (
+    CAPTURE_FILE,
+    CaptureDeclaration,
+    ConventionTables,
+    validate_content,
+)
+from rtsr_cli.core.captures.channel_matching import (
+    Binding,
+    Streams,
+    bind_layout,
+    detect_layout,
+    match_layout,
+)
+from rtsr_cli.core.captures.channel_tables import BufferTable, build_components
+from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
+from rtsr_cli.core.captures.layouts import Component, Layout
+from rtsr_cli.core.captures.presets import LAYOUTS
+from rtsr_cli.core.errors import ConfigError, FrameFolderError, did_you_mean
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import Conventions
+
+
+class LayoutFile(ConventionTables):
+    """A layout of the user's own: `[buffers]`, and the convention tables of capture.toml."""
+
+    buffers: BufferTable = Field(min_length=1)
+    folders: bool = False
+
+
+def read_layout(path: Path) -> Layout:
+    """Read a layout file.
+
+    Raises:
+        ConfigError: not there, not TOML, or wrong fields; lists every one with its path.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(f"{path}: the layout cannot be read ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+    file = validate_content(LayoutFile, content, path)
+    return Layout(
+        name=path.name,
+        description=f"layout file {path.name}",
+        buffers=build_components(file.buffers),
+        conventions=file.conventions(Conventions()),
+        folders=file.folders,
+        # what a user spells out needs no proof, but for vectors whose sense is left open
+        verified=Buffer.MOTION not in file.buffers or file.motion.decides(),
+    )
+
+
+def load_layout(name: str) -> Layout:
+    """Return a preset, or the layout of a TOML file.
+
+    Raises:
+        FrameFolderError: there is no such preset; suggests one.
+        ConfigError: the file is not valid.
+    """
+    if name.endswith(LAYOUT_SUFFIX):
+        return read_layout(Path(name))
+    if name not in LAYOUTS:
+        raise FrameFolderError(f"no layout is called '{name}'{did_you_mean(name, LAYOUTS)}")
+    return LAYOUTS[name]
+
+
+def list_declared_buffers(
+    name: str | None, layout: Layout | None, capture: CaptureDeclaration
+) -> dict[Buffer, tuple[Component, ...]]:
+    """Buffers that the user spelled out, in a layout file or in capture.toml, which holds.
+
+    Args:
+        name: of a preset or layout file, as the user gave it.
+        layout: of that name.
+        capture: what the user declares.
+    """
+    spelled = layout is not None and name is not None and name.endswith(LAYOUT_SUFFIX)
+    file = layout.buffers if layout is not None and spelled else {}
+    return {**file, **build_components(capture.buffers)}
+
+
+def choose_layout(
+    named: Layout | None, capture: CaptureDeclaration, streams: Streams, where: str
+) -> tuple[Layout, Binding]:
+    """Choose the layout of a frame set and find its buffers; `[buffers]` is laid over it.
+
+    Args:
+        named: preset or layout file that is named, or None to detect one.
+        capture: what the user declares; its `layout` is not looked at.
+        streams: the files and their channels.
+        where: folder, for messages.
+
+    Raises:
+        FrameFolderError: no layout fits, several do, or a buffer is in two file sequences.
+    """
+    own = build_components(capture.buffers)
+    if named is None and not own:
+        return detect_layout(streams, LAYOUTS.values(), where)
+    layout = _replace_buffers(named or _detect_layout(own, streams), own)
+    try:
+        binding = bind_layout(layout, streams)
+    except FrameFolderError as error:
+        raise FrameFolderError(f"{where}: {error}") from error
+    if not binding:
+        raise FrameFolderError(f"{where}: layout '{layout.name}' matches no channel of these files")
+    return layout, binding
+
+
+def _detect_layout(own: Iterable[Buffer], streams: Streams) -> Layout | None:
+    """Return the layout that explains most of what the user did not spell out, if one does.
+
+    Who spells channels out does not mean a preset that nobody has verified.
+    """
+    spelled = frozenset(own)
+    rest = [
+        replace(layout, buffers={b: c for b, c in layout.buffers.items() if b not in spelled})
+        for layout in LAYOUTS.values()
+        if layout.verified
+    ]
+    clear = [layout for layout in rest if not match_layout(layout, streams).ambiguous]
+    try:
+        layout, _ = detect_layout(streams, clear, "")
+    except FrameFolderError:
+        return None
+    return layout
+
+
+def _replace_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component, ...]]) -> Layout:
+    if layout is None:
+        return Layout(
+            name=CAPTURE_FILE,
+            description="[buffers] of capture.toml",
+            buffers=own,
+            verified=Buffer.MOTION not in own,
+        )
+    if not own:
+        return layout
+    return replace(
+        layout,
+        name=f"{layout.name} + {CAPTURE_FILE}",
+        buffers={**layout.buffers, **own},
+        # nothing is known of vectors that the preset did not find itself
+        verified=layout.verified and Buffer.MOTION not in own,
+    )
+
+
+def check_declared(
+    declared: Mapping[Buffer, tuple[Component, ...]], sets: Sequence[Streams], where: str
+) -> None:
+    """Hold every channel that a user spelled out to be in the files of some resolution.
+
+    Raises:
+        FrameFolderError: one is in none; names buffer, channel, and the channels there are.
+    """
+    for buffer, components in declared.items():
+        if any(_are_held({buffer: components}, streams) for streams in sets):
+            continue
+        for component in components:
+            if not any(_are_held({buffer: (component,)}, streams) for streams in sets):
+                raise FrameFolderError(f"{where}: {_describe_absence(buffer, component, sets)}")
+
+
+def _are_held(buffers: Mapping[Buffer, tuple[Component, ...]], streams: Streams) -> bool:
+    return match_layout(Layout(name="", description="", buffers=buffers), streams).explained > 0
+
+
+def _describe_absence(buffer: Buffer, component: Component, sets: Sequence[Streams]) -> str:
+    place = component.places[0]
+    spec = place.channel if place.file == "*" else f"{place.file}:{place.channel}"
+    channels = sorted({c for streams in sets for names in streams.values() for c in names})
+    files = sorted({key for streams in sets for key in streams})
+    return (
+        f"buffer '{buffer}': no channel is called '{spec}'"
+        f"{did_you_mean(place.channel, channels)}; file sequences: {', '.join(map(repr, files))}"
+    )

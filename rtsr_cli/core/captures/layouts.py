@@ -1,0 +1,152 @@
+"""Layouts: which channel of which file is which buffer, as declarations.
+
+A layout is data. The reader knows none by name: it binds the patterns below to the files and
+channels it finds, and a new engine is a new entry in `presets`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.conventions import Conventions
+
+SCOPE = "<scope>"
+"""Begins a pattern whose first part is one name for all buffers: a view layer, a scene."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelPlace:
+    """Where a channel can be: patterns (`fnmatch`) of its name and of its file sequence.
+
+    A file sequence is known by its key (`folder/base name` relative to the shot) and, where each
+    buffer has a folder, by that folder's name alone.
+    """
+
+    channel: str
+    file: str = "*"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """One channel of a buffer: `value = (stored - offset) * factor`.
+
+    Attributes:
+        places: where it can be, tried in order; all components of a buffer take the same turn.
+        factor: on the stored value.
+        offset: stored value of zero.
+    """
+
+    places: tuple[ChannelPlace, ...]
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def place(self, turn: int) -> ChannelPlace:
+        """Return the place of a turn; the last one stands for those that are not there."""
+        return self.places[min(turn, len(self.places) - 1)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderTree:
+    """Folders of a data set that keeps resolutions and buffers apart.
+
+    Templates of paths below the data set's root, with the fields `{buffer}`, `{shot}` and, for
+    LR, `{scale}` (whole numbers; `1_5` means 1.5).
+
+    Attributes:
+        lr, hr: folder of one buffer of one shot.
+        lr_buffers, hr_buffers: the buffers' folders, as they are written.
+        side_car: JSON file of a shot's cameras.
+    """
+
+    lr: str
+    hr: str
+    lr_buffers: tuple[str, ...]
+    hr_buffers: tuple[str, ...]
+    side_car: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """A named arrangement of buffers in files.
+
+    Attributes:
+        name: what users type.
+        description: where it comes from.
+        buffers: the components of each buffer, in the buffer's channel order.
+        conventions: what the names do not say.
+        folders: True if each buffer may be a folder of its own below the shot.
+        tree: folders of a whole data set, for layouts that have such.
+        scope: what `SCOPE` in a channel's name is written as.
+        digits: digits of a frame number, as it is written.
+        verified: False if known from documentation only.
+    """
+
+    name: str
+    description: str
+    buffers: Mapping[Buffer, tuple[Component, ...]]
+    conventions: Conventions = field(default_factory=Conventions)
+    folders: bool = False
+    tree: FolderTree | None = None
+    scope: str = ""
+    digits: int = 4
+    verified: bool = True
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Patterns of the file sequences that hold one buffer each."""
+        patterns = {
+            place.file
+            for components in self.buffers.values()
+            for component in components
+            for place in component.places
+        }
+        return tuple(sorted(p for p in patterns if p.replace(SCOPE, "*") != "*"))
+
+
+def list_suffixes(buffer: Buffer, letters: str | None = None) -> tuple[str, ...]:
+    """Suffix of each channel of a buffer: its own letters, or the given ones."""
+    return tuple(letters) if letters else BUFFER_SPECS[buffer].component_names
+
+
+def name_components(
+    buffer: Buffer, *prefixes: str, letters: str | None = None, file: str = "*"
+) -> tuple[Component, ...]:
+    """Components of a buffer whose channels are `prefix.letter` (or `prefix` if single)."""
+    return tuple(
+        Component(
+            places=tuple(
+                ChannelPlace(channel=f"{p}.{s}" if p and s else p or s, file=file) for p in prefixes
+            )
+        )
+        for s in list_suffixes(buffer, letters)
+    )
+
+
+def name_single_component(*channels: str, file: str = "*") -> tuple[Component, ...]:
+    """Return the only component of a buffer, by the names it can have."""
+    return (Component(places=tuple(ChannelPlace(channel=c, file=file) for c in channels)),)
+
+
+def join_places(*options: tuple[Component, ...]) -> tuple[Component, ...]:
+    """Join the places of several arrangements of one buffer, in order; factors are the first's."""
+    return tuple(
+        Component(
+            places=tuple(place for component in turns for place in component.places),
+            factor=turns[0].factor,
+            offset=turns[0].offset,
+        )
+        for turns in zip(*options, strict=True)
+    )
+
+
+def name_file_components(
+    buffer: Buffer, *files: str, letters: str = "RGB"
+) -> tuple[Component, ...]:
+    """Components of a buffer that has files of its own, with plain channels."""
+    count = BUFFER_SPECS[buffer].channels
+    return tuple(
+        Component(places=tuple(ChannelPlace(channel=c, file=f) for f in files))
+        for c in letters[:count]
+    )

@@ -1,0 +1,369 @@
+"""Settling how a dump is read: option > capture.toml > measured > preset.
+
+What is declared is obeyed, and a measurement that contradicts it is said. A preset gives way to a
+clear measurement. A preset that nobody has verified runs only when the measurement is clear, or
+when capture.toml names it and declares its motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
+from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement, measure_storage
+from rtsr_cli.core.captures.measuring.motion_choices import describe_undecided
+from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import Conventions, NormalConvention
+from rtsr_cli.core.frames.motion import MotionConvention
+
+WIDE_MARGIN = 0.02
+WIDE_SIGNIFICANCE = 5.0
+"""A reading of motion whose error is this share above the best one's, by this many standard errors,
+is contradicted."""
+
+WIDE_DEPTH_MARGIN = 0.5
+"""A reading of depth is contradicted where another one has less than half its error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredReader:
+    """A reader that knows how its files are to be read.
+
+    Attributes:
+        reader: with the settled conventions.
+        measured: what they rest on.
+        warnings: contradictions, for the user.
+        notes: what was measured instead of presumed, for the user.
+        by_measurement: names of conventions that neither the preset nor a declaration gave.
+        undecided: why the frames cannot be read as anything, empty if they can.
+        motion_undecided: why vectors cannot be read, empty if they can; the rest may be.
+    """
+
+    reader: FrameReader
+    measured: StorageMeasurement
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    by_measurement: tuple[str, ...] = ()
+    undecided: str = ""
+    motion_undecided: str = ""
+
+
+def measure_and_decide(
+    reader: FrameReader, capture: CaptureDeclaration, *, named: bool, motion: bool = True
+) -> MeasuredReader:
+    """Measure a few frames and decide; nothing is raised, what is not decided is said.
+
+    Args:
+        reader: as surveyed.
+        capture: what the user declares.
+        named: whether the user named the layout.
+        motion: whether vectors are of interest.
+    """
+    presumed = capture.conventions(reader.layout.conventions)
+    measured = measure_storage(reader, presumed, motion=motion and Buffer.MOTION in reader.stored)
+    settled = MeasuredReader(reader=replace(reader, conventions=presumed), measured=measured)
+    if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
+        settled = replace(settled, undecided=_describe_undocumented(reader))
+    for step in (
+        _check_plausible,
+        _decide_motion,
+        _decide_jitter,
+        _decide_depth,
+        _check_position,
+        _decide_normal,
+    ):
+        if motion or step is not _decide_motion:
+            settled = step(settled, capture)
+    text = settled.motion_undecided
+    if text and not (named or capture.buffers):
+        # nothing but its vectors could have proved a layout that nobody named
+        settled = replace(settled, undecided=text)
+    return replace(
+        settled, reader=_bind_forward_motion(replace(settled.reader, motion_undecided=text))
+    )
+
+
+def _describe_undocumented(reader: FrameReader) -> str:
+    name = reader.layout.name
+    return (
+        f"these channels look like layout '{name}', which is known from documentation only, and no "
+        f"motion vectors are there to check it by; name it to use it (capture.toml: layout = "
+        f'"{name}", or --layout {name})'
+    )
+
+
+def require_decision(settled: MeasuredReader, *, sharded: bool) -> FrameReader:
+    """Return the reader, or refuse one that nothing decides.
+
+    Raises:
+        FrameFolderError: nothing proves the layout; or parts of a sharded run might measure
+            differently.
+    """
+    if settled.undecided:
+        raise FrameFolderError(f"{settled.reader.frames.root}: {settled.undecided}")
+    if sharded and settled.by_measurement:
+        raise FrameFolderError(
+            f"{settled.reader.frames.root}: {', '.join(settled.by_measurement)} is measured, not "
+            "declared, and --shard needs it declared so that all parts agree; run "
+            "'rtsr inspect --write' once"
+        )
+    unread = (NOT_READ,) if settled.motion_undecided else ()
+    return replace(settled.reader, warnings=settled.warnings, notes=(*settled.notes, *unread))
+
+
+NOT_READ = (
+    "motion is not read: nothing decides how it is stored ('rtsr inspect' shows what is known)"
+)
+"""Said by commands that can do without; those that cannot are refused."""
+
+
+def _is_contradicted(candidate: MotionCandidate | None) -> bool:
+    return (
+        candidate is not None
+        and candidate.margin >= WIDE_MARGIN
+        and candidate.significance >= WIDE_SIGNIFICANCE
+    )
+
+
+UNFIT = 1.5
+"""Vectors whose best reading is this much worse than no motion at all are not the frames'."""
+
+
+def _check_plausible(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Warn of vectors that are all zero though the camera moves, or that fit no frame at all."""
+    del capture
+    finding, reader = settled.measured.motion, settled.reader
+    if finding is None:
+        return settled
+    poses = [reader.cameras[n].world_to_camera for n in settled.measured.frames]
+    moves = any(a is not None and b is not None and not a.equal(b) for a, b in pairwise(poses))
+    if finding.moving == 0.0 and moves:
+        return _add_warning(
+            settled,
+            "motion is zero in every pixel though the camera moves: the motion pass is missing",
+        )
+    best = finding.candidates[0].error if finding.candidates else 0.0
+    if best > UNFIT * finding.unmoved_error + WIDE_MARGIN:
+        return _add_warning(
+            settled,
+            "the motion vectors say that things move, the frames do not follow them: the same "
+            "frame several times, or vectors of another sequence?",
+        )
+    return settled
+
+
+def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    reader, measured = settled.reader, settled.measured
+    if Buffer.MOTION not in reader.stored:
+        return settled
+    presumed = reader.conventions.motion
+    best = measured.best
+    against = measured.motion.of(presumed) if measured.motion is not None else None
+    agreed = best is not None and best.convention == _is_plain(presumed)
+    declared = capture.motion.declared()
+    clear = _is_contradicted(against) or measured.by_geometry is not None
+    if best is None and _is_contradicted(against):
+        return _describe_better_fits(settled, capture)
+    if best is not None and not agreed and (clear or _is_unproven(settled, capture)):
+        # what is declared stays; what is not is taken from the measurement
+        chosen = replace(best.convention, **declared)
+        if _is_plain(chosen) != best.convention:
+            lower = against.margin if against is not None else 1.0
+            proof = (
+                "as camera and depth tell" if measured.by_geometry else f"error {lower:.0%} lower"
+            )
+            text = (
+                f"motion is declared as {presumed}, but the frames fit {best.convention} better "
+                f"({proof}); the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
+            )
+            return _add_warning(settled, text)
+        note = f"motion measured: {chosen} (without measurement: {presumed})"
+        return _take_measurement(settled, "motion", note, motion=chosen)
+    if agreed or not _is_unproven(settled, capture):
+        doubt = "" if agreed else _describe_doubt(against, best, capture)
+        return _add_warning(settled, doubt) if doubt else settled
+    return replace(settled, motion_undecided=describe_undecided(reader, measured.motion))
+
+
+def _describe_doubt(
+    presumed: MotionCandidate | None, best: MotionCandidate | None, capture: CaptureDeclaration
+) -> str:
+    """Say that a preset fits worse than another reading, though not so clearly as to give way."""
+    if capture.motion.decides() or presumed is None or best is None or presumed.tied:
+        return ""
+    if presumed.margin < WIDE_MARGIN:
+        return ""
+    return (
+        f"motion is read as {presumed.convention}, but the frames fit {best.convention} better "
+        f"(error {presumed.margin:.0%} lower, {presumed.significance:.1f} standard errors, which "
+        "is not enough to decide it); declare [motion] in capture.toml"
+    )
+
+
+def _describe_better_fits(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Several readings tie, and what is presumed is far behind all of them."""
+    finding = settled.measured.motion
+    if not capture.motion.decides():
+        return replace(settled, motion_undecided=describe_undecided(settled.reader, finding))
+    if finding is None or not finding.ties:
+        # no reading fits better than none: that speaks against no declaration
+        return settled
+    others = "; or ".join(str(c.convention) for c in finding.ties)
+    text = (
+        f"motion is declared as {settled.reader.conventions.motion}, but the frames fit others "
+        f"better: {others}; the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
+    )
+    return _add_warning(settled, text)
+
+
+def _is_plain(convention: MotionConvention) -> MotionConvention:
+    return replace(convention, jittered=False, jitter_inverted=False)
+
+
+def _is_unproven(settled: MeasuredReader, capture: CaptureDeclaration) -> bool:
+    """Tell whether nothing but an unverified preset, or nothing at all, speaks for the vectors."""
+    return not settled.reader.layout.verified and not capture.motion.decides()
+
+
+def _decide_jitter(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    finding = settled.measured.jitter
+    if finding is None or Buffer.MOTION not in settled.reader.stored:
+        return settled
+    convention = settled.reader.conventions.motion
+    if finding.verdict in {_verdict_of_declaration(convention), JitterVerdict.UNKNOWN}:
+        return settled
+    inverted = finding.verdict is JitterVerdict.IN_VECTORS_INVERTED
+    if capture.motion.jittered is None and (
+        inverted or finding.verdict is JitterVerdict.IN_VECTORS
+    ):
+        changed = replace(convention, jittered=True, jitter_inverted=inverted)
+        note = f"jitter measured: {finding.verdict}; it is taken out"
+        return _take_measurement(settled, "jitter", note, motion=changed)
+    text = _JITTER_WARNINGS.get(finding.verdict, "")
+    cameras = (settled.reader.cameras[n] for n in settled.measured.frames)
+    if finding.verdict is JitterVerdict.UNDECLARED and any(any(c.jitter_px) for c in cameras):
+        text = OTHER_JITTER
+    return _add_warning(settled, text.format(finding.spread_px)) if text else settled
+
+
+OTHER_JITTER = (
+    "the frames jitter by up to {:.2f} px beside the offset that jitter_px declares for all of "
+    "them; declare jitter_px by frame"
+)
+
+_JITTER_WARNINGS = {
+    JitterVerdict.UNDECLARED: "motion or frames contain a jitter of up to {:.2f} px that is not "
+    "declared; declare jitter_px (and [motion] jittered) in capture.toml",
+    JitterVerdict.WRONG_SIGN: "jitter_px has the wrong sign: the frames lie the other way by up "
+    "to {:.2f} px; negate it",
+    JitterVerdict.IN_VECTORS: "the vectors contain the jitter (up to {:.2f} px), which [motion] "
+    "jittered denies; the declaration is obeyed",
+    JitterVerdict.IN_VECTORS_INVERTED: "the vectors contain the jitter inverted (up to {:.2f} px), "
+    "against [motion] jittered; the declaration is obeyed",
+    JitterVerdict.CONSISTENT: "the vectors contain no jitter, though [motion] jittered says so; "
+    "the declaration is obeyed",
+}
+"""What is said where jitter is not as declared; a constant offset may have many reasons."""
+
+
+def _verdict_of_declaration(convention: MotionConvention) -> JitterVerdict:
+    if not convention.jittered:
+        return JitterVerdict.CONSISTENT
+    inverted = convention.jitter_inverted
+    return JitterVerdict.IN_VECTORS_INVERTED if inverted else JitterVerdict.IN_VECTORS
+
+
+def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    finding = settled.measured.depth
+    presumed = settled.reader.conventions.depth
+    against = finding.of(presumed)
+    best = finding.best
+    if best is None or against is None or best.convention == against.convention:
+        return settled
+    if best.error > (1.0 - WIDE_DEPTH_MARGIN) * against.error:
+        return settled
+    measured = best.convention
+    text = (
+        f"{measured.kind}{' reversed' if measured.reversed else ''}, {measured.unit_m:g} m a unit"
+    )
+    given = capture.depth.declared()
+    if {"kind", "unit", "reversed"} & set(given):
+        return _add_warning(
+            settled,
+            f"depth is declared as {presumed.kind}, {presumed.unit_m:g} m a unit, but the camera "
+            f"fits {text} ({best.error:.3g} against {against.error:.3g} {finding.measure}); "
+            "the declaration is obeyed",
+        )
+    chosen = replace(measured, sky=given.get("sky"))
+    note = (
+        f"depth measured: {text} ({best.error:.2g} against {against.error:.2g} {finding.measure}; "
+        f"without measurement: {presumed.kind}, {presumed.unit_m:g} m a unit)"
+    )
+    return _take_measurement(settled, "depth", note, depth=chosen)
+
+
+def _check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Positions only stand in for missing cameras, so that a contradiction is no more than said."""
+    unit = settled.measured.position_unit_m
+    conventions = settled.reader.conventions
+    if unit is None or unit == conventions.metres_per_position:
+        return settled
+    if capture.position.unit is not None:
+        return _add_warning(
+            settled,
+            f"position is declared as {capture.position.unit:g} m a unit, but the camera fits "
+            f"{unit:g}; the declaration is obeyed",
+        )
+    note = f"position measured: {unit:g} m a unit"
+    return _take_measurement(settled, "position", note, position_unit_m=unit)
+
+
+def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    finding = settled.measured.normal
+    presumed = settled.reader.conventions.normal
+    if finding is None or finding.packed is None:
+        return settled
+    measured = NormalConvention(
+        space=finding.space or presumed.space, packed=finding.packed, sky=presumed.sky
+    )
+    if measured == presumed:
+        return settled
+    text = f"{measured.space} space{', packed' if measured.packed else ''}"
+    if capture.normal.declared():
+        return _add_warning(
+            settled,
+            f"normals are declared as {presumed.space} space"
+            f"{', packed' if presumed.packed else ''}, but they look like {text}; "
+            "the declaration is obeyed",
+        )
+    return _take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
+
+
+def _add_warning(settled: MeasuredReader, text: str) -> MeasuredReader:
+    return replace(settled, warnings=(*settled.warnings, text))
+
+
+def _take_measurement(
+    settled: MeasuredReader, name: str, note: str, **changes: object
+) -> MeasuredReader:
+    conventions: Conventions = replace(settled.reader.conventions, **changes)  # type: ignore[arg-type]
+    return replace(
+        settled,
+        reader=replace(settled.reader, conventions=conventions),
+        notes=(*settled.notes, note),
+        by_measurement=(*settled.by_measurement, name),
+    )
+
+
+def _bind_forward_motion(reader: FrameReader) -> FrameReader:
+    """Bind vectors about the next frame as `forward`; those about the previous one are missing."""
+    if Buffer.MOTION not in reader.binding or not reader.conventions.motion.direction.to_next:
+        return reader
+    binding = dict(reader.binding)
+    binding[Buffer.FORWARD] = binding.pop(Buffer.MOTION)
+    return replace(reader, binding=binding)

@@ -1,0 +1,294 @@
+"""Reading frames of one resolution into memory's convention."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.captures.channel_matching import Binding, BoundComponent
+from rtsr_cli.core.captures.layouts import Layout
+from rtsr_cli.core.captures.shots import FrameSet
+from rtsr_cli.core.files.exr import PixelWindow, Plane, read_window
+from rtsr_cli.core.frames import conventions as conv
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.sequence import Frame
+
+FLOAT_BYTES = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameReader:
+    """A surveyed sequence of frames of one resolution.
+
+    Attributes:
+        frames: the files.
+        layout: how they are named.
+        binding: where each buffer is.
+        conventions: what is stored in them.
+        region: pixels that are read, in the image plane `display`.
+        display: the image plane.
+        numbers: frames that can be read, ascending.
+        held: number -> number of the frame that stands in for it.
+        cameras: per frame, header and side-car and capture.toml together.
+        step: numbers that one motion vector spans.
+        channels: names of the channels of every file, by sequence and number.
+        subsampled: by sequence, channels with fewer samples than pixels.
+        predicted: frames whose files say that a system predicted them.
+        warnings, notes: what was found out about the files, for the user.
+        motion_undecided: why vectors cannot be read, with the choices; empty if they can.
+    """
+
+    frames: FrameSet
+    layout: Layout
+    binding: Binding
+    conventions: conv.Conventions
+    region: PixelWindow
+    display: PixelWindow
+    numbers: tuple[int, ...]
+    held: Mapping[int, int]
+    cameras: Mapping[int, CameraMetadata]
+    step: int
+    channels: Mapping[str, Mapping[int, frozenset[str]]]
+    subsampled: Mapping[str, frozenset[str]]
+    predicted: frozenset[int] = frozenset()
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    motion_undecided: str = ""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of every frame."""
+        return self.region.height, self.region.width
+
+    @property
+    def frame_bytes(self) -> int:
+        """Memory that reading a frame takes: its channels as float32, and as stored."""
+        channels = sum(len(components) for components in self.binding.values())
+        return self.region.width * self.region.height * channels * 2 * FLOAT_BYTES
+
+    @cached_property
+    def stored(self) -> frozenset[Buffer]:
+        """Buffers that the files hold."""
+        return frozenset(self.binding)
+
+    @cached_property
+    def readable(self) -> frozenset[Buffer]:
+        """Buffers that the files hold, and of which it is known how."""
+        return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ())
+
+    @cached_property
+    def has_camera(self) -> bool:
+        """Tell whether every frame has camera matrices."""
+        return all(
+            camera.world_to_camera is not None and camera.world_to_ndc is not None
+            for camera in self.cameras.values()
+        )
+
+    @cached_property
+    def resets(self) -> frozenset[int]:
+        """Frames before which history ends: cuts, stand-ins on both sides, and lost vectors."""
+        cuts = {n for n, camera in self.cameras.items() if camera.cut}
+        lost = {n for n in self.numbers if self._motion_number(n) is None}
+        return frozenset(cuts | lost | set(self.held) | {n + self.step for n in self.held})
+
+    def _motion_number(self, number: int) -> int | None:
+        """Number of the file that holds a frame's vectors; None where the sequence ends before."""
+        offset = self.conventions.motion.file_offset
+        if not offset or Buffer.MOTION not in self.binding:
+            return number
+        other = number + offset * self.step
+        return other if other in self._with_own_files else None
+
+    @cached_property
+    def _with_own_files(self) -> frozenset[int]:
+        """Frames that no other one stands in for."""
+        return frozenset(self.numbers) - set(self.held)
+
+    @property
+    def declaration(self) -> object:
+        """What, beside the files' bytes, decides how they are understood; plain values."""
+        places = {b.value: [asdict(c) for c in parts] for b, parts in self.binding.items()}
+        return [places, asdict(self.conventions), self.step, asdict(self.region)]
+
+    def camera_values(self, number: int) -> object:
+        """Return a frame's camera as plain values."""
+        camera = self.cameras[number]
+        matrices = (camera.world_to_camera, camera.world_to_ndc)
+        listed = [None if m is None else m.flatten().tolist() for m in matrices]
+        return [listed, camera.jitter_px, camera.pre_exposure, number in self.resets]
+
+    @cached_property
+    def view(self) -> View:
+        """Where the frames lie in the image plane."""
+        return View(
+            display=(self.display.height, self.display.width),
+            top=self.region.top - self.display.top,
+            left=self.region.left - self.display.left,
+        )
+
+    def where(self, number: int) -> str:
+        """Folder and frame, for messages."""
+        return f"{self.frames.root}, frame {number}"
+
+    def path(self, number: int, stream: str | None = None) -> Path:
+        """File of a frame; of the main stream if none is named."""
+        files = self.frames.streams[stream or self.main_stream].files
+        return files[self.held.get(number, number)]
+
+    def channels_of(self, number: int, stream: str) -> frozenset[str]:
+        """Names of the channels that a frame has in a file sequence; none without a file."""
+        return self.channels[stream].get(self.held.get(number, number), frozenset())
+
+    @cached_property
+    def main_stream(self) -> str:
+        """The stream whose names and attributes outputs take: colour's, or the first bound."""
+        first = next(iter(self.binding.values()))
+        return self.binding.get(Buffer.COLOR, first)[0].stream
+
+    @property
+    def base(self) -> str:
+        """Base name of the main stream."""
+        return self.frames.streams[self.main_stream].base
+
+    def files(self, number: int, buffers: Iterable[Buffer]) -> tuple[Path, ...]:
+        """Files that hold the named buffers of a frame."""
+        needed = self._needed(tuple(b for b in buffers if b in self.binding))
+        paths = {self.path(number, c.stream) for b in needed for c in self.binding[b]}
+        other = self._motion_number(number)
+        if Buffer.MOTION in needed and other not in {None, number}:
+            paths |= {self.path(int(other or 0), c.stream) for c in self.binding[Buffer.MOTION]}
+        return tuple(sorted(paths))
+
+    def read(self, number: int, buffers: Collection[Buffer]) -> Frame:
+        """Read the named buffers of a frame, converted to memory's convention.
+
+        Raises:
+            FrameFolderError: a file is damaged, or has changed since the survey.
+        """
+        needed = self._needed(tuple(buffers))
+        planes = self._read_planes(number, needed)
+        if Buffer.MOTION in needed and self._motion_number(number) != number:
+            planes |= self._moved_planes(number)
+        camera = self.cameras[number]
+        stored = conv.StoredFrame(
+            conventions=self.conventions,
+            camera=camera,
+            view=self.view,
+            jitter_px_prev=self.cameras.get(number - self.step, camera).jitter_px,
+            where=self.where(number),
+        )
+        uses = Counter((c.stream, c.channel) for b in needed for c in self.binding[b])
+        tensors = {}
+        for buffer in needed:
+            components = self.binding[buffer]
+            image = _stack_components(components, planes)
+            # a number that is none would turn into some number: it stays, and is counted as bad
+            is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
+            spoilt = is_number and not bool(torch.isfinite(image).all())
+            tensors[buffer] = image if spoilt else conv.to_memory(buffer, image, stored)
+            # what is converted is let go, so that a frame is in memory once and a half, not twice
+            uses.subtract((c.stream, c.channel) for c in components)
+            for key in [k for k in planes if uses[k] <= 0]:
+                del planes[key]
+        if self._sky_in_normals and Buffer.DEPTH in tensors:
+            sky = (tensors[Buffer.NORMAL] == 0).all(1, keepdim=True)
+            tensors[Buffer.DEPTH] = tensors[Buffer.DEPTH].masked_fill(sky, SKY_DEPTH_M)
+        return Frame(
+            number=number,
+            gbuffer=GBuffer(tensors, self.where(number)).only(buffers),
+            camera=camera,
+            view=self.view,
+        )
+
+    def read_raw(self, number: int, buffers: Collection[Buffer]) -> dict[Buffer, Tensor]:
+        """Read the named buffers of a frame as the files hold them, factors applied.
+
+        Raises:
+            FrameFolderError: a file is damaged, or has changed since the survey.
+        """
+        planes = self._read_planes(number, buffers)
+        return {buffer: _stack_components(self.binding[buffer], planes) for buffer in buffers}
+
+    def _moved_planes(self, number: int) -> dict[tuple[str, str], Plane]:
+        """Vectors of a frame that lie in another frame's file; none where there is no such file."""
+        other = self._motion_number(number)
+        if other is not None:
+            return self._read_planes(other, (Buffer.MOTION,))
+        still = np.full(self.size, self.conventions.motion.zero, np.float32)
+        return {(c.stream, c.channel): still for c in self.binding[Buffer.MOTION]}
+
+    @property
+    def _sky_in_normals(self) -> bool:
+        """Tell whether normals mark sky, which depth then takes from them."""
+        return self.conventions.normal.sky is not None and Buffer.NORMAL in self.binding
+
+    def _needed(self, buffers: tuple[Buffer, ...]) -> tuple[Buffer, ...]:
+        """Buffers to read for the ones asked for."""
+        lacking = Buffer.DEPTH in buffers and Buffer.NORMAL not in buffers
+        return (*buffers, Buffer.NORMAL) if lacking and self._sky_in_normals else buffers
+
+    def _read_planes(
+        self, number: int, buffers: Collection[Buffer]
+    ) -> dict[tuple[str, str], Plane]:
+        wanted = {(c.stream, c.channel) for buffer in buffers for c in self.binding[buffer]}
+        return self.read_stored(number, wanted)
+
+    def read_stored(
+        self, number: int, wanted: Iterable[tuple[str, str]]
+    ) -> dict[tuple[str, str], Plane]:
+        """Read channels, named with the stream that holds them, as they are stored.
+
+        Raises:
+            FrameFolderError: a file is damaged, or lacks a channel.
+        """
+        streams: dict[str, set[str]] = defaultdict(set)
+        for stream, channel in wanted:
+            streams[stream].add(channel)
+        depths = {(c.stream, c.channel) for c in self.binding.get(Buffer.DEPTH, ())}
+        planes: dict[tuple[str, str], Plane] = {}
+        for stream, channels in streams.items():
+            stored, window = read_window(self.path(number, stream), channels)
+            for channel, plane in stored.items():
+                fill = np.inf if (stream, channel) in depths else 0
+                planes[stream, channel] = _place_pixels(plane, window, self.region, fill)
+        return planes
+
+
+def _place_pixels(plane: Plane, window: PixelWindow, region: PixelWindow, fill: float) -> Plane:
+    """Move pixels from a file's data window to the region that is read; `fill` where none are."""
+    if window == region:
+        return plane
+    placed = np.full((region.height, region.width), fill, plane.dtype)
+    top, left = max(window.top, region.top), max(window.left, region.left)
+    bottom = min(window.top + window.height, region.top + region.height)
+    right = min(window.left + window.width, region.left + region.width)
+    if bottom > top and right > left:
+        placed[top - region.top : bottom - region.top, left - region.left : right - region.left] = (
+            plane[top - window.top : bottom - window.top, left - window.left : right - window.left]
+        )
+    return placed
+
+
+def _stack_components(
+    components: tuple[BoundComponent, ...], planes: Mapping[tuple[str, str], Plane]
+) -> Tensor:
+    """Channels of one buffer as 1 x c x h x w; whole numbers stay whole (32 bits)."""
+    stored = [planes[c.stream, c.channel] for c in components]
+    if len(stored) == 1 and stored[0].dtype == np.uint32:
+        return torch.from_numpy(stored[0].view(np.int32))[None, None]
+    height, width = stored[0].shape
+    image = torch.empty(1, len(stored), height, width)
+    for i, (plane, c) in enumerate(zip(stored, components, strict=True)):
+        wide = plane.astype(np.int64) if plane.dtype == np.uint32 else plane
+        values = image[0, i].copy_(torch.from_numpy(wide))
+        if c.offset or c.factor != 1.0:
+            values.sub_(c.offset).mul_(c.factor)
+    return image

@@ -1,0 +1,348 @@
+"""Finding shots in a folder tree: which files form which sequence, before any is opened."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import fileseq
+
+from rtsr_cli.core.captures.layouts import FolderTree, Layout
+from rtsr_cli.core.errors import FrameFolderError, OutputError
+
+LR_FOLDER, HR_FOLDER = "lr", "hr"
+"""Names of a shot's two resolutions."""
+
+FRAME_SUFFIX = ".exr"
+
+SCALE = re.compile(r"\d+(_\d+)?")
+"""A ratio of resolutions as folders write it: 2, 1_5."""
+
+USUAL_SCALE = "2"
+"""Taken of several resolutions where nobody names one."""
+
+
+OTHER_RATE = re.compile(r"output_[1-4]x[1-4]")
+"""Folders beside frames that hold the same ones at another shading rate: no shots of their own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileSequence:
+    """One numbered file sequence: what one wildcard would name."""
+
+    key: str
+    base: str
+    files: Mapping[int, Path]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameSet:
+    """The file sequences that together hold the frames of one resolution."""
+
+    root: Path
+    streams: Mapping[str, FileSequence]
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Every frame number that any stream has."""
+        return tuple(sorted({n for stream in self.streams.values() for n in stream.files}))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One sequence of a tree: `name` is its path relative to IN ('.' for IN itself).
+
+    `layout` and `side_car` (a file of cameras) are known where a data set's folders tell them.
+    """
+
+    name: str
+    root: Path
+    frames: FrameSet
+    hr: FrameSet | None = None
+    layout: str | None = None
+    side_car: Path | None = None
+
+
+def _list_streams(folder: Path, prefix: str = "") -> dict[str, FileSequence]:
+    """Return the numbered EXR sequences directly in a folder."""
+    files_by_key: dict[str, dict[int, Path]] = {}
+    bases: dict[str, str] = {}
+    for sequence in fileseq.findSequencesOnDisk(str(folder)):
+        frames = sequence.frameSet()
+        if frames is None or sequence.extension().lower() != FRAME_SUFFIX:
+            continue
+        base = sequence.basename().rstrip("._- ")
+        key = f"{prefix}{base}"
+        for index, number in enumerate(frames):
+            path = Path(str(sequence[index]))
+            other = files_by_key.setdefault(key, {}).setdefault(int(number), path)
+            if other != path:
+                raise FrameFolderError(
+                    f"{folder}: frame {number} is there twice ({other.name} and {path.name}); "
+                    "remove one of them"
+                )
+        bases[key] = base
+    return {
+        key: FileSequence(key=key, base=bases[key], files=_sort_files(files, bases[key]))
+        for key, files in files_by_key.items()
+    }
+
+
+def _sort_files(files: Mapping[int, Path], base: str) -> dict[int, Path]:
+    """Sort by number; a dash that follows the name in every file separates, it is no sign."""
+    after = [path.name[len(base) : len(base) + 2] for path in files.values()]
+    separated = base and all(text[:1] == "-" and text[1:].isdigit() for text in after)
+    return dict(sorted((-n if separated else n, path) for n, path in files.items()))
+
+
+def _list_buffer_folders(folder: Path, buffer_folders: Iterable[str]) -> list[Path]:
+    """Subfolders that are named like buffers."""
+    patterns = tuple(buffer_folders)
+    with os.scandir(folder) as entries:
+        names = sorted(e.name for e in entries if e.is_dir() and not e.name.startswith("."))
+    return [folder / n for n in names if any(fnmatchcase(n, p) for p in patterns)]
+
+
+def collect_frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | None:
+    """Collect the frames of one resolution below a folder; None if there are none.
+
+    Args:
+        folder: where the frames are.
+        buffer_folders: patterns of subfolders that each hold one buffer; if more than one such
+            has frames, they belong together, and to those of the folder itself.
+    """
+    claimed = [
+        _list_streams(sub, f"{sub.name}/") for sub in _list_buffer_folders(folder, buffer_folders)
+    ]
+    streams = _list_streams(folder)
+    if sum(map(bool, claimed)) > 1:
+        streams |= {key: stream for part in claimed for key, stream in part.items()}
+    return FrameSet(root=folder, streams=streams) if streams else None
+
+
+def _declare_nothing(_: Path) -> Iterable[str]:
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Search:
+    """What the walk through a tree looks for; see `find_shots`."""
+
+    root: Path
+    buffer_folders: tuple[str, ...]
+    trees: tuple[Layout, ...]
+    scale: int | None
+    declared: Callable[[Path], Iterable[str]]
+    entered: list[Path] = field(default_factory=list)
+
+
+def find_shots(
+    root: Path,
+    *,
+    buffer_folders: Iterable[str] = (),
+    trees: Iterable[Layout] = (),
+    scale: int | None = None,
+    declared: Callable[[Path], Iterable[str]] = _declare_nothing,
+    output: Path | None = None,
+) -> list[Shot]:
+    """List the shots of a tree, sorted by path.
+
+    A folder with `lr/` is a shot with two resolutions; a folder with frames is a shot; a data
+    set with folders of its own is as many as it holds.
+
+    Args:
+        root: IN.
+        buffer_folders: patterns of folders that each hold one buffer.
+        trees: layouts of data sets with folders of their own.
+        scale: which LR of such a data set is wanted.
+        declared: further buffer folders, which the capture.toml of a folder declares.
+        output: where frames will be written.
+
+    Raises:
+        FrameFolderError: the folder does not exist, is a file, or holds no numbered EXR frame.
+        OutputError: what is written would be taken for frames of IN.
+    """
+    if root.is_file():
+        raise FrameFolderError(f"{root}: is a file; name the folder that holds the frames")
+    if not root.is_dir():
+        raise FrameFolderError(f"{root}: no such folder")
+    search = _Search(
+        root=root,
+        buffer_folders=tuple(buffer_folders),
+        trees=tuple(trees),
+        scale=scale,
+        declared=declared,
+    )
+    shots = list(_walk_folder(root, search))
+    if output is not None:
+        _check_output(output, shots, search)
+    if not shots:
+        raise FrameFolderError(
+            f"{root}: no numbered EXR frames here or below (expected names like "
+            "'frame.0001.exr', 'lr/0001.exr')"
+        )
+    return shots
+
+
+def _check_output(output: Path, shots: Iterable[Shot], search: _Search) -> None:
+    """Raise where outputs would lie among the frames, or where a search of IN would find them."""
+    if output.resolve() == search.root.resolve():
+        raise OutputError(f"{output}: OUT is IN itself; choose another output folder")
+    for shot in shots:
+        for frames in (shot.frames, shot.hr):
+            refuse_among(output / shot.name, frames)
+    above = next(p for p in output.resolve().parents if p.is_dir())
+    hidden = output.name.startswith(".")
+    if not hidden and above in {folder.resolve() for folder in search.entered}:
+        raise OutputError(
+            f"{output}: lies inside IN, where its frames would be taken for inputs; choose an "
+            f"output folder outside of {search.root}"
+        )
+
+
+def refuse_among(output: Path, frames: FrameSet | None) -> None:
+    """Raise where a folder of outputs holds the frames of a set.
+
+    Raises:
+        OutputError: names the folder.
+    """
+    streams = {} if frames is None else frames.streams
+    folders = {path.parent for s in streams.values() for path in s.files.values()}
+    if output.resolve() in {folder.resolve() for folder in folders}:
+        raise OutputError(
+            f"{output}: holds frames that are read; choose another output folder than theirs"
+        )
+
+
+def _walk_folder(folder: Path, search: _Search) -> Iterable[Shot]:
+    name = folder.relative_to(search.root).as_posix()
+    names = (*search.buffer_folders, *search.declared(folder))
+    both = _find_lr_and_hr(folder, name, names, search)
+    held = [both] if both else _find_data_set(folder, search)
+    yield from held
+    if held:
+        return
+    here = collect_frame_set(folder, names)
+    if here is not None:
+        yield Shot(name=name, root=folder, frames=here)
+        if any("/" in key for key in here.streams):
+            return
+    search.entered.append(folder)
+    for child in sorted(folder.iterdir()):
+        beside = here is not None and OTHER_RATE.fullmatch(child.name)
+        if child.is_dir() and not child.name.startswith(".") and not beside:
+            yield from _walk_folder(child, search)
+
+
+def _find_lr_and_hr(
+    folder: Path, name: str, names: tuple[str, ...], search: _Search
+) -> Shot | None:
+    """Return the shot of a folder with `lr/`, and `hr/` beside it."""
+    lr, hr = (
+        collect_frame_set(folder / sub, names) if (folder / sub).is_dir() else None
+        for sub in (LR_FOLDER, HR_FOLDER)
+    )
+    if lr is not None:
+        return Shot(name=name, root=folder, frames=lr, hr=hr)
+    if hr is not None and (folder / LR_FOLDER).is_dir():
+        _check_not_empty(folder / LR_FOLDER, search)
+    return None
+
+
+def _find_data_set(folder: Path, search: _Search) -> list[Shot]:
+    """Shots of the first data set whose root this folder is."""
+    shots = (_list_tree_shots(folder, layout, search) for layout in search.trees)
+    return next((shots for shots in shots if shots), [])
+
+
+def _check_not_empty(lr: Path, search: _Search) -> None:
+    """Raise where HR frames have no LR frames beside them, though there is a folder for such."""
+    if not any(_walk_folder(lr, search)):
+        raise FrameFolderError(
+            f"{lr}: no numbered EXR frames here, though '{HR_FOLDER}' beside it has some; render "
+            "the LR frames, or make them with --simulate-lr from the 'hr' folder"
+        )
+
+
+def _list_tree_shots(folder: Path, layout: Layout, search: _Search) -> list[Shot]:
+    """Shots of a data set whose root is this folder; none if it is no such root."""
+    tree = layout.tree
+    if tree is None:
+        return []
+    scale = _choose_scale(folder, tree, layout.files, search.scale)
+    lr = (
+        {}
+        if scale is None
+        else _collect_sets(folder, tree.lr.replace("{scale}", scale), layout.files)
+    )
+    # names of LR's buffers are common ones: without LR, only HR's own tell the data set
+    hr = _collect_sets(folder, tree.hr, layout.files if lr else tree.hr_buffers)
+    shots = []
+    for shot in sorted(lr or hr):
+        side_car = None if tree.side_car is None else folder / tree.side_car.format(shot=shot)
+        shots.append(
+            Shot(
+                name=(folder.relative_to(search.root) / shot).as_posix(),
+                root=folder,
+                frames=lr.get(shot) or hr[shot],
+                hr=hr.get(shot) if lr else None,
+                layout=layout.name,
+                side_car=side_car if side_car is not None and side_car.is_file() else None,
+            )
+        )
+    return shots
+
+
+def _collect_sets(folder: Path, template: str, buffers: tuple[str, ...]) -> dict[str, FrameSet]:
+    """Frame sets of one resolution of a data set, by shot."""
+    streams: dict[str, dict[str, FileSequence]] = {}
+    above = template.partition("{shot}")[0]
+    for buffer in buffers:
+        held = folder / above.format(buffer=buffer)
+        for child in sorted(held.iterdir()) if held.is_dir() else ():
+            path = folder / template.format(buffer=buffer, shot=child.name)
+            if not child.name.startswith(".") and path.is_dir():
+                sequences = _list_streams(path, prefix=f"{buffer}/")
+                streams.setdefault(child.name, {}).update(sequences)
+    root = folder / template.partition("{buffer}")[0].partition("{shot}")[0]
+    return {shot: FrameSet(root=root, streams=s) for shot, s in streams.items() if s}
+
+
+def _choose_scale(
+    folder: Path, tree: FolderTree, buffers: tuple[str, ...], wanted: int | None
+) -> str | None:
+    """Which of the LR resolutions of a data set to read, as its folder writes it; None if none.
+
+    Raises:
+        FrameFolderError: there are several and none is the wanted or usual one, or only such
+            as are no whole multiple.
+    """
+    first = tree.lr.partition("/")[0]
+    before, _, after = first.partition("{scale}")
+    names = (c.name for c in folder.iterdir() if c.name.startswith(before))
+    scales = (n.removeprefix(before).removesuffix(after) for n in names if n.endswith(after))
+    there = sorted(s for s in scales if SCALE.fullmatch(s) and _is_lr(folder, tree, buffers, s))
+    if not there:
+        return None
+    whole = [s for s in there if "_" not in s]
+    if wanted is not None and str(wanted) in whole:
+        return str(wanted)
+    if wanted is None and len(whole) == 1:
+        return whole[0]
+    if wanted is None and USUAL_SCALE in whole:
+        return USUAL_SCALE
+    listed = ", ".join(f"'{first.format(scale=s)}'" for s in there)
+    remedy = f"choose one with --scale ({', '.join(whole)})" if whole else "render another ratio"
+    raise FrameFolderError(
+        f"{folder}: of the LR folders {listed}, none has the scale "
+        f"{'that is wanted' if wanted is None else wanted}; only whole scales can be "
+        f"reconstructed: {remedy}"
+    )
+
+
+def _is_lr(folder: Path, tree: FolderTree, buffers: tuple[str, ...], scale: str) -> bool:
+    return bool(_collect_sets(folder, tree.lr.replace("{scale}", scale), buffers))

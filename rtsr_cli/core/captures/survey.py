@@ -1,0 +1,333 @@
+"""Surveying a sequence by its headers, so that what is wrong is said before work starts."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.captures.cameras import CameraRow
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.channel_matching import Binding
+from rtsr_cli.core.captures.layout_files import choose_layout
+from rtsr_cli.core.captures.layouts import Layout
+from rtsr_cli.core.captures.misnamed_frames import list_misnamed
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import FrameSet
+from rtsr_cli.core.choices import MissingPolicy
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.files.exr import ExrHeader, PixelWindow, read_header
+from rtsr_cli.core.files.library_output import silence_library
+from rtsr_cli.core.files.provenance import is_predicted
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.conventions import SpecularWorkflow
+from rtsr_cli.core.frames.selection import format_ranges
+
+WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
+"""Standard OpenEXR attributes, row-vector matrices."""
+
+MATRIX_RANK = 4
+"""Of every camera matrix, an infinite far plane included."""
+
+SURVEY_THREADS = 4
+"""Headers are small: a few threads hide the latency of a network drive."""
+
+
+Headers = Mapping[str, Mapping[int, ExrHeader]]
+"""Per file sequence and frame number, what the file says of itself."""
+
+
+def open_frames(
+    frames: FrameSet,
+    *,
+    headers: Headers | None = None,
+    layout: Layout | None,
+    capture: CaptureDeclaration,
+    side_car: Mapping[int, CameraRow],
+    on_missing: MissingPolicy = MissingPolicy.ERROR,
+    jittered: bool = True,
+) -> FrameReader:
+    """Survey a sequence by its headers and bind its buffers.
+
+    Args:
+        frames: the files.
+        headers: of all of them, if they are read already.
+        layout: that is named; the best match if None.
+        capture: what the user declares.
+        side_car: camera rows by frame number; their matrices replace the headers'.
+        on_missing: what to do about holes in the numbering.
+        jittered: whether declared jitter applies to these frames (LR) or not (HR).
+
+    Raises:
+        FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ.
+    """
+    headers = headers if headers is not None else read_headers(frames)
+    first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
+    streams = {key: header.channels - header.subsampled for key, header in first.items()}
+    _check_usable(frames, first)
+    chosen, binding = choose_layout(layout, capture, streams, str(frames.root))
+    if capture.specular is SpecularWorkflow.F0:
+        # base colour is then the diffuse colour already, and no metal takes from it
+        binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
+    used = sorted({c.stream for components in binding.values() for c in components})
+    _check_channels(frames, headers, binding)
+    numbers, held = _choose_numbers(frames, used, capture.frame_step, on_missing)
+    region, display = _find_regions(frames, {key: headers[key] for key in used})
+    reader = FrameReader(
+        frames=frames,
+        layout=chosen,
+        binding=binding,
+        conventions=capture.conventions(chosen.conventions),
+        region=region,
+        display=display,
+        numbers=numbers,
+        held=held,
+        cameras={},
+        step=capture.frame_step,
+        channels={key: {n: h.channels for n, h in by_n.items()} for key, by_n in headers.items()},
+        subsampled={key: header.subsampled for key, header in first.items()},
+    )
+    main = headers[reader.main_stream]
+    # a frame that stands in brings its own camera and jitter along
+    sources = {n: held.get(n, n) for n in numbers}
+    bare = {n for n in sources.values() if _read_matrix(main[n], WORLD_TO_CAMERA) is None}
+    _check_table(frames, "camera", side_car or None, bare)
+    _check_table(frames, "jitter_px", capture.jitter_px, set(sources.values()))
+    cameras = {
+        n: _read_camera(source, main[source], capture, side_car, jittered=jittered)
+        for n, source in sources.items()
+    }
+    _check_matrices(frames, cameras)
+    predicted = {n for n, source in sources.items() if is_predicted(main[source].attributes)}
+    return replace(reader, cameras=cameras, predicted=frozenset(predicted))
+
+
+class HeaderFiles:
+    """Headers of the files of a shot, each of them read once."""
+
+    def __init__(self) -> None:
+        """Start with nothing read."""
+        self._known: dict[Path, ExrHeader] = {}
+        self._names: dict[frozenset[str], frozenset[str]] = {}
+
+    def of(self, path: Path) -> ExrHeader:
+        """Return the header of a file.
+
+        Raises:
+            FrameFolderError: it is no readable EXR; names it.
+        """
+        header = self._known.get(path)
+        if header is None:
+            header = read_header(path)
+            # the files of a sequence have the same channels: the names are held once
+            names = self._names.setdefault(header.channels, header.channels)
+            header = self._known[path] = replace(header, channels=names)
+        return header
+
+    def of_first(self, frames: FrameSet) -> dict[str, ExrHeader]:
+        """Return the header of the first file of each sequence.
+
+        Raises:
+            FrameFolderError: one is no readable EXR; names it.
+        """
+        return {
+            key: self.of(next(iter(stream.files.values())))
+            for key, stream in frames.streams.items()
+        }
+
+    def try_all(self, paths: Iterable[Path]) -> list[ExrHeader | RtsrError]:
+        """Return the header of every file, or what is wrong with the file."""
+        with ThreadPoolExecutor(SURVEY_THREADS) as pool, silence_library():
+            return list(pool.map(self._try, paths))
+
+    def _try(self, path: Path) -> ExrHeader | RtsrError:
+        try:
+            return self.of(path)
+        except RtsrError as error:
+            return error
+
+
+def read_headers(frames: FrameSet, files: HeaderFiles | None = None) -> Headers:
+    """Read the header of every file.
+
+    Args:
+        frames: the files.
+        files: what is read of them already.
+
+    Raises:
+        FrameFolderError: one is no readable EXR, or no file at all; names it.
+    """
+    for wrong in list_misnamed(frames).values():
+        raise FrameFolderError(wrong)
+    headers, errors = read_readable(frames, files or HeaderFiles())
+    for error in errors:
+        raise error
+    return headers
+
+
+def read_readable(frames: FrameSet, files: HeaderFiles) -> tuple[Headers, list[RtsrError]]:
+    """Read the header of every file that can be read; say what is wrong with the others."""
+    headers: dict[str, dict[int, ExrHeader]] = {}
+    errors: list[RtsrError] = []
+    for key, stream in frames.streams.items():
+        good: dict[int, ExrHeader] = {}
+        for number, header in zip(stream.files, files.try_all(stream.files.values()), strict=True):
+            if isinstance(header, RtsrError):
+                errors.append(header)
+            else:
+                good[number] = header
+        headers[key] = good
+    return headers, errors
+
+
+def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:
+    subsampled = sorted({c for header in first.values() for c in header.subsampled})
+    if not any(header.channels - header.subsampled for header in first.values()):
+        raise FrameFolderError(
+            f"{frames.root}: every channel ({', '.join(subsampled)}) is subsampled, as luminance "
+            "and chroma are; write channels of the full size (R, G, B)"
+        )
+
+
+def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> None:
+    for buffer, components in binding.items():
+        for c in components:
+            lacking = [n for n, h in headers[c.stream].items() if c.channel not in h.channels]
+            if lacking:
+                raise FrameFolderError(
+                    f"{frames.root}, frames {format_ranges(lacking)}: buffer '{buffer}' is missing "
+                    f"(channel '{c.channel}' is in other frames of '{c.stream}'); "
+                    "render these frames again, or move them out of the folder"
+                )
+
+
+def _choose_numbers(
+    frames: FrameSet, used: list[str], step: int, policy: MissingPolicy
+) -> tuple[tuple[int, ...], dict[int, int]]:
+    """Frames that every used stream has, and stand-ins for the others where they are held."""
+    complete = frozenset.intersection(*(frozenset(frames.streams[key].files) for key in used))
+    expected = _list_expected(frames, used, step)
+    missing = list_missing_frames(frames, used, step)
+    if missing and policy is MissingPolicy.ERROR:
+        listed = "; ".join(f"'{key}' lacks {format_ranges(m)}" for key, m in missing.items())
+        raise FrameFolderError(
+            f"{frames.root}: frames are missing: {listed}. Render them, or use --on-missing "
+            "skip|hold (history restarts there); dumps numbered in steps declare frame_step"
+        )
+    if not complete:
+        listed = "; ".join(
+            f"'{key}' has {format_ranges(frames.streams[key].files)}" for key in used
+        )
+        raise FrameFolderError(f"{frames.root}: no frame has all of its files: {listed}")
+    held: dict[int, int] = {}
+    if policy is MissingPolicy.HOLD:
+        last = None
+        for number in expected:
+            last = number if number in complete else last
+            if last is not None and last != number:
+                held[number] = last
+    return tuple(sorted(complete | set(held))), held
+
+
+def _list_expected(frames: FrameSet, used: Collection[str], step: int) -> list[int]:
+    """Numbers that any stream has, and those between them in steps."""
+    union = {number for key in used for number in frames.streams[key].files}
+    return sorted(union | set(range(min(union), max(union) + 1, step)))
+
+
+def list_missing_frames(frames: FrameSet, used: Collection[str], step: int) -> dict[str, list[int]]:
+    """For each of the streams the numbers that it lacks; streams that lack none are left out."""
+    expected = _list_expected(frames, used, step)
+    lacking = {key: sorted(set(expected) - set(frames.streams[key].files)) for key in used}
+    return {key: numbers for key, numbers in lacking.items() if numbers}
+
+
+def _find_regions(frames: FrameSet, headers: Headers) -> tuple[PixelWindow, PixelWindow]:
+    """Return the pixels to read and the image plane, the same for every frame and stream."""
+    displays: dict[PixelWindow, str] = {}
+    data: set[PixelWindow] = set()
+    for key, by_number in headers.items():
+        for number, header in by_number.items():
+            displays.setdefault(header.display_window, f"'{key}' frame {number}")
+            data.add(header.data_window)
+    if len({(w.width, w.height) for w in displays}) > 1:
+        listed = ", ".join(f"{who} is {w.width} x {w.height}" for w, who in displays.items())
+        raise FrameFolderError(
+            f"{frames.root}: sizes differ: {listed}; all buffers and frames of one resolution "
+            "need one size"
+        )
+    display = next(iter(displays))
+    region = next(iter(data)) if len(data) == 1 else display
+    return region, display
+
+
+def _read_camera(
+    number: int,
+    header: ExrHeader,
+    capture: CaptureDeclaration,
+    side_car: Mapping[int, CameraRow],
+    *,
+    jittered: bool,
+) -> CameraMetadata:
+    camera = side_car[number].metadata() if number in side_car else CameraMetadata()
+    if camera.world_to_camera is None and camera.world_to_ndc is None:
+        camera = replace(
+            camera,
+            world_to_camera=_read_matrix(header, WORLD_TO_CAMERA),
+            world_to_ndc=_read_matrix(header, WORLD_TO_NDC),
+        )
+    jitter = capture.jitter(number) if capture.jitter(number) is not None else camera.jitter_px
+    return replace(
+        camera,
+        jitter_px=jitter if jittered and jitter is not None else (0.0, 0.0),
+        cut=camera.cut or number in capture.camera_cuts,
+    )
+
+
+def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) -> None:
+    """Raise where a table by frame leaves frames out: what stands in for them would be a guess."""
+    lacking = numbers - set(table) if isinstance(table, Mapping) else set()
+    if lacking:
+        raise FrameFolderError(
+            f"{frames.root}: capture.toml's {name} has no entry for frames "
+            f"{format_ranges(lacking)}; add them"
+        )
+
+
+def _check_matrices(frames: FrameSet, cameras: Mapping[int, CameraMetadata]) -> None:
+    """Raise where a matrix of a camera is none; all are looked at together, frame by frame."""
+    named = [
+        (number, name, matrix)
+        for number, camera in cameras.items()
+        for name, matrix in (
+            (WORLD_TO_CAMERA, camera.world_to_camera),
+            (WORLD_TO_NDC, camera.world_to_ndc),
+        )
+        if matrix is not None
+    ]
+    if not named:
+        return
+    matrices = torch.stack([matrix for _, _, matrix in named])
+    finite = torch.isfinite(matrices).flatten(1).all(1)
+    ranks = torch.linalg.matrix_rank(matrices.nan_to_num(0.0, 0.0, 0.0))
+    wrong = (~finite | (ranks < MATRIX_RANK)).tolist()
+    for number, name, _ in itertools.compress(named, wrong):
+        raise FrameFolderError(
+            f"{frames.root}, frame {number}: {name} is not a camera matrix (it is "
+            "singular or not finite); give the cameras in a side-car, "
+            'capture.toml: camera = "camera.csv"'
+        )
+
+
+def _read_matrix(header: ExrHeader, name: str) -> Tensor | None:
+    value = header.attributes.get(name)
+    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
+        return None
+    return torch.from_numpy(value.astype(np.float64))

@@ -1,0 +1,319 @@
+"""Which frame is judged against which: test folders, their reference and its G-buffer.
+
+Shots go by their paths below each folder, frames by number. Everything that headers tell is
+checked before a pixel is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import Shot, collect_frame_set
+from rtsr_cli.core.captures.survey import HeaderFiles
+from rtsr_cli.core.choices import MissingPolicy
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.selection import Selection, format_ranges
+from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, open_set, open_shot, survey_set
+from rtsr_cli.core.shapes import Size
+
+REFERENCE_FOLDERS = ("reference", "hr", "")
+"""Where below a shot of REF the pictures may lie, in the order they are looked for."""
+
+GBUFFER_FOLDERS = ("hr", "")
+"""Where below a shot the buffers of the output resolution may lie."""
+
+DEBUG_FOLDER = "debug"
+"""Subfolder of outputs that holds no result."""
+
+SURFACE = frozenset({Buffer.DEPTH, Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.MOTION})
+"""Buffers of which at least one makes a G-buffer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions:
+    """What is compared.
+
+    Attributes:
+        gbuffer: folder of the buffers, None for the reference's own.
+        samples: K, the reference (and G-buffer) hold K x K samples of each judged pixel.
+        selection: frames.
+        predicted_only: only frames stamped `rtsr:predicted`.
+        read: how frames are read.
+    """
+
+    gbuffer: Path | None = None
+    samples: int = 1
+    selection: Selection = field(default_factory=Selection)
+    predicted_only: bool = False
+    read: ReadOptions = field(default_factory=ReadOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """One shot: several methods' frames, the reference's, and its buffers where there are any.
+
+    Attributes:
+        shot: path below the test folders, "" for the folder itself.
+        tests: method -> its frames.
+        reference: true frames, `samples` times as large along each axis.
+        gbuffer: buffers of the reference's size, or None.
+        numbers: frames that are judged.
+        available: frames that could be judged: those that every folder has.
+        there: the same whether stamped or not; history is read of those too.
+        samples: K.
+    """
+
+    shot: str
+    tests: Mapping[str, FrameReader]
+    reference: FrameReader
+    gbuffer: FrameReader | None
+    numbers: tuple[int, ...]
+    available: tuple[int, ...]
+    there: tuple[int, ...]
+    samples: int = 1
+
+    @property
+    def size(self) -> Size:
+        """(height, width) of a judged frame."""
+        return next(iter(self.tests.values())).size
+
+    @property
+    def step(self) -> int:
+        """Numbers that one motion vector spans."""
+        return self.reference.step if self.gbuffer is None else self.gbuffer.step
+
+    @cached_property
+    def _there(self) -> frozenset[int]:
+        return frozenset(self.there)
+
+    def previous(self, number: int) -> int | None:
+        """Return the frame that this one's motion leads to, None after a cut or hole."""
+        before = number - self.step
+        resets = self.reference.resets if self.gbuffer is None else self.gbuffer.resets
+        return before if before in self._there and number not in resets else None
+
+
+def name_methods(folders: Sequence[Path]) -> dict[str, Path]:
+    """Name test folders by their paths below what they have in common.
+
+    Raises:
+        FrameFolderError: a folder is given twice.
+    """
+    resolved = [folder.resolve() for folder in folders]
+    if len(set(resolved)) < len(resolved):
+        raise FrameFolderError(f"{folders[0]}: the same folder is given twice; name each once")
+    parents = [path.parent for path in resolved]
+    common = parents[0]
+    while not all(parent.is_relative_to(common) for parent in parents):
+        common = common.parent
+    pairs = zip(resolved, folders, strict=True)
+    return {path.relative_to(common).as_posix(): folder for path, folder in pairs}
+
+
+def open_comparisons(
+    tests: Mapping[str, Path], reference: Path, options: CompareOptions
+) -> list[Comparison]:
+    """Survey and check everything that is compared.
+
+    Raises:
+        RtsrError: a folder, shot or frame is missing, or sizes differ.
+    """
+    shots = {method: _test_shots(folder) for method, folder in tests.items()}
+    names = sorted({name for by_name in shots.values() for name in by_name})
+    for method, by_name in shots.items():
+        lacking = [name for name in names if name not in by_name]
+        if lacking:
+            raise FrameFolderError(
+                f"{tests[method]}: shot '{lacking[0]}' is missing, another test folder has it; "
+                "judge them one by one, or make it"
+            )
+    return [
+        _open_comparison(
+            {m: by_name[name] for m, by_name in shots.items()}, name, reference, options
+        )
+        for name in names
+    ]
+
+
+def _test_shots(folder: Path) -> dict[str, Shot]:
+    shots = find_shots_of(folder, ReadOptions())
+    return {
+        "" if shot.name == "." else shot.name: shot
+        for shot in shots
+        if DEBUG_FOLDER not in Path(shot.name).parts
+    }
+
+
+def _open_comparison(
+    shots: Mapping[str, Shot], name: str, reference: Path, options: CompareOptions
+) -> Comparison:
+    headers = HeaderFiles()
+    tests = {m: _open_radiance(shot, shot.root, options.read, headers) for m, shot in shots.items()}
+    truth_shot = _find_shot(reference, name, REFERENCE_FOLDERS)
+    truth = _open_radiance(truth_shot, reference, options.read, headers)
+    gbuffer = _open_gbuffer(name, reference, truth, options, headers)
+    for method, reader in tests.items():
+        _check_size(reader, truth, options.samples, method)
+    there = _list_frames(tests, truth)
+    numbers, available = _choose_numbers(tests, truth, there, options)
+    return Comparison(
+        shot=name,
+        tests=tests,
+        reference=truth,
+        gbuffer=gbuffer,
+        numbers=numbers,
+        available=available,
+        there=tuple(sorted(set.intersection(*there.values()))),
+        samples=options.samples,
+    )
+
+
+def _find_shot(root: Path, name: str, below: Sequence[str]) -> Shot:
+    """Find the frames of one shot below a folder; "" is the folder's own, or its only shot's.
+
+    Raises:
+        FrameFolderError: there are none; names where they were looked for.
+    """
+    for sub in below:
+        folder = root / name / sub
+        frames = collect_frame_set(folder) if folder.is_dir() else None
+        if frames is not None:
+            return Shot(name=name or ".", root=folder, frames=frames)
+    others = [] if name else find_shots_of(root, ReadOptions())
+    if len(others) == 1:
+        return others[0]
+    more = f"; it holds {', '.join(shot.name for shot in others)}: name one" if others else ""
+    places = ", ".join(repr(sub) for sub in below if sub)
+    raise FrameFolderError(
+        f"{root / name}: no numbered EXR frames here or in {places} below, to judge "
+        f"{f'shot {name!r}' if name else 'the frames'} by{more}"
+    )
+
+
+def _open_radiance(
+    shot: Shot, root: Path, options: ReadOptions, headers: HeaderFiles
+) -> FrameReader:
+    """Open frames for their radiance alone: nothing about motion need be known."""
+    _refuse_single_channel(shot, headers)
+    opened = open_shot(shot, root, options, headers=headers)
+    reader = survey_set(shot.frames, opened, jittered=False)
+    if Buffer.COLOR not in reader.stored:
+        raise FrameFolderError(
+            f"{shot.frames.root}: no radiance (channels R, G, B) in these frames; layout "
+            f"'{reader.layout.name}' found: {', '.join(sorted(reader.stored))}"
+        )
+    return reader
+
+
+def _refuse_single_channel(shot: Shot, headers: HeaderFiles) -> None:
+    for stream in shot.frames.streams.values():
+        path = next(iter(stream.files.values()))
+        channels = headers.of(path).channels
+        if len(channels) == 1 and len(shot.frames.streams) == 1:
+            raise FrameFolderError(
+                f"{path}: has the single channel '{next(iter(channels))}'; R, G and B are judged: "
+                "write it three times, or name the folder of colour pictures"
+            )
+
+
+def _open_gbuffer(
+    name: str, reference: Path, truth: FrameReader, options: CompareOptions, headers: HeaderFiles
+) -> FrameReader | None:
+    """Open the buffers of the judged resolution; the reference's own are there or not."""
+    root = options.gbuffer or reference
+    try:
+        shot = _find_shot(root, name, GBUFFER_FOLDERS)
+    except FrameFolderError:
+        if options.gbuffer is not None:
+            raise
+        return None
+    if options.gbuffer is None and not _has_surface(shot, headers):
+        return None
+    opened = open_shot(shot, root, options.read, headers=headers)
+    reader = open_set(shot.frames, opened, jittered=False)
+    if reader.size != truth.size:
+        if options.gbuffer is None:
+            return None
+        raise FrameFolderError(
+            f"{reader.frames.root}: buffers are {_describe_pixels(reader)}, the reference is "
+            f"{_describe_pixels(truth)}; give buffers of the reference's size"
+        )
+    return reader
+
+
+def _has_surface(shot: Shot, headers: HeaderFiles) -> bool:
+    paths = [next(iter(stream.files.values())) for stream in shot.frames.streams.values()]
+    return len(paths) > 1 or any(len(headers.of(path).channels) > 4 for path in paths)
+
+
+def _show_size(size: Size) -> str:
+    return f"{size[1]} x {size[0]}"
+
+
+def _describe_pixels(reader: FrameReader) -> str:
+    """A reader's size, and where it comes from if its files hold a part of the image plane."""
+    plane = (reader.display.height, reader.display.width)
+    if reader.size == plane:
+        return _show_size(reader.size)
+    return f"{_show_size(reader.size)} (the data window; the display window is {_show_size(plane)})"
+
+
+def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: str) -> None:
+    height, width = (side // samples for side in truth.size)
+    if reader.size == (height, width):
+        return
+    ratio = truth.size[0] // reader.size[0]
+    whole = ratio > 1 and (reader.size[0] * ratio, reader.size[1] * ratio) == truth.size
+    hint = f", or give --samples-per-pixel {ratio} if it holds so many samples" if whole else ""
+    raise FrameFolderError(
+        f"{reader.frames.root}: frames of '{method}' are {_describe_pixels(reader)}, the reference "
+        f"{truth.frames.root} is {_describe_pixels(truth)} and asks for "
+        f"{_show_size((height, width))}; compare frames of one size{hint}"
+    )
+
+
+def _list_frames(tests: Mapping[str, FrameReader], truth: FrameReader) -> dict[str, set[int]]:
+    """Frames that each folder has."""
+    return {str(r.frames.root): set(r.numbers) - set(r.held) for r in (truth, *tests.values())}
+
+
+def _choose_numbers(
+    tests: Mapping[str, FrameReader],
+    truth: FrameReader,
+    there: Mapping[str, set[int]],
+    options: CompareOptions,
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Frames to judge, and all that could be: what every folder has, or all have under `skip`.
+
+    Raises:
+        FrameFolderError: a folder lacks a frame that another has; names both.
+    """
+    if options.predicted_only:
+        stamped = {str(r.frames.root): set(r.predicted) for r in tests.values()}
+        stamped[str(truth.frames.root)] = set().union(*stamped.values())
+        there = {root: numbers & stamped[root] for root, numbers in there.items()}
+    every = sorted(set().union(*there.values()))
+    chosen = set(options.selection.of(every))
+    if options.read.on_missing is MissingPolicy.ERROR:
+        for root, numbers in there.items():
+            lacking = chosen - numbers
+            if lacking:
+                raise FrameFolderError(
+                    f"{root}: frames {format_ranges(lacking)} are missing, which others have; make "
+                    "them, choose frames with --frames, or judge what all have with --on-missing "
+                    "skip"
+                )
+    available = tuple(n for n in every if all(n in s for s in there.values()))
+    common = tuple(n for n in available if n in chosen)
+    if not common:
+        what = "stamped rtsr:predicted " if options.predicted_only else ""
+        raise FrameFolderError(
+            f"{truth.frames.root}: no frame {what}to judge is in all folders"
+            + (f" (--frames and --shard leave none of {format_ranges(every)})" if every else "")
+        )
+    return common, available

@@ -1,0 +1,106 @@
+"""Reading what is judged: one frame of the reference, the tests and the buffers, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.evaluation.comparisons import Comparison
+from rtsr_cli.core.evaluation.regions import REGION_BUFFERS
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.primaries import to_rec709
+from rtsr_cli.core.pairs.simulation import average_samples
+from rtsr_cli.core.shapes import Color, Mask
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedFrame:
+    """Everything that is compared of one frame, cut by the border.
+
+    Attributes:
+        number: frame number.
+        reference: linear Rec.709, finite.
+        tests: method -> the same.
+        valid: method -> pixels that are finite there and in the reference, 1 x 1 x h x w booleans.
+        nonfinite: method -> pixels that are not, in the test.
+        nonfinite_reference: pixels that are not, in the reference.
+        known: pixels of the reference that are finite, as `valid`.
+        gbuffer: buffers, None where there are none.
+    """
+
+    number: int
+    reference: Color
+    tests: Mapping[str, Color]
+    valid: Mapping[str, Mask]
+    nonfinite: Mapping[str, int]
+    nonfinite_reference: int
+    known: Mask
+    gbuffer: Frame | None
+
+
+def check_border(comparison: Comparison, border: int) -> None:
+    """Raise if a border leaves nothing of the frames.
+
+    Raises:
+        FrameFolderError: names the reference's folder and the size.
+    """
+    height, width = comparison.size
+    if min(height, width) <= 2 * border:
+        raise FrameFolderError(
+            f"{comparison.reference.frames.root}: a border of {border} pixels leaves nothing of "
+            f"{width} x {height}; choose a smaller --border"
+        )
+
+
+def read_judged(
+    comparison: Comparison, number: int, *, border: int, device: str = "cpu"
+) -> JudgedFrame:
+    """Read one frame of every folder.
+
+    Raises:
+        FrameFolderError: a file is damaged.
+    """
+    height, width = comparison.size
+    inside = (height - 2 * border, width - 2 * border)
+    reference, known = _read_radiance(comparison.reference, number, comparison.samples)
+    tests, valid, nonfinite = {}, {}, {}
+    for method, reader in comparison.tests.items():
+        test, finite = _read_radiance(reader, number, 1)
+        nonfinite[method] = int((~finite).sum())
+        tests[method] = _cut(test, border).to(device)
+        valid[method] = _cut(finite & known, border).to(device)
+    gbuffer = None
+    if comparison.gbuffer is not None and number in comparison.gbuffer.numbers:
+        wanted = REGION_BUFFERS & comparison.gbuffer.stored
+        full = average_samples(comparison.gbuffer.read(number, wanted), comparison.samples)
+        gbuffer = full.crop(border, border, inside).to(device)
+    return JudgedFrame(
+        number=number,
+        reference=_cut(reference, border).to(device),
+        tests=tests,
+        valid=valid,
+        nonfinite=nonfinite,
+        nonfinite_reference=int((~known).sum()),
+        known=_cut(known, border).to(device),
+        gbuffer=gbuffer,
+    )
+
+
+def _cut(image: Tensor, border: int) -> Tensor:
+    return image[..., border : image.shape[-2] - border, border : image.shape[-1] - border]
+
+
+def _read_radiance(reader: FrameReader, number: int, samples: int) -> tuple[Color, Tensor]:
+    """Linear Rec.709 of a frame, not finite pixels black, and which pixels are finite."""
+    frame = reader.read(number, (Buffer.COLOR,))
+    color = average_samples(frame, samples).gbuffer[Buffer.COLOR]
+    finite = torch.isfinite(color).all(1, keepdim=True)
+    if not bool(finite.all()):
+        color = color.masked_fill(~finite, 0.0)
+    return to_rec709(color, reader.conventions.colorspace), finite

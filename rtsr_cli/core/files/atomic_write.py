@@ -1,0 +1,132 @@
+"""Files that are whole or not there: written beside the target and renamed."""
+
+from __future__ import annotations
+
+import errno
+import os
+import platform
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from rtsr_cli.core.errors import OutputBlockedError, OutputError
+
+TEMPORARY_SUFFIX = ".rtsr-part"
+"""Ends the name of a file that is still being written; never a finished one."""
+
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO})
+"""The disk takes no more; an I/O error is what network drives say for it."""
+
+BLOCKING = FULL | {
+    errno.EFBIG,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOTDIR,
+    errno.ESTALE,
+}
+"""What hits every file of a folder, not only the one that was being written."""
+
+REMEDIES = {
+    **dict.fromkeys(FULL, "free some space, or choose another output folder"),
+    errno.EFBIG: "raise the limit on sizes of files (ulimit -f), or choose another output folder",
+}
+"""What helps, by error number."""
+
+ABANDONED_S = 24 * 3600.0
+"""A part of another machine's that nobody has touched for so long belongs to a run that died."""
+
+
+def name_temporary(path: Path) -> Path:
+    """`.<name>.<host>-<process>.rtsr-part` beside the target: who writes it can be told."""
+    return path.with_name(f".{path.name}.{_name_writer()}{TEMPORARY_SUFFIX}")
+
+
+def _name_writer() -> str:
+    return f"{_name_host()}-{os.getpid()}"
+
+
+def _name_host() -> str:
+    """This machine's name up to the first dot, as the dots part a temporary name."""
+    return platform.node().partition(".")[0] or "host"
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Call `write(temporary path)`, then rename; on failure leave nothing and keep what was there.
+
+    The file gets the permissions of any new file, also from writers that would keep it private.
+
+    Raises:
+        OutputBlockedError: the disk is full, or the folder takes no files; names the target.
+        OutputError: this file cannot be written; names it.
+    """
+    part = name_temporary(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.touch()
+        mode = part.stat().st_mode
+        write(part)
+        if part.stat().st_mode != mode:
+            part.chmod(mode)
+        part.replace(path)
+    except (OSError, RuntimeError, ValueError, TypeError) as error:
+        raise _make_refusal(path, error) from error
+    finally:
+        # after a rename there is none; a thread that is interrupted leaves none either
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _make_refusal(path: Path, error: Exception) -> OutputError:
+    code = error.errno if isinstance(error, OSError) else None
+    why = os.strerror(code) if code is not None else str(error)
+    remedy = REMEDIES.get(code or 0, "check permissions and free space")
+    kind = OutputBlockedError if code in BLOCKING else OutputError
+    return kind(f"{path}: cannot be written ({why}); {remedy}")
+
+
+def check_writable(folder: Path) -> None:
+    """Raise if a folder cannot be made or written to, before anything is computed.
+
+    Raises:
+        OutputError: names the folder.
+    """
+    probe = folder / f".probe.{_name_writer()}{TEMPORARY_SUFFIX}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot write here ({error.strerror}); check permissions, or choose "
+            "another output folder"
+        ) from error
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete what killed runs left half written; parts that others are writing stay."""
+    if not folder.is_dir():
+        return
+    for part in folder.glob(f".*{TEMPORARY_SUFFIX}"):
+        with suppress(OSError):
+            if _is_abandoned(part):
+                part.unlink(missing_ok=True)
+
+
+def _is_abandoned(part: Path) -> bool:
+    writer = part.name.removesuffix(TEMPORARY_SUFFIX).rpartition(".")[2]
+    host, _, process = writer.rpartition("-")
+    if host == _name_host() and process.isdigit():
+        return not _is_alive(int(process))
+    return time.time() - part.stat().st_mtime > ABANDONED_S
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

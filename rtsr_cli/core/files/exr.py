@@ -1,0 +1,356 @@
+"""OpenEXR files as named channels: the only importer of OpenEXR.
+
+Channels are 2-D arrays (height, width) of float16, float32 or uint32; the array's type is the
+channel's type in the file. Writes go to a hidden file beside the target and are renamed.
+"""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.exr_chunks import ends_too_early
+from rtsr_cli.core.files.library_output import silence_library
+
+T = TypeVar("T")
+
+Plane: TypeAlias = NDArray[Any]
+"""One channel: (height, width)."""
+
+STRUCTURAL_ATTRIBUTES = frozenset(
+    {
+        "channels", "compression", "dataWindow", "displayWindow", "lineOrder", "type", "tiles",
+        "chunkCount", "name", "version", "maxSamplesPerPixel", "preview", "view",
+    }
+)  # fmt: skip
+"""Attributes that describe how pixels are stored; everything else survives a copy."""
+
+MAX_PIXELS = 1 << 29
+"""A window of more pixels than this is taken for a damaged header (32k x 16k)."""
+
+MAX_RATIO, MAX_RATIO_BLOCKS = 1100, 1 << 14
+"""Pixels may take this many times the bytes of their file. Deflate reaches 1032:1 and what is
+older less; DWA, HTJ2K and zstd were measured at up to 15900:1 on flat frames of 18 channels."""
+
+SMALL_BYTES, SMALL_BYTES_BLOCKS = 1 << 24, 448 << 20
+"""Less is never taken for a damaged header: black 4K frames in HTJ2K are 51000:1."""
+
+MAGIC = b"\x76\x2f\x31\x01"
+"""First bytes of every OpenEXR file."""
+
+SAMPLE_BYTES = 2
+"""A sample takes so much at least; the header does not tell the types before pixels are read."""
+
+COMPRESSIONS = {
+    "none": OpenEXR.NO_COMPRESSION,
+    "zip": OpenEXR.ZIP_COMPRESSION,
+    "zips": OpenEXR.ZIPS_COMPRESSION,
+    "piz": OpenEXR.PIZ_COMPRESSION,
+    "dwaa": OpenEXR.DWAA_COMPRESSION,
+}
+"""Compressions by the name users type."""
+
+CHUNK_LINES = {
+    OpenEXR.NO_COMPRESSION: 1,
+    OpenEXR.RLE_COMPRESSION: 1,
+    OpenEXR.ZIPS_COMPRESSION: 1,
+    OpenEXR.ZIP_COMPRESSION: 16,
+    OpenEXR.PXR24_COMPRESSION: 16,
+    OpenEXR.PIZ_COMPRESSION: 32,
+    OpenEXR.B44_COMPRESSION: 32,
+    OpenEXR.B44A_COMPRESSION: 32,
+}
+"""Rows of a chunk, for the compressions that `MAX_RATIO` holds for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelWindow:
+    """A rectangle of pixels: first pixel (`left`, `top`), size (`width`, `height`)."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def at_scale(self, scale: int) -> PixelWindow:
+        """Return the same rectangle at `scale` times the resolution."""
+        return PixelWindow(
+            left=self.left * scale,
+            top=self.top * scale,
+            width=self.width * scale,
+            height=self.height * scale,
+        )
+
+    def contains(self, other: PixelWindow) -> bool:
+        """Tell whether another rectangle lies inside this one."""
+        return (
+            self.left <= other.left
+            and self.top <= other.top
+            and self.left + self.width >= other.left + other.width
+            and self.top + self.height >= other.top + other.height
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExrHeader:
+    """What a file says of itself before any pixel is read.
+
+    Attributes:
+        channels: names as `read_channels` takes them, over all parts.
+        data_window: pixels that the file holds.
+        display_window: pixels of the image plane.
+        attributes: everything else, of the first part.
+        subsampled: channels with fewer samples than pixels, which rtsr does not read.
+    """
+
+    channels: frozenset[str]
+    data_window: PixelWindow
+    display_window: PixelWindow
+    attributes: Mapping[str, Any]
+    subsampled: frozenset[str] = frozenset()
+
+
+def _read_box(box: tuple[NDArray[Any], NDArray[Any]]) -> PixelWindow:
+    (left, top), (right, bottom) = (map(int, corner) for corner in box)
+    return PixelWindow(left=left, top=top, width=right - left + 1, height=bottom - top + 1)
+
+
+def _name_for_users(parts: list[tuple[str, list[str]]]) -> list[dict[str, str]]:
+    """For each part, channel name in the file -> name for the user.
+
+    The first part, and one without a name, keeps its channels' names. In the others `X` of the
+    part `normal` is `normal.X`, unless it is called so already. Names that are then there twice
+    take the name of their part in any case.
+    """
+    if len(parts) == 1:
+        return [{channel: channel for channel in parts[0][1]}]
+    named = [
+        {c: c if i == 0 or not part or _begins_with(c, part) else f"{part}.{c}" for c in channels}
+        for i, (part, channels) in enumerate(parts)
+    ]
+    counts = Counter(name for names in named for name in names.values())
+    return [
+        {c: f"{part}.{c}" if counts[name] > 1 and part else name for c, name in names.items()}
+        for (part, _), names in zip(parts, named, strict=True)
+    ]
+
+
+def _begins_with(channel: str, part: str) -> bool:
+    return channel == part or channel.startswith(f"{part}.")
+
+
+def _make_unreadable_error(path: Path, why: str) -> FrameFolderError:
+    return FrameFolderError(
+        f"{path}: cannot be read as OpenEXR ({why}); copy or render this frame again"
+    )
+
+
+def _open(path: Path, *, header_only: bool) -> OpenEXR.File:
+    if not path.is_file():
+        raise FrameFolderError(f"{path}: no such file")
+    try:
+        with silence_library():
+            return OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
+    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
+        raise _make_unreadable_error(path, _explain_unopened(path)) from error
+
+
+def _explain_unopened(path: Path) -> str:
+    """Say what the first bytes tell; the library's own words are that it cannot."""
+    with _ask_file_system(path, lambda: path.open("rb")) as file:
+        start = file.read(len(MAGIC))
+    if not start:
+        return "the file is empty"
+    return "its header is damaged" if start == MAGIC else "it is another kind of file"
+
+
+def _ask_file_system(path: Path, ask: Callable[[], T]) -> T:
+    """Ask the file system about a file."""
+    try:
+        return ask()
+    except OSError as error:
+        raise FrameFolderError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def read_header(path: Path) -> ExrHeader:
+    """Read the header of a file.
+
+    Raises:
+        FrameFolderError: not an EXR, damaged, deep, of several views, or with an absurd window or
+            more pixels than so many bytes can hold; names the file.
+    """
+    file = _open(path, header_only=True)
+    headers = [file.header(i) for i in range(len(file.parts))]
+    if not headers or not headers[0].get("channels"):
+        raise _make_unreadable_error(path, "it has no channels")
+    _check_parts(path, headers)
+    data_window, display_window = _check_windows(path, headers)
+    try:
+        names = [(str(h.get("name", "")), [c.name for c in h["channels"]]) for h in headers]
+    except UnicodeDecodeError as error:
+        raise _make_unreadable_error(path, "the name of a channel is not UTF-8") from error
+    _check_end(path, headers)
+    renamed = _name_for_users(names)
+    return ExrHeader(
+        channels=frozenset(name for part in renamed for name in part.values()),
+        data_window=data_window,
+        display_window=display_window,
+        attributes={k: v for k, v in headers[0].items() if k not in STRUCTURAL_ATTRIBUTES},
+        subsampled=frozenset(
+            part[c.name]
+            for part, header in zip(renamed, headers, strict=True)
+            for c in header["channels"]
+            if (c.xSampling, c.ySampling) != (1, 1)
+        ),
+    )
+
+
+def _check_parts(path: Path, headers: list[dict[str, Any]]) -> None:
+    if any(h.get("type") in {OpenEXR.deepscanline, OpenEXR.deeptile} for h in headers):
+        raise FrameFolderError(f"{path}: holds deep pixels; flatten them and name that file")
+    views = sorted({str(h["view"]) for h in headers if "view" in h})
+    if len(views) > 1:
+        raise FrameFolderError(f"{path}: holds the views {', '.join(views)}; write one view a file")
+
+
+def _check_windows(path: Path, headers: list[dict[str, Any]]) -> tuple[PixelWindow, PixelWindow]:
+    """Return data and display window; nothing has been allocated for the pixels yet."""
+    try:
+        windows = [(_read_box(h["dataWindow"]), _read_box(h["displayWindow"])) for h in headers]
+    except (KeyError, TypeError, ValueError) as error:
+        raise _make_unreadable_error(path, "its windows are damaged") from error
+    for window in (w for pair in windows for w in pair):
+        if window.width < 1 or window.height < 1 or window.width * window.height > MAX_PIXELS:
+            raise _make_unreadable_error(
+                path, f"its window is {window.width} x {window.height} pixels"
+            )
+    if any(data != windows[0][0] for data, _ in windows):
+        raise _make_unreadable_error(path, "its parts have different data windows")
+    _check_size(path, headers, windows[0][0])
+    return windows[0]
+
+
+def _check_size(path: Path, headers: list[dict[str, Any]], data: PixelWindow) -> None:
+    # a tile is decoded whole, however little of it lies in the window
+    tiles = [h["tiles"].xSize * h["tiles"].ySize for h in headers if "tiles" in h]
+    pixels = max(data.width * data.height, *tiles, 0)
+    samples = pixels * sum(len(h["channels"]) for h in headers)
+    known = all(h.get("compression") in CHUNK_LINES for h in headers)
+    small, ratio = (SMALL_BYTES, MAX_RATIO) if known else (SMALL_BYTES_BLOCKS, MAX_RATIO_BLOCKS)
+    size = _ask_file_system(path, path.stat).st_size
+    most = max(small, size * ratio)
+    if samples * SAMPLE_BYTES > most:
+        promised = samples * SAMPLE_BYTES >> 20
+        raise _make_unreadable_error(
+            path, f"its header promises {promised} MiB of pixels in {size} bytes"
+        )
+
+
+def _check_end(path: Path, headers: list[dict[str, Any]]) -> None:
+    counts = [_count_chunks(header) for header in headers]
+    if all(counts) and _ask_file_system(path, lambda: ends_too_early(path, sum(counts))):
+        raise _make_unreadable_error(path, "the file ends too early")
+
+
+def _count_chunks(header: dict[str, Any]) -> int:
+    """Number of chunks of a part; 0 where it is not known."""
+    if "chunkCount" in header:
+        return max(0, int(header["chunkCount"]))
+    lines = 0 if "tiles" in header else CHUNK_LINES.get(header["compression"], 0)
+    return -(-_read_box(header["dataWindow"]).height // lines) if lines else 0
+
+
+def read_channels(path: Path, wanted: Collection[str]) -> dict[str, Plane]:
+    """Read the named channels of a file, over all its parts, in their stored types.
+
+    Args:
+        path: the file.
+        wanted: names as in `ExrHeader.channels`; channels that are not wanted are not returned.
+
+    Raises:
+        FrameFolderError: the file cannot be read, or lacks a channel; names file and channel.
+    """
+    return read_window(path, wanted)[0]
+
+
+def read_window(path: Path, wanted: Collection[str]) -> tuple[dict[str, Plane], PixelWindow]:
+    """`read_channels`, and the data window that the pixels lie in."""
+    header = read_header(path)
+    lacking = sorted(set(wanted) - header.channels)
+    if lacking:
+        raise FrameFolderError(f"{path}: channel {', '.join(map(repr, lacking))} is missing")
+    file = _open(path, header_only=False)
+    try:
+        parts = [(part.name(), dict(file.channels(i))) for i, part in enumerate(file.parts)]
+    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
+        raise _make_unreadable_error(path, str(error).strip() or type(error).__name__) from error
+    renamed = _name_for_users([(name, list(channels)) for name, channels in parts])
+    planes = {
+        user: np.asarray(channels[stored].pixels)
+        for names, (_, channels) in zip(renamed, parts, strict=True)
+        for stored, user in names.items()
+        if user in wanted
+    }
+    shape = (header.data_window.height, header.data_window.width)
+    # pixels that cannot be decoded end in a part without any, and in no exception
+    if len(planes) < len(set(wanted)) or any(plane.shape != shape for plane in planes.values()):
+        raise _make_unreadable_error(path, "its pixels are damaged, or the file ends too early")
+    return planes, header.data_window
+
+
+def write_exr(
+    path: Path,
+    channels: Mapping[str, Plane],
+    *,
+    attributes: Mapping[str, Any] | None = None,
+    data_window: PixelWindow | None = None,
+    display_window: PixelWindow | None = None,
+    compression: str = "zip",
+) -> None:
+    """Write 2-D arrays as the channels of a scan-line file, whole or not at all.
+
+    Args:
+        path: target; replaced in one step if it is there.
+        channels: float16, float32 or uint32 arrays of one size.
+        attributes: header attributes; structural ones are ignored.
+        data_window: where the arrays lie; the display window or (0, 0) by default.
+        display_window: image plane; the data window by default.
+        compression: a key of `COMPRESSIONS`.
+
+    Raises:
+        OutputError: the file cannot be written; names it.
+    """
+    height, width = next(iter(channels.values())).shape
+    data = data_window or display_window or PixelWindow(left=0, top=0, width=width, height=height)
+    header = {k: v for k, v in (attributes or {}).items() if k not in STRUCTURAL_ATTRIBUTES}
+    header |= {
+        "compression": COMPRESSIONS[compression],
+        "type": OpenEXR.scanlineimage,
+        "dataWindow": _make_box(data),
+        "displayWindow": _make_box(display_window or data),
+    }
+    contiguous = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
+
+    def write(part: Path) -> None:
+        # compressed in memory first: Python then says by number why a disk refuses the file
+        encoded = io.BytesIO()
+        OpenEXR.File(header, contiguous).write(encoded)
+        part.write_bytes(encoded.getbuffer())
+
+    write_atomically(path, write)
+
+
+def _make_box(window: PixelWindow) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    first = (window.left, window.top)
+    last = (window.left + window.width - 1, window.top + window.height - 1)
+    return np.array(first, dtype=np.int32), np.array(last, dtype=np.int32)

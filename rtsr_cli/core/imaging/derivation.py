@@ -1,0 +1,349 @@
+"""Buffers that follow from others: view cosine, sky, material term, lighting.
+
+One table says what each derived buffer is made of; what to read and what is missing both
+follow from it, so that `systems`, the loader and the refusals never disagree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import torch
+
+from rtsr_cli.core.choices import MATERIAL_EPSILON, DemodulationMode, LutConvention
+from rtsr_cli.core.errors import MissingBufferError
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer, sky_mask
+from rtsr_cli.core.frames.camera import (
+    CameraMetadata,
+    camera_from_positions,
+    view_cosine,
+    view_cosine_from_camera,
+)
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging import demodulation as dm
+from rtsr_cli.core.imaging.brdf_lut import load_default_lut
+from rtsr_cli.core.shapes import Color, Mask, Plane, Vector3
+
+STRIP_PIXELS = 1 << 16
+"""Pixels that are derived at a time: a colour of 768 KiB, so that what it is made of stays near."""
+
+CAMERA = "camera"
+"""Pseudo-requirement: matrices in the header, in a side-car, or recoverable from buffers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivationConfig:
+    """What divides radiance.
+
+    Attributes:
+        mode: divisor.
+        lut: convention of the split-sum table.
+        epsilon: smallest divisor of masked demodulation.
+    """
+
+    mode: DemodulationMode = DemodulationMode.BRDF
+    lut: LutConvention = LutConvention.KARIS
+    epsilon: float = MATERIAL_EPSILON
+
+    @property
+    def has_emission(self) -> bool:
+        """Tell whether emission is taken out of the radiance before it is divided."""
+        return self.mode not in (DemodulationMode.SOFTPLUS, DemodulationMode.NONE)
+
+
+Alternatives = tuple[tuple[Buffer | str, ...], ...]
+
+_BRDF_PARTS: tuple[Buffer, ...] = (Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV)
+
+_F0_PARTS: tuple[Buffer, ...] = (Buffer.ALBEDO, Buffer.SPECULAR, Buffer.ROUGHNESS, Buffer.NOV)
+
+_MATERIAL_PARTS: dict[DemodulationMode, Alternatives] = {
+    DemodulationMode.BRDF: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
+    DemodulationMode.SOFTPLUS: ((Buffer.MATERIAL,), _BRDF_PARTS, _F0_PARTS),
+    DemodulationMode.ALBEDO: ((Buffer.ALBEDO,),),
+    DemodulationMode.GLOSSY_ALBEDO: ((Buffer.ALBEDO, Buffer.METALLIC),),
+    DemodulationMode.NONE: ((),),
+}
+
+_LIGHTING_PARTS: Alternatives = (
+    (Buffer.LIGHTING, Buffer.MATERIAL, Buffer.SKY),
+    (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
+)
+"""Lighting that files hold is divided already: no use where nothing is to be divided."""
+
+_OPTIONAL_PARTS: dict[Buffer, tuple[Buffer, ...]] = {
+    Buffer.MATERIAL: (Buffer.SPECULAR,),
+    Buffer.LIGHTING: (Buffer.EMISSION, Buffer.LIGHTING_MASK),
+    Buffer.SKY: (Buffer.DEPTH, Buffer.NORMAL),
+}
+"""Parts that change the result where they are there, and are not missed where they are not."""
+
+
+def list_alternatives(buffer: Buffer, config: DerivationConfig) -> Alternatives:
+    """Sets of parts that each suffice to make a buffer, best first; empty if it is only stored."""
+    parts: dict[Buffer, Alternatives] = {
+        Buffer.NOV: (
+            (Buffer.NOV,),
+            (Buffer.NORMAL, CAMERA),
+            (Buffer.NORMAL, Buffer.POSITION, Buffer.DEPTH),
+        ),
+        Buffer.VIEW_NORMAL: ((Buffer.VIEW_NORMAL,), (Buffer.NORMAL, CAMERA)),
+        Buffer.SKY: ((),),
+        Buffer.MATERIAL: _MATERIAL_PARTS[config.mode],
+        Buffer.LIGHTING: _LIGHTING_PARTS[config.mode is DemodulationMode.NONE :],
+        Buffer.LIGHTING_MASK: ((Buffer.LIGHTING,),),
+    }
+    return parts.get(buffer, ())
+
+
+@dataclass(frozen=True)
+class BufferNeeds:
+    """Buffers to read from files, and what is missing for the rest (empty = nothing)."""
+
+    read: frozenset[Buffer]
+    missing: tuple[str, ...]
+
+
+def resolve_needs(
+    wanted: Iterable[Buffer],
+    stored: Collection[Buffer],
+    *,
+    has_camera: bool,
+    config: DerivationConfig,
+) -> BufferNeeds:
+    """Resolve wanted buffers down to stored ones.
+
+    Args:
+        wanted: buffers a system asks for, stored or derived.
+        stored: buffers the files hold.
+        has_camera: whether every frame has camera matrices.
+        config: what divides radiance.
+    """
+    return _resolve_needs(tuple(wanted), frozenset(stored), has_camera, config)
+
+
+@lru_cache(maxsize=1024)
+def _resolve_needs(
+    wanted: tuple[Buffer, ...],
+    stored: frozenset[Buffer],
+    has_camera: bool,
+    config: DerivationConfig,
+) -> BufferNeeds:
+    read: set[Buffer] = set()
+    missing: list[str] = []
+    for buffer in wanted:
+        result = _resolve(buffer, stored, has_camera, config)
+        read |= result.read
+        missing += [m for m in result.missing if m not in missing]
+    return BufferNeeds(frozenset(read), tuple(missing))
+
+
+def _resolve(
+    part: Buffer | str, stored: frozenset[Buffer], has_camera: bool, config: DerivationConfig
+) -> BufferNeeds:
+    if part == CAMERA:
+        return BufferNeeds(frozenset(), () if has_camera else (CAMERA,))
+    buffer = Buffer(part)
+    options = list_alternatives(buffer, config)
+    if not options:
+        held = buffer in stored
+        return BufferNeeds(frozenset({buffer} if held else ()), () if held else (buffer.value,))
+    # what a missing buffer could be made of helps a user more than its own name does
+    makable = tuple(o for o in options if buffer in stored or buffer not in o) or options
+    results = [_resolve_all(buffer, option, stored, has_camera, config) for option in makable]
+    return min(results, key=lambda result: len(result.missing))
+
+
+def _resolve_all(
+    buffer: Buffer,
+    option: tuple[Buffer | str, ...],
+    stored: frozenset[Buffer],
+    has_camera: bool,
+    config: DerivationConfig,
+) -> BufferNeeds:
+    read = {part for part in _OPTIONAL_PARTS.get(buffer, ()) if part in stored}
+    missing: list[str] = []
+    for part in option:
+        if part == buffer:
+            held = buffer in stored
+            read |= {buffer} if held else set()
+            missing += [] if held else [buffer.value]
+            continue
+        result = _resolve(part, stored, has_camera, config)
+        read |= result.read
+        missing += result.missing
+    return BufferNeeds(frozenset(read), tuple(missing))
+
+
+def derive_sky(gbuffer: GBuffer) -> Mask:
+    """1 = sky: by depth; by zero normals where there is no depth; nowhere if neither is there."""
+    if Buffer.DEPTH in gbuffer:
+        return sky_mask(gbuffer[Buffer.DEPTH])
+    if Buffer.NORMAL in gbuffer:
+        normal = gbuffer[Buffer.NORMAL]
+        return (normal == 0).all(1, keepdim=True).to(normal.dtype)
+    return torch.zeros(1, 1, *gbuffer.size, device=gbuffer.device)
+
+
+def derive_nov(frame: Frame) -> Plane:
+    """View cosine: stored, from the camera, or from positions and depth (first that is there)."""
+    gbuffer = frame.gbuffer
+    if Buffer.NOV in gbuffer:
+        return gbuffer[Buffer.NOV].clamp(0.0, 1.0)
+    normal = gbuffer[Buffer.NORMAL]
+    nov = view_cosine_from_camera(
+        normal, frame.camera, frame.view, jitter_px=frame.camera.jitter_px
+    )
+    if nov is not None:
+        return nov
+    position = gbuffer[Buffer.POSITION]
+    camera = camera_from_positions(position, gbuffer[Buffer.DEPTH])
+    if camera is None:
+        return torch.ones_like(normal[:, :1])
+    return view_cosine(normal, camera.to(normal).view(1, 3, 1, 1) - position)
+
+
+def derive_view_normal(frame: Frame) -> Vector3:
+    """Normals in the space of the camera; sky stays 0.
+
+    n_view = n_world . R,   R the rotation of `worldToCamera` without its scale, row vectors
+    """
+    if Buffer.VIEW_NORMAL in frame.gbuffer:
+        return frame.gbuffer[Buffer.VIEW_NORMAL]
+    normal, matrix = frame.gbuffer[Buffer.NORMAL], frame.camera.world_to_camera
+    if matrix is None:
+        raise MissingBufferError(
+            f"{frame.gbuffer.where}: normals cannot be brought to camera space without the "
+            "camera's matrices; write worldToCamera and worldToNDC into the headers or a side-car"
+        )
+    rotation = matrix[:3, :3] / matrix[:3, :3].norm(dim=0, keepdim=True)
+    return torch.einsum("nihw,ij->njhw", normal, rotation.to(normal))
+
+
+def derive_material(frame: Frame, config: DerivationConfig) -> Color:
+    """Return the divisor of a mode; NaN buffers give NaN material, which is never divided by.
+
+    Works in strips of rows: every intermediate stays in the cache, and memory at the result's.
+    """
+    height, width = frame.size
+    rows = max(1, STRIP_PIXELS // width)
+    strips = [
+        _material_term(frame.crop(top, 0, (min(rows, height - top), width)), config)
+        for top in range(0, height, rows)
+    ]
+    return strips[0] if len(strips) == 1 else torch.cat(strips, dim=2)
+
+
+def _material_term(frame: Frame, config: DerivationConfig) -> Color:
+    gbuffer = frame.gbuffer
+    if config.mode is DemodulationMode.NONE:
+        return torch.ones(1, 3, *gbuffer.size, device=gbuffer.device)
+    if config.mode is DemodulationMode.ALBEDO:
+        return dm.floor_material(gbuffer[Buffer.ALBEDO])
+    if config.mode is DemodulationMode.GLOSSY_ALBEDO:
+        f0 = _f0(gbuffer)
+        glossy = dm.glossy_albedo(gbuffer[Buffer.ALBEDO], f0, gbuffer[Buffer.METALLIC])
+        return dm.floor_material(glossy)
+    material = _brdf(frame, config)
+    return dm.soften_material(material) if config.mode is DemodulationMode.SOFTPLUS else material
+
+
+def _f0(gbuffer: GBuffer) -> Color:
+    if Buffer.SPECULAR in gbuffer:
+        return gbuffer[Buffer.SPECULAR]
+    return dm.specular_f0(gbuffer[Buffer.ALBEDO], gbuffer[Buffer.METALLIC])
+
+
+def _metallic(gbuffer: GBuffer) -> Plane:
+    """0 in the F0 workflow, which has no metallic buffer."""
+    if Buffer.METALLIC in gbuffer:
+        return gbuffer[Buffer.METALLIC]
+    return torch.zeros_like(gbuffer[Buffer.ALBEDO][:, :1])
+
+
+def _brdf(frame: Frame, config: DerivationConfig) -> Color:
+    gbuffer = frame.gbuffer
+    if Buffer.MATERIAL in gbuffer:
+        return gbuffer[Buffer.MATERIAL]
+    if Buffer.SPECULAR not in gbuffer:
+        return dm.metallic_material_term(
+            gbuffer[Buffer.ALBEDO],
+            metallic=gbuffer[Buffer.METALLIC],
+            roughness=gbuffer[Buffer.ROUGHNESS],
+            nov=derive_nov(frame),
+            lut=load_default_lut(config.lut),
+        )
+    return dm.material_term(
+        gbuffer[Buffer.ALBEDO],
+        gbuffer[Buffer.SPECULAR],
+        metallic=_metallic(gbuffer),
+        roughness=gbuffer[Buffer.ROUGHNESS],
+        nov=derive_nov(frame),
+        lut=load_default_lut(config.lut),
+    )
+
+
+def derive_lighting(frame: Frame, config: DerivationConfig) -> dm.Demodulated:
+    """Divide a frame's radiance; lighting that the file already holds is taken as it is."""
+    sky = derive_sky(frame.gbuffer)
+    return divide_radiance(frame.gbuffer, derive_material(frame, config), sky, config)
+
+
+def divide_radiance(
+    gbuffer: GBuffer, material: Color, sky: Mask, config: DerivationConfig
+) -> dm.Demodulated:
+    """Divide by a material term, but where the sky is; a softened one divides there, too."""
+    if config.mode is DemodulationMode.SOFTPLUS:
+        sky = torch.zeros_like(material[:, :1])
+    emission = gbuffer.buffers.get(Buffer.EMISSION) if config.has_emission else None
+    if Buffer.LIGHTING in gbuffer:
+        valid = (material > config.epsilon).all(1, keepdim=True) & (sky < 0.5)
+        if Buffer.LIGHTING_MASK in gbuffer:
+            valid &= gbuffer[Buffer.LIGHTING_MASK] > 0.5
+        return dm.Demodulated(
+            lighting=gbuffer[Buffer.LIGHTING],
+            material=torch.where(valid, material, torch.ones_like(material)),
+            mask=valid.to(material.dtype),
+            emission=emission,
+        )
+    return dm.demodulate(
+        gbuffer[Buffer.COLOR], material, sky=sky, emission=emission, epsilon=config.epsilon
+    )
+
+
+def derive(
+    frame: Frame,
+    wanted: Collection[Buffer],
+    config: DerivationConfig,
+    *,
+    lighting_scale: float | None = None,
+) -> Frame:
+    """Add the derived buffers among `wanted`, keep only `wanted`, set the lighting scale.
+
+    `lighting_scale` is that of the whole frame where `frame` is a part of it, else measured.
+    """
+    added: dict[Buffer, torch.Tensor] = {}
+    scale = frame.lighting_scale
+    if Buffer.SKY in wanted:
+        added[Buffer.SKY] = derive_sky(frame.gbuffer)
+    if Buffer.NOV in wanted:
+        added[Buffer.NOV] = derive_nov(frame)
+    if Buffer.VIEW_NORMAL in wanted:
+        added[Buffer.VIEW_NORMAL] = derive_view_normal(frame)
+    if Buffer.LIGHTING in wanted or Buffer.LIGHTING_MASK in wanted:
+        parts = derive_lighting(frame, config)
+        added[Buffer.LIGHTING], added[Buffer.LIGHTING_MASK] = parts.lighting, parts.mask
+        if Buffer.MATERIAL in wanted:
+            added[Buffer.MATERIAL] = parts.material
+        scale = lighting_scale or dm.lighting_scale(parts.lighting, parts.mask)
+    elif Buffer.MATERIAL in wanted:
+        added[Buffer.MATERIAL] = derive_material(frame, config)
+    gbuffer = frame.gbuffer.with_buffers(added).only(wanted)
+    return replace(frame, gbuffer=gbuffer, lighting_scale=scale)
+
+
+def has_matrices(camera: CameraMetadata) -> bool:
+    """Tell whether view cosines follow from this camera."""
+    return camera.world_to_camera is not None and camera.world_to_ndc is not None

@@ -1,0 +1,137 @@
+"""Looking at the pixels of a sequence: their range, NaN and Inf, motion that cannot be right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.selection import format_ranges
+
+COARSE_STEP_PX = 0.25
+"""Vectors stored in coarser steps than this have lost the sub-pixel part."""
+
+HALF_STEP = 2.0**-11
+"""Relative step of half precision: values of 0.5 to 1 are this far apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelStatistics:
+    """What the pixels of a buffer are, over the frames that were looked at, as stored.
+
+    Attributes:
+        low, high, median: of the finite values.
+        nonfinite: frame -> number of NaN and Inf.
+        zero: frames in which every value is 0.
+    """
+
+    low: float
+    high: float
+    median: float
+    nonfinite: Mapping[int, int] = field(default_factory=dict)
+    zero: tuple[int, ...] = ()
+
+
+@dataclass
+class _RunningStatistics:
+    """Statistics of a buffer while frames come in."""
+
+    low: float = float("inf")
+    high: float = float("-inf")
+    medians: list[float] = field(default_factory=list)
+    nonfinite: dict[int, int] = field(default_factory=dict)
+    zero: list[int] = field(default_factory=list)
+
+    def add(self, number: int, stored: Tensor) -> None:
+        values = stored.flatten().float()
+        finite = values[torch.isfinite(values)]
+        if finite.numel() < values.numel():
+            self.nonfinite[number] = values.numel() - finite.numel()
+        if finite.numel():
+            self.low = min(self.low, float(finite.amin()))
+            self.high = max(self.high, float(finite.amax()))
+            self.medians.append(float(finite.median()))
+        if not bool(values.any()):
+            self.zero.append(number)
+
+    def result(self) -> PixelStatistics:
+        nothing = not self.medians
+        return PixelStatistics(
+            low=0.0 if nothing else self.low,
+            high=0.0 if nothing else self.high,
+            median=0.0 if nothing else sorted(self.medians)[len(self.medians) // 2],
+            nonfinite=self.nonfinite,
+            zero=tuple(self.zero),
+        )
+
+
+def measure_statistics(
+    reader: FrameReader, numbers: Sequence[int]
+) -> tuple[dict[Buffer, PixelStatistics], list[str]]:
+    """Look at the pixels; frames that cannot be read are problems."""
+    running = {buffer: _RunningStatistics() for buffer in sorted(reader.stored)}
+    damaged = []
+    for number in numbers:
+        try:
+            stored = reader.read_raw(number, reader.stored)
+        except RtsrError as error:
+            damaged.append(str(error))
+            continue
+        for buffer, tensor in stored.items():
+            running[buffer].add(number, tensor)
+    return {buffer: r.result() for buffer, r in running.items()}, damaged
+
+
+def describe_nonfinite(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
+    """Say which buffers hold NaN or Inf; depth may, on sky."""
+    return [
+        f"{sum(s.nonfinite.values())} values of '{buffer}' are NaN or Inf in frames "
+        f"{format_ranges(s.nonfinite)}: render them again, or use --on-nonfinite zero|inpaint"
+        for buffer, s in statistics.items()
+        if s.nonfinite and buffer is not Buffer.DEPTH
+    ]
+
+
+def list_doubts(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
+    """Motion that may not be what it should, though commands take it."""
+    problems: list[str] = []
+    motion = statistics.get(Buffer.MOTION)
+    if motion is None:
+        return problems
+    if motion.low == motion.high == 0.0:
+        problems.append(
+            "motion is zero in every pixel of every frame: unless nothing moves, the motion pass "
+            "was not rendered"
+        )
+    elif motion.zero and len(motion.zero) < len(reader.numbers):
+        problems.append(
+            f"motion is zero in every pixel of frames {format_ranges(motion.zero)}: still frames, "
+            "or a pass that was not rendered there"
+        )
+    step = _motion_step_px(reader)
+    if step > COARSE_STEP_PX:
+        problems.append(
+            f"motion is stored as half centred at {reader.conventions.motion.zero:g}: its steps "
+            f"are {step:.2f} px, sub-pixel motion is lost; write it as float, or uncentred"
+        )
+    return problems
+
+
+def _motion_step_px(reader: FrameReader) -> float:
+    """Pixels between neighbouring stored values near the centre; 0 for float files."""
+    convention = reader.conventions.motion
+    if not convention.zero or Buffer.MOTION not in reader.binding:
+        return 0.0
+    component = reader.binding[Buffer.MOTION][0]
+    place = (component.stream, component.channel)
+    if reader.read_stored(reader.numbers[0], [place])[place].dtype != np.float16:
+        return 0.0
+    return (
+        HALF_STEP * convention.zero * 2.0 * max(map(abs, convention.factors(reader.view.display)))
+    )

@@ -1,0 +1,132 @@
+"""What is wrong with a shot, what that means for commands, and which systems can run on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.choices import NonfinitePolicy
+from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.pairs.simulation import Simulation
+from rtsr_cli.core.pairs.sources import (
+    PairInputs,
+    PairSource,
+    RealPairs,
+    SimulatedPairs,
+    open_real_pairs,
+)
+from rtsr_cli.core.run.system_inputs import resolve_system_inputs
+from rtsr_cli.core.system import System
+
+ANY_SCALE = 2
+"""Stands for the scale where readiness does not depend on it."""
+
+SKIP = "--on-missing skip"
+
+
+class Severity(IntEnum):
+    """What a command with default options does about a problem, the least first."""
+
+    REMARK = 0
+    """It runs."""
+    PIXELS = 1
+    """It leaves some frames out as failed."""
+    HOLES = 2
+    """It refuses, unless it may skip frames."""
+    REFUSED = 3
+    """It refuses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShotProblem:
+    """Something that is wrong.
+
+    Attributes:
+        text: what, where, and the remedy.
+        gravity: what it leads to.
+        lacks: what is missing for every system, where commands refuse.
+    """
+
+    text: str
+    gravity: Severity = Severity.REMARK
+    lacks: str = "readable frames"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SystemReadiness:
+    """Whether a system can run.
+
+    Attributes:
+        ready: it can, in the way that `how` says.
+        missing: what it lacks for that.
+        how: options that it needs ("--simulate-lr S", "--on-missing skip"); empty if none.
+    """
+
+    ready: bool
+    missing: tuple[str, ...]
+    how: str = ""
+
+
+Sources = Sequence[tuple[str, PairSource]]
+"""Ways to run: options, and where frames then come from."""
+
+
+def match_resolutions(
+    main: FrameReader, hr: FrameReader, scale: int | None
+) -> tuple[Sources, list[ShotProblem]]:
+    """Match LR and HR as `upscale` does; say what does not match."""
+    try:
+        return [("", open_real_pairs(main, hr, scale))], []
+    except RtsrError as error:
+        text = str(error)
+    try:
+        source = open_real_pairs(main, hr, scale, skip_missing=True)
+    except RtsrError as error:
+        lacks = "HR frames that match"
+        return [], [ShotProblem(text=str(error), gravity=Severity.REFUSED, lacks=lacks)]
+    return [("", source)], [ShotProblem(text=text, gravity=Severity.HOLES)]
+
+
+def list_single_sources(main: FrameReader, scale: int | None) -> Sources:
+    """Ways to run on frames that have no HR ones beside them."""
+    return [
+        ("" if scale else "--scale S", RealPairs(lr=main, hr=None, scale=scale or ANY_SCALE)),
+        (
+            "--simulate-lr S",
+            SimulatedPairs(capture=main, simulation=Simulation(scale=ANY_SCALE)),
+        ),
+    ]
+
+
+def judge_readiness(
+    system: System, sources: Sources, problems: Sequence[ShotProblem]
+) -> SystemReadiness:
+    """Tell whether and how a system can run.
+
+    Args:
+        system: to judge.
+        sources: the ways to try, the one that asks least first.
+        problems: of all frames that it would read.
+    """
+    refused = [p.lacks for p in problems if p.gravity is Severity.REFUSED]
+    if refused or not sources:
+        return SystemReadiness(ready=False, missing=tuple(dict.fromkeys(refused)))
+    inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
+    skip = [SKIP] if any(p.gravity is Severity.HOLES for p in problems) else []
+    ways = [
+        SystemReadiness(
+            ready=not missing, missing=missing, how=" ".join([*([how] if how else []), *skip])
+        )
+        for how, source in sources
+        for missing in [_list_missing(system, source, inputs)]
+    ]
+    return min(ways, key=lambda way: len(way.missing))
+
+
+def _list_missing(system: System, source: PairSource, inputs: PairInputs) -> tuple[str, ...]:
+    """What the files lack, and the scale where it is known and not one of the system's."""
+    fits = not system.scales or source.scale in system.scales or len(source.readers) == 1
+    scales = () if fits else (f"a scale of {', '.join(f'{s}x' for s in system.scales)}",)
+    return (*source.missing(inputs), *scales)

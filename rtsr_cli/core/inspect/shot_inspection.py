@@ -1,0 +1,332 @@
+"""What a folder of frames holds, and what can be done with it: the survey behind `rtsr inspect`.
+
+Nothing is raised for what is wrong with the frames: it becomes a problem with its remedy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.channel_guesses import guess_buffers
+from rtsr_cli.core.captures.declarations import DeclarationFiles
+from rtsr_cli.core.captures.measuring.decision import MeasuredReader
+from rtsr_cli.core.captures.misnamed_frames import list_misnamed
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import FrameSet, Shot
+from rtsr_cli.core.captures.survey import HeaderFiles, Headers, list_missing_frames, read_readable
+from rtsr_cli.core.choices import SystemTask
+from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.inspect.pixel_statistics import (
+    PixelStatistics,
+    describe_nonfinite,
+    list_doubts,
+    measure_statistics,
+)
+from rtsr_cli.core.inspect.readiness import (
+    Severity,
+    ShotProblem,
+    Sources,
+    SystemReadiness,
+    judge_readiness,
+    list_single_sources,
+    match_resolutions,
+)
+from rtsr_cli.core.pairs.opening import (
+    OpenedShot,
+    ReadOptions,
+    check_channels,
+    measure_set,
+    open_shot,
+)
+from rtsr_cli.core.system import System
+
+MOST_FRAMES = 64
+"""Frames whose pixels are looked at, evenly spaced, unless all are asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetInspection:
+    """One resolution of a shot.
+
+    Attributes:
+        root: its folder.
+        numbers: every frame number of any file sequence.
+        channels: per file sequence, the names of all channels.
+        unknown: those that no buffer takes.
+        guessed: what unknown channels may be, by their names.
+        missing: per file sequence, the frames that it lacks.
+        settled: how it is read, None if it cannot be.
+        statistics: of each buffer.
+        looked_at: frames whose pixels were read.
+        problems: what is wrong, each with its remedy.
+    """
+
+    root: Path
+    numbers: tuple[int, ...]
+    channels: Mapping[str, tuple[str, ...]]
+    unknown: Mapping[str, tuple[str, ...]]
+    guessed: Mapping[Buffer, tuple[str, ...]]
+    missing: Mapping[str, list[int]]
+    settled: MeasuredReader | None
+    statistics: Mapping[Buffer, PixelStatistics]
+    looked_at: tuple[int, ...]
+    problems: tuple[ShotProblem, ...]
+
+    @property
+    def reader(self) -> FrameReader | None:
+        """The reader, None if the frames cannot be read."""
+        return None if self.settled is None else self.settled.reader
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShotInspection:
+    """A shot: its frames, the HR frames beside them, and which systems can run.
+
+    Attributes:
+        name: path relative to IN.
+        root: its folder.
+        main: its frames.
+        hr: the HR frames beside them, if there are any.
+        systems: whether each can run.
+        capture: what is declared about it; nothing where that cannot be read.
+    """
+
+    name: str
+    root: Path
+    main: SetInspection
+    hr: SetInspection | None
+    systems: Mapping[str, SystemReadiness]
+    capture: CaptureDeclaration = field(default_factory=CaptureDeclaration)
+
+    @property
+    def problems(self) -> tuple[ShotProblem, ...]:
+        """Those of both resolutions."""
+        return (*self.main.problems, *(self.hr.problems if self.hr is not None else ()))
+
+    @property
+    def gravity(self) -> Severity:
+        """The worst that a command with default options does about them; nothing may run at all."""
+        if not any(system.ready for system in self.systems.values()):
+            return Severity.REFUSED
+        return max((p.gravity for p in self.problems), default=Severity.REMARK)
+
+
+def inspect_shot(
+    shot: Shot,
+    root: Path,
+    options: ReadOptions,
+    *,
+    systems: Iterable[System],
+    every: bool,
+    files: DeclarationFiles | None = None,
+) -> ShotInspection:
+    """Survey, measure and judge one shot.
+
+    Args:
+        shot: what was found.
+        root: IN.
+        options: how frames are read; holes in the numbering are always reported, never refused.
+        systems: to judge.
+        every: look at the pixels of every frame, however many there are.
+        files: declarations below IN, as far as they are read already.
+    """
+    headers = HeaderFiles()
+    try:
+        opened: OpenedShot | RtsrError = open_shot(
+            shot, root, options, files=files, headers=headers
+        )
+    except RtsrError as error:
+        opened = error
+    surveyed = [_survey_headers(s, headers) for s in (shot.frames, shot.hr) if s is not None]
+    capture, wrong = _read_declarations(opened, surveyed)
+    main, *others = [
+        _inspect_set(one, opened, lr=i == 0, every=every) for i, one in enumerate(surveyed)
+    ]
+    main = replace(main, problems=_drop_repeats((*wrong, *main.problems)))
+    hr = others[0] if others else None
+    sources: Sources = []
+    if main.reader is not None and hr is None:
+        sources = list_single_sources(main.reader, capture.scale)
+    elif main.reader is not None and hr is not None and hr.reader is not None:
+        sources, apart = match_resolutions(main.reader, hr.reader, capture.scale)
+        hr = replace(hr, problems=_drop_repeats((*hr.problems, *apart)))
+    inspection = ShotInspection(
+        name=shot.name, root=shot.root, main=main, hr=hr, systems={}, capture=capture
+    )
+    ready = {
+        s.name: judge_readiness(s, sources, inspection.problems)
+        for s in systems
+        if s.task is SystemTask.UPSCALE
+    }
+    return replace(inspection, systems=ready)
+
+
+def inspect_refused_folder(root: Path, message: str, systems: Iterable[System]) -> ShotInspection:
+    """Inspect a folder in which not even shots can be found."""
+    problem = ShotProblem(text=message, gravity=Severity.REFUSED)
+    main = _inspect_unread_set(FrameSet(root=root, streams={}), {}, [problem])
+    ready = {
+        s.name: judge_readiness(s, [], [problem]) for s in systems if s.task is SystemTask.UPSCALE
+    }
+    return ShotInspection(name=".", root=root, main=main, hr=None, systems=ready)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Surveyed:
+    """One resolution before it is known how it is read.
+
+    Attributes:
+        frames: every file.
+        readable: those whose headers can be read.
+        headers: of those.
+        problems: what is wrong with the others.
+    """
+
+    frames: FrameSet
+    readable: FrameSet
+    headers: Headers
+    problems: tuple[ShotProblem, ...]
+
+
+def _read_declarations(
+    opened: OpenedShot | RtsrError, surveyed: Iterable[_Surveyed]
+) -> tuple[CaptureDeclaration, tuple[ShotProblem, ...]]:
+    """What the user declares, and what of it is not so."""
+    if isinstance(opened, RtsrError):
+        return CaptureDeclaration(), (_make_problem(opened, "a valid capture.toml"),)
+    try:
+        check_channels(opened, [one.readable for one in surveyed])
+    except RtsrError as error:
+        return opened.declarations.capture, (_make_problem(error, "the declared channels"),)
+    return opened.declarations.capture, ()
+
+
+def _make_problem(error: RtsrError, lacks: str = "readable frames") -> ShotProblem:
+    return ShotProblem(text=str(error), gravity=Severity.REFUSED, lacks=lacks)
+
+
+def _drop_repeats(problems: Iterable[ShotProblem]) -> tuple[ShotProblem, ...]:
+    return tuple({p.text: p for p in reversed(list(problems))}.values())[::-1]
+
+
+def _inspect_unread_set(
+    frames: FrameSet, headers: Headers, problems: Iterable[ShotProblem]
+) -> SetInspection:
+    """All that is known of frames before it is known how they are read."""
+    channels = {
+        key: tuple(sorted({c for h in by_number.values() for c in h.channels}))
+        for key, by_number in headers.items()
+    }
+    return SetInspection(
+        root=frames.root,
+        numbers=frames.numbers,
+        channels=channels,
+        unknown=channels,
+        guessed=guess_buffers(channels),
+        missing={},
+        settled=None,
+        statistics={},
+        looked_at=(),
+        problems=tuple(problems),
+    )
+
+
+def _inspect_set(
+    surveyed: _Surveyed, opened: OpenedShot | RtsrError, *, lr: bool, every: bool
+) -> SetInspection:
+    headers, problems = surveyed.headers, surveyed.problems
+    inspection = _inspect_unread_set(surveyed.frames, headers, problems)
+    if not headers:
+        return inspection
+    try:
+        if isinstance(opened, RtsrError):
+            raise opened
+        settled = measure_set(surveyed.readable, opened, jittered=lr, headers=headers)
+    except RtsrError as error:
+        return replace(inspection, problems=(*problems, _make_problem(error, "a known layout")))
+    if not lr and settled.undecided == settled.motion_undecided:
+        # of HR frames beside LR ones commands read no vectors
+        settled = replace(settled, undecided="")
+    return _with_pixels(replace(inspection, settled=settled), surveyed.frames, settled, every=every)
+
+
+def _survey_headers(frames: FrameSet, files: HeaderFiles) -> _Surveyed:
+    """Headers of the readable files, the frame set of them, and what is wrong with the others."""
+    wrong = list_misnamed(frames)
+    right = {
+        key: {n: path for n, path in stream.files.items() if path not in wrong}
+        for key, stream in frames.streams.items()
+    }
+    every, errors = read_readable(_list_of_files(frames, right), files)
+    headers = {key: by_number for key, by_number in every.items() if by_number}
+    good = {key: {n: right[key][n] for n in by_number} for key, by_number in headers.items()}
+    readable = _list_of_files(frames, good)
+    problems = [ShotProblem(text=text, gravity=Severity.REFUSED) for text in wrong.values()]
+    problems += [_make_problem(error) for error in errors]
+    return _Surveyed(frames=frames, readable=readable, headers=headers, problems=tuple(problems))
+
+
+def _list_of_files(frames: FrameSet, files: Mapping[str, Mapping[int, Path]]) -> FrameSet:
+    """Return a frame set of some of its files."""
+    streams = {key: replace(frames.streams[key], files=held) for key, held in files.items()}
+    return replace(frames, streams=streams)
+
+
+def _with_pixels(
+    inspection: SetInspection, frames: FrameSet, settled: MeasuredReader, *, every: bool
+) -> SetInspection:
+    """Add gaps, unknown channels and the statistics of pixels; damaged files are no gaps."""
+    reader = settled.reader
+    bound: dict[str, set[str]] = {}
+    for components in reader.binding.values():
+        for c in components:
+            bound.setdefault(c.stream, set()).add(c.channel)
+    unknown = {
+        key: tuple(n for n in names if n not in bound.get(key, ()))
+        for key, names in inspection.channels.items()
+    }
+    unknown = {key: names for key, names in unknown.items() if names}
+    missing = list_missing_frames(frames, sorted(bound), reader.step)
+    looked_at = _choose_numbers(reader.numbers, every=every)
+    statistics, damaged = measure_statistics(reader, looked_at)
+    holes = (
+        f"'{key}' lacks frames {format_ranges(lacking)}: render them, or use --on-missing skip|hold"
+        for key, lacking in missing.items()
+    )
+    unsettled = ShotProblem(
+        text=settled.undecided, gravity=Severity.REFUSED, lacks="a named layout"
+    )
+    remarks = [*list_doubts(reader, statistics), *settled.warnings]
+    remarks += [settled.motion_undecided] if settled.motion_undecided else []
+    problems = [
+        *inspection.problems,
+        *(ShotProblem(text=text, gravity=Severity.PIXELS) for text in damaged),
+        *(ShotProblem(text=text, gravity=Severity.HOLES) for text in holes),
+        *(
+            ShotProblem(text=text, gravity=Severity.PIXELS)
+            for text in describe_nonfinite(statistics)
+        ),
+        *([unsettled] if settled.undecided else []),
+        *(ShotProblem(text=text) for text in remarks),
+    ]
+    return replace(
+        inspection,
+        unknown=unknown,
+        guessed={b: p for b, p in guess_buffers(unknown).items() if b not in reader.binding},
+        missing=missing,
+        statistics=statistics,
+        looked_at=looked_at,
+        problems=_drop_repeats(problems),
+    )
+
+
+def _choose_numbers(numbers: Sequence[int], *, every: bool) -> tuple[int, ...]:
+    if every or len(numbers) <= MOST_FRAMES:
+        return tuple(numbers)
+    places = (round(i * (len(numbers) - 1) / (MOST_FRAMES - 1)) for i in range(MOST_FRAMES))
+    return tuple(numbers[i] for i in places)

@@ -1,0 +1,142 @@
+"""Weights of networks: safetensors with everything needed to build the network again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from rtsr_cli.core.errors import CheckpointError
+from rtsr_cli.core.files.atomic_write import write_atomically
+
+FORMAT = "rtsr-weights-1"
+
+KEY = "rtsr"
+"""Of the metadata: everything but the tensors, as JSON."""
+
+SHIPPED = Path(__file__).parents[2] / "weights"
+"""Folder of the weights that come with the package."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SavedWeights:
+    """What a file of weights holds.
+
+    Attributes:
+        path: of the file.
+        system: name.
+        scale: S.
+        config: the system's settings as plain values.
+        about: training data, step, revision and the like.
+        tensors: by parameter name.
+    """
+
+    path: Path
+    system: str
+    scale: int
+    config: Mapping[str, Any]
+    about: Mapping[str, Any]
+    tensors: Mapping[str, Tensor]
+
+    def digest(self) -> str:
+        """Hash of the file's bytes."""
+        return sha256(self.path.read_bytes()).hexdigest()[:32]
+
+
+def save_weights(
+    path: Path,
+    tensors: Mapping[str, Tensor],
+    *,
+    system: str,
+    scale: int,
+    config: Mapping[str, Any],
+    about: Mapping[str, Any],
+    half: bool = False,
+) -> None:
+    """Write weights.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    stored = {
+        name: (t.half() if half and t.is_floating_point() else t).detach().cpu().contiguous()
+        for name, t in tensors.items()
+    }
+    facts = {
+        "format": FORMAT,
+        "system": system,
+        "scale": scale,
+        "config": dict(config),
+        "about": dict(about),
+    }
+    # one key, because the library writes several in any order
+    metadata = {KEY: json.dumps(facts)}
+    write_atomically(path, lambda part: save_file(stored, part, metadata))
+
+
+def read_weights(path: Path) -> SavedWeights:
+    """Read weights.
+
+    Raises:
+        CheckpointError: the file is not there, damaged, or something else.
+    """
+    try:
+        with safe_open(path, "pt") as opened:
+            facts = json.loads((opened.metadata() or {}).get(KEY, "{}"))
+            tensors = {key: opened.get_tensor(key) for key in opened.keys()}  # noqa: SIM118
+    except (OSError, ValueError, SafetensorError) as error:
+        raise CheckpointError(f"{path}: cannot be read as weights ({error})") from error
+    if facts.get("format") != FORMAT:
+        raise CheckpointError(f"{path}: these are no weights of rtsr; rtsr train makes them")
+    return SavedWeights(
+        path=path,
+        system=facts["system"],
+        scale=int(facts["scale"]),
+        config=facts["config"],
+        about=facts["about"],
+        tensors=tensors,
+    )
+
+
+def name_shipped(pattern: str, scale: int, config: Any) -> str:
+    """File name of the weights that come with the package for a scale and a config."""
+    return pattern.format(scale=scale, config=config)
+
+
+def find_shipped(pattern: str | None, scale: int, config: Any = None) -> Path | None:
+    """Return the file of weights that comes with the package, None if none does."""
+    path = None if pattern is None else SHIPPED / name_shipped(pattern, scale, config)
+    return path if path is not None and path.is_file() else None
+
+
+def fill_network(network: nn.Module, weights: SavedWeights) -> None:
+    """Fill a network.
+
+    Raises:
+        CheckpointError: the parameters are not those of the network.
+    """
+    own = network.state_dict()
+    lacking, extra = (
+        sorted(own.keys() - weights.tensors.keys()),
+        sorted(weights.tensors.keys() - own.keys()),
+    )
+    differing = [
+        f"{name} {tuple(weights.tensors[name].shape)} for {tuple(own[name].shape)}"
+        for name in own.keys() & weights.tensors.keys()
+        if own[name].shape != weights.tensors[name].shape
+    ]
+    if lacking or extra or differing:
+        raise CheckpointError(
+            f"{weights.path}: weights of {weights.system} {weights.scale}x do not fit: "
+            f"missing {lacking[:3]}, not known {extra[:3]}, other shapes {differing[:3]}"
+        )
+    with torch.no_grad():
+        network.load_state_dict({k: v.to(own[k].dtype) for k, v in weights.tensors.items()})

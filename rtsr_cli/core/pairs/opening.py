@@ -1,0 +1,341 @@
+"""From a folder and what the user chose to checked readers and pairs, shot by shot.
+
+What is declared about a shot, its layout and its folders are resolved once (`open_shot`); the
+result goes to whatever reads frames of the shot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
+from rtsr_cli.core.captures.layout_files import check_declared
+from rtsr_cli.core.captures.measuring.decision import (
+    MeasuredReader,
+    measure_and_decide,
+    require_decision,
+)
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import (
+    HR_FOLDER,
+    LR_FOLDER,
+    FrameSet,
+    Shot,
+    collect_frame_set,
+    find_shots,
+    refuse_among,
+)
+from rtsr_cli.core.captures.survey import HeaderFiles, Headers, open_frames, read_headers
+from rtsr_cli.core.choices import MissingPolicy
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.pairs.simulation import Simulation
+from rtsr_cli.core.pairs.sources import PairSource, open_real_pairs, open_simulated_pairs
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """How frames are read.
+
+    Attributes:
+        layout: preset or layout file, or None to detect it.
+        capture: file in place of each shot's capture.toml.
+        on_missing: what holes in the numbering mean.
+        output: where frames will be written; it must not lie where they would be taken for inputs.
+        sharded: whether other runs write other parts of the same shots.
+    """
+
+    layout: str | None = None
+    capture: Path | None = None
+    on_missing: MissingPolicy = MissingPolicy.ERROR
+    output: Path | None = None
+    sharded: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenedShot:
+    """A shot, and what is declared about it, resolved once for all that read its frames.
+
+    Attributes:
+        shot: its files.
+        options: how frames are read.
+        declarations: capture.toml, cameras and layout.
+        headers: of its files, as far as they are read already.
+    """
+
+    shot: Shot
+    options: ReadOptions
+    declarations: Declarations
+    headers: HeaderFiles = field(default_factory=HeaderFiles)
+
+
+def open_declarations(folder: Path, options: ReadOptions) -> DeclarationFiles:
+    """Return the declarations below IN, none of which is read yet."""
+    return DeclarationFiles(folder, layout=options.layout, capture=options.capture)
+
+
+def find_shots_of(
+    folder: Path,
+    options: ReadOptions,
+    scale: int | None = None,
+    files: DeclarationFiles | None = None,
+) -> list[Shot]:
+    """Find the shots of IN; a layout that does not exist is refused before any file is read.
+
+    Args:
+        folder: IN.
+        options: how frames are read.
+        scale: which LR frames of a data set with several are wanted.
+        files: declarations below IN that `open_shot` will be given, too.
+
+    Raises:
+        RtsrError: a declaration is not valid, or there are no frames.
+    """
+    files = files or open_declarations(folder, options)
+    layouts = files.list_searched_layouts(folder)
+    return find_shots(
+        folder,
+        buffer_folders=list_folder_patterns(layouts),
+        trees=[layout for layout in layouts if layout.tree],
+        scale=scale,
+        declared=files.buffer_folders,
+        output=options.output,
+    )
+
+
+def open_shot(
+    shot: Shot,
+    folder: Path,
+    options: ReadOptions,
+    *,
+    files: DeclarationFiles | None = None,
+    headers: HeaderFiles | None = None,
+) -> OpenedShot:
+    """Resolve what is declared about a shot; of its frames nothing is read yet.
+
+    Args:
+        shot: of IN.
+        folder: IN.
+        options: how frames are read.
+        files: declarations below IN, as far as they are read already.
+        headers: of its files, as far as they are read already.
+
+    Raises:
+        RtsrError: a declaration is not valid.
+    """
+    files = files or open_declarations(folder, options)
+    return OpenedShot(
+        shot=shot,
+        options=options,
+        declarations=files.resolve_for(shot),
+        headers=headers or HeaderFiles(),
+    )
+
+
+def check_shot(opened: OpenedShot, hr: FrameSet | None = None) -> None:
+    """Hold every channel that the user spelled out to be in one of a shot's resolutions.
+
+    Raises:
+        FrameFolderError: one is in none of them.
+    """
+    shot = opened.shot
+    check_channels(opened, [s for s in (shot.frames, hr or shot.hr) if s is not None])
+
+
+def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
+    """Hold every channel that the user spelled out to be in one of some sets.
+
+    Raises:
+        FrameFolderError: one is in none of them.
+    """
+    buffers = opened.declarations.spelled_out
+    if not buffers:
+        return
+    first = [opened.headers.of_first(frames) for frames in sets]
+    names = [{key: header.channels for key, header in held.items()} for held in first]
+    check_declared(buffers, names, str(opened.shot.root))
+
+
+def open_set(
+    frames: FrameSet, opened: OpenedShot, *, jittered: bool, vectors: bool = True
+) -> FrameReader:
+    """Survey one resolution of a shot, and settle how it is read; see `measure_set`.
+
+    Raises:
+        RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
+    """
+    return require_decision(
+        measure_set(frames, opened, jittered=jittered, vectors=vectors),
+        sharded=opened.options.sharded,
+    )
+
+
+def measure_set(
+    frames: FrameSet,
+    opened: OpenedShot,
+    *,
+    jittered: bool,
+    vectors: bool = True,
+    headers: Headers | None = None,
+) -> MeasuredReader:
+    """Survey one resolution of a shot, and measure how it is stored; nothing need be decided.
+
+    Args:
+        frames: of that resolution.
+        opened: what they belong to.
+        jittered: whether declared jitter applies.
+        vectors: whether motion will be read; of HR frames beside LR ones nobody does.
+        headers: of all files, if they are read already.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
+    known = opened.declarations
+    reader = survey_set(frames, opened, jittered=jittered, headers=headers)
+    return measure_and_decide(reader, known.capture, named=known.layout is not None, motion=vectors)
+
+
+def survey_set(
+    frames: FrameSet, opened: OpenedShot, *, jittered: bool, headers: Headers | None = None
+) -> FrameReader:
+    """Survey one resolution of a shot by its headers; nothing is measured.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
+    known = opened.declarations
+    return open_frames(
+        frames,
+        headers=headers if headers is not None else read_headers(frames, opened.headers),
+        layout=known.layout,
+        capture=known.capture,
+        side_car=known.side_car,
+        on_missing=opened.options.on_missing,
+        jittered=jittered,
+    )
+
+
+def open_radiance(
+    folder: Path, options: ReadOptions, *, lighting: bool = False
+) -> Iterator[tuple[str, FrameReader]]:
+    """Survey every frame set of IN that holds radiance (or divided lighting), by relative path.
+
+    Raises:
+        FrameFolderError: a shot has none at all.
+    """
+    wanted = Buffer.LIGHTING if lighting else Buffer.COLOR
+    files = open_declarations(folder, options)
+    for shot in find_shots_of(folder, options, files=files):
+        opened = open_shot(shot, folder, options, files=files)
+        check_shot(opened)
+        main = open_set(shot.frames, opened, jittered=True)
+        if wanted not in main.stored:
+            raise FrameFolderError(
+                f"{main.frames.root}: buffer '{wanted}' is missing; layout "
+                f"'{main.layout.name}' found: {', '.join(sorted(main.stored))}. "
+                "Name another layout with --layout"
+            )
+        if shot.hr is None:
+            yield shot.name, main
+            continue
+        yield f"{shot.name}/{LR_FOLDER}", main
+        hr = open_set(shot.hr, opened, jittered=False, vectors=False)
+        if wanted in hr.stored:
+            yield f"{shot.name}/{HR_FOLDER}", hr
+
+
+def open_pairs(
+    folder: Path,
+    options: ReadOptions,
+    *,
+    hr_folder: Path | None = None,
+    scale: int | None = None,
+    simulation: Simulation | None = None,
+) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot of IN as LR/HR pairs, by relative path.
+
+    Args:
+        folder: IN.
+        options: how frames are read.
+        hr_folder: HR frames of IN, or a tree like IN's.
+        scale: as asked for.
+        simulation: make LR frames from HR captures instead.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong.
+    """
+    files = open_declarations(folder, options)
+    shots = find_shots_of(folder, options, scale, files)
+    for shot in shots:
+        hr = shot.hr
+        if hr_folder is not None:
+            only = len(shots) == 1
+            patterns = list_folder_patterns(files.list_searched_layouts(shot.root))
+            hr = _list_frame_sets(hr_folder, shot, options, patterns, only=only)
+        opened = open_shot(shot, folder, options, files=files)
+        yield shot.name, open_pair(opened, hr=hr, scale=scale, simulation=simulation)
+
+
+def open_single_sets(folder: Path, options: ReadOptions) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot's frames by themselves; what is beside them at another size is not read.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong.
+    """
+    files = open_declarations(folder, options)
+    for shot in find_shots_of(folder, options, files=files):
+        yield shot.name, open_pair(open_shot(shot, folder, options, files=files), hr=None, scale=1)
+
+
+def open_pair(
+    opened: OpenedShot,
+    *,
+    hr: FrameSet | None,
+    scale: int | None = None,
+    simulation: Simulation | None = None,
+) -> PairSource:
+    """Survey one shot of IN; see `open_pairs`.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong.
+    """
+    check_shot(opened, hr)
+    shot = opened.shot
+    if simulation is not None:
+        capture = open_set(shot.hr or shot.frames, opened, jittered=False)
+        return open_simulated_pairs(capture, simulation)
+    lr = open_set(shot.frames, opened, jittered=True)
+    target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
+    skip = opened.options.on_missing is MissingPolicy.SKIP
+    return open_real_pairs(
+        lr, target, scale or opened.declarations.capture.scale, skip_missing=skip
+    )
+
+
+def _list_frame_sets(
+    hr_folder: Path, shot: Shot, options: ReadOptions, patterns: Sequence[str], *, only: bool
+) -> FrameSet:
+    """HR frames of a shot where `--hr` names their folder, or a tree like IN's.
+
+    Args:
+        hr_folder: as named.
+        shot: of IN.
+        options: how frames are read.
+        patterns: folders that hold one buffer each.
+        only: whether IN holds no other shot.
+
+    Raises:
+        FrameFolderError: there are none.
+    """
+    below = hr_folder / shot.name
+    chosen = hr_folder if only and not below.is_dir() else below
+    if not chosen.is_dir():
+        raise FrameFolderError(f"{chosen}: no such folder (--hr, for shot '{shot.name}')")
+    frames = collect_frame_set(chosen, patterns)
+    if frames is None:
+        raise FrameFolderError(f"{chosen}: no numbered EXR frames here (--hr)")
+    if options.output is not None:
+        refuse_among(options.output / shot.name, frames)
+    return frames

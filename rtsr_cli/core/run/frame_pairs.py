@@ -1,0 +1,219 @@
+"""Going through a shot's LR/HR pairs: what every run over frames in order shares.
+
+A run is a `Work`, called with each frame in its turn; reading, history, stamps, failures and events
+are the same whatever it does with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from rtsr_cli.core.errors import InputChangedError, RtsrError
+from rtsr_cli.core.files.exr import Plane, read_header
+from rtsr_cli.core.files.provenance import describe_provenance
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.pairs.opening import ReadOptions
+from rtsr_cli.core.pairs.passthrough import PassedChannels
+from rtsr_cli.core.pairs.sources import FramePair, PairInputs, PairSource
+from rtsr_cli.core.run.loop import Product
+from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
+from rtsr_cli.core.run.plan import ShotPlan
+from rtsr_cli.core.run.request import FramesRequest
+from rtsr_cli.core.run.shot_inputs import ShotInputs
+from rtsr_cli.core.run.shot_runs import NONFINITE, ShotJob
+from rtsr_cli.core.run.sliding_window import SlidingWindow
+from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.system import FrameWindow
+
+
+def read_options(request: FramesRequest) -> ReadOptions:
+    """Return how the frames of a request are read."""
+    return ReadOptions(
+        layout=request.layout,
+        capture=request.capture_file,
+        on_missing=request.on_missing,
+        output=request.out_folder,
+        sharded=request.shard is not None,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairReading:
+    """How the pairs of a shot are read.
+
+    Attributes:
+        source: of the pairs.
+        inputs: buffers that are wanted of them.
+        passed: channels that are only handed through.
+    """
+
+    source: PairSource
+    inputs: PairInputs
+    passed: tuple[PassedChannels, ...] = ()
+
+    @property
+    def output_size(self) -> Size:
+        """(height, width) at the target size."""
+        height, width = self.source.lr_size
+        return height * self.source.scale, width * self.source.scale
+
+    def output_bytes(self, *, pictures: int) -> int:
+        """Size of a picture at the target size with what is handed through, uncompressed."""
+        height, width = self.output_size
+        layers = len("RGBA" if Buffer.ALPHA in self.source.reader.stored else "RGB")
+        passed = sum(len(part.channels) for part in self.passed)
+        a_pixel = layers * HALF_BYTES + passed * FLOAT_BYTES + pictures * len("RGB")
+        return height * width * a_pixel + HEADER_BYTES
+
+    def of_shot(self, name: str) -> ShotInputs:
+        """Return what a run reads of the shot."""
+
+        @cache
+        def files(number: int) -> tuple[Path, ...]:
+            passed = (path for part in self.passed for path in part.files(number))
+            return tuple(dict.fromkeys((*self.source.files(number, self.inputs), *passed)))
+
+        return ShotInputs(
+            name=name, reader=self.source.reader, readers=self.source.readers, files=files
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameInTurn:
+    """A frame in its turn.
+
+    Attributes:
+        plan: of its shot.
+        pair: what was read.
+        window: the same, with the frames that are its history.
+        passed: channels that are handed through, by name.
+        source: the file that names the frame.
+        attributes: of its header.
+        begins: True where there is no history: at the start, after a cut, a gap or a failure.
+        wanted: True if an output is to be made; else the frame is history of others.
+    """
+
+    plan: ShotPlan
+    pair: FramePair
+    window: FrameWindow
+    passed: Mapping[str, Plane]
+    source: Path
+    attributes: Mapping[str, Any]
+    begins: bool
+    wanted: bool
+
+    @property
+    def number(self) -> int:
+        """Of the frame."""
+        return self.pair.lr.number
+
+    @property
+    def path(self) -> Path:
+        """The output's."""
+        return self.plan.path(self.number)
+
+    def provenance(self, extra: Mapping[str, Any]) -> dict[str, Any]:
+        """Header attributes of the output; `extra` are those of the kind of run."""
+        stamps = self.plan.stamps
+        return describe_provenance(
+            command=self.plan.outputs.command,
+            config_hash=stamps.config_hash,
+            source=self.source,
+            stamp=stamps.of_output(self.number),
+            extra={"rtsr:nonfinite": self.pair.fixed, **extra},
+        )
+
+    def product(self, write: Callable[[], None]) -> Product:
+        """What was made of the frame, from the call that writes it."""
+        return Product(write=write, facts={NONFINITE: self.pair.fixed})
+
+
+Work = Callable[[FrameInTurn], Product | None]
+"""What a run does with a frame; None where no output is wanted.
+
+Raises:
+    RtsrError: it cannot; the frame fails alone, and is no history of the next one.
+"""
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    pair: FramePair
+    passed: Mapping[str, Plane]
+    source: Path
+    attributes: Mapping[str, Any]
+
+
+class PairJob(ShotJob[_Loaded]):
+    """A shot's pairs and what is done with them, for the frame loop."""
+
+    def __init__(
+        self,
+        plan: ShotPlan,
+        reading: PairReading,
+        work: Work,
+        *,
+        history_frames: int = 0,
+        device: str = "cpu",
+    ) -> None:
+        """Start without history.
+
+        Args:
+            plan: of the shot.
+            reading: of its pairs.
+            work: what is done with a frame.
+            history_frames: predecessors in the window.
+            device: torch device of the frames.
+        """
+        super().__init__(plan, frame_bytes=reading.source.frame_bytes)
+        self._reading, self._work, self._device = reading, work, device
+        self._window = SlidingWindow(
+            plan.sequence, history_frames=history_frames, scale=reading.source.scale
+        )
+
+    def load(self, key: int) -> _Loaded:
+        """Read a frame, and see to it that what was hashed is what is read.
+
+        Raises:
+            InputChangedError: a file is not the one that the run was planned with.
+            RtsrError: it cannot be read.
+        """
+        plan, reading = self.plan, self._reading
+        size = reading.output_size
+        with plan.digests.hold_unchanged(plan.inputs.files(key)):
+            plan.stamps.of_input(key)
+            pair = reading.source.load(key, reading.inputs).to(self._device)
+            passed = {
+                name: plane
+                for part in reading.passed
+                for name, plane in part.read(key, size).items()
+            }
+            source = plan.inputs.reader.path(key)
+            attributes = read_header(source).attributes
+        return _Loaded(pair, passed, source, attributes)
+
+    def compute(self, key: int, loaded: _Loaded) -> Product | None:
+        """Do the work on a frame."""
+        begins = not self._window.follows(key)
+        window = self._window.slide(loaded.pair)
+        moment = FrameInTurn(
+            plan=self.plan,
+            pair=loaded.pair,
+            window=window,
+            passed=loaded.passed,
+            source=loaded.source,
+            attributes=loaded.attributes,
+            begins=begins,
+            wanted=key in self.plan.pending,
+        )
+        return self._work(moment)
+
+    def fail(self, key: int, error: RtsrError) -> None:
+        """Let history restart after a frame that failed."""
+        self._window.forget()
+        if isinstance(error, InputChangedError):
+            self.plan.stamps.spoil(key)

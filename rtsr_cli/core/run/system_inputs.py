@@ -1,0 +1,104 @@
+"""What a run needs to know of a system before the first frame: its inputs, and whether they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.pairs.sources import DECLARED_MOTION, PairInputs, PairSource
+from rtsr_cli.core.run.shot_inputs import HistoryReach
+from rtsr_cli.core.system import System
+
+
+@dataclass(frozen=True, kw_only=True)
+class SystemTable:
+    """The systems that a run may choose from.
+
+    Attributes:
+        load: name -> its declaration.
+        preferred: names, best first: the default is the first that the inputs allow.
+    """
+
+    load: Callable[[str], System]
+    preferred: tuple[str, ...] = ()
+
+
+def measure_history_reach(system: System) -> HistoryReach:
+    """How far a system's outputs look back."""
+    return HistoryReach(
+        frames=system.history_frames,
+        recurrent=system.recurrent,
+        preroll_frames=system.preroll_frames,
+    )
+
+
+def resolve_system_inputs(
+    system: System, policy: NonfinitePolicy, config: object = None
+) -> PairInputs:
+    """Return what to read for a system; alpha goes along where there is one.
+
+    Args:
+        system: whose inputs they are.
+        policy: how bad pixels are treated.
+        config: of the system, its defaults if None.
+    """
+    return PairInputs(
+        lr=system.lr_inputs,
+        hr=system.hr_inputs,
+        lr_optional=(*system.lr_optional, Buffer.ALPHA),
+        hr_optional=system.hr_optional,
+        derivation=system.derivation(system.config() if config is None else config),
+        on_nonfinite=policy,
+    )
+
+
+def check_system(system: System, source: PairSource, inputs: PairInputs) -> None:
+    """Raise if a shot cannot feed a system.
+
+    Raises:
+        FrameFolderError: names the folder, what is missing and what would help.
+    """
+    another = ", or choose another --system" if system.task is SystemTask.UPSCALE else ""
+    check_inputs(f"system '{system.name}'", source, inputs, remedy=another)
+    if system.scales and source.scale not in system.scales:
+        made_for = ", ".join(f"{s}x" for s in system.scales)
+        raise FrameFolderError(
+            f"{source.reader.frames.root}: system '{system.name}' is made for {made_for}, "
+            f"not {source.scale}x"
+        )
+
+
+def check_inputs(reads: str, source: PairSource, inputs: PairInputs, *, remedy: str = "") -> None:
+    """Raise if a shot lacks buffers.
+
+    Args:
+        reads: who reads them, for the message.
+        source: the shot's pairs.
+        inputs: what is read of them.
+        remedy: what else would help, beside rendering or declaring what is missing.
+
+    Raises:
+        FrameFolderError: names the folder, what is missing and what would help.
+    """
+    root = source.reader.frames.root
+    missing = source.missing(inputs)
+    if DECLARED_MOTION in missing:
+        raise FrameFolderError(
+            f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"
+        )
+    if missing:
+        raise FrameFolderError(
+            f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "
+            f"{'; '.join(_describe_buffers(reader) for reader in source.readers)}. Render what is "
+            f"missing, declare it in capture.toml{remedy}"
+        )
+
+
+def _describe_buffers(reader: FrameReader) -> str:
+    held = ", ".join(sorted(reader.stored))
+    camera = ", camera" if reader.has_camera else ""
+    return f"{reader.frames.root} (layout '{reader.layout.name}') has: {held}{camera}"

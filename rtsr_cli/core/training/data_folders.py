@@ -1,0 +1,293 @@
+"""From the folders and packs of DATA to clips, sequences kept whole on either side of the split."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from rtsr_cli import __version__
+from rtsr_cli.core.captures.declarations import DeclarationFiles
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import FrameSet, Shot, collect_frame_set
+from rtsr_cli.core.choices import NonfinitePolicy
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.provenance import digest_config, digest_values
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
+from rtsr_cli.core.pairs.opening import (
+    OpenedShot,
+    ReadOptions,
+    find_shots_of,
+    open_declarations,
+    open_pair,
+    open_set,
+    open_shot,
+)
+from rtsr_cli.core.pairs.simulation import Simulation
+from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.training.clip_recording import CapturedShot, RecordedInputs, record_clips_of
+from rtsr_cli.core.training.clips import Clip, read_clips
+from rtsr_cli.core.training.config import DataConfig
+
+MANIFEST = "manifest.json"
+"""A data set's list of sequences with their split, beside its scenes."""
+
+REFERENCE_FOLDER = "reference"
+"""Beside `lr` and `hr`: radiance at the target size, as `rtsr synth --scale` writes it."""
+
+HELD_OUT = 8
+"""One of so many shots is judged on where nothing says which."""
+
+MIN_SHOTS = 3
+"""Of fewer shots none is held out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipSources:
+    """How clips are gathered.
+
+    Attributes:
+        wanted: what is recorded.
+        cache: folder of recordings.
+        options: how frames are read.
+        policy: for NaN and Inf.
+        data: which shots.
+        samples_per_pixel: K of captures, whose sizes have to be multiples of K S.
+    """
+
+    wanted: RecordedInputs
+    cache: Path
+    options: ReadOptions
+    policy: NonfinitePolicy
+    data: DataConfig
+    samples_per_pixel: int = 1
+
+
+def gather_clips(folders: Sequence[Path], how: ClipSources) -> Generator[str, None, list[Clip]]:
+    """Record (or find recorded) every shot of every folder; one group a folder.
+
+    Yields lines for a person; returns the clips.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong, or patterns match nothing.
+    """
+    clips: list[Clip] = []
+    for shot in choose_shots(folders, how):
+        paths = yield from record_clips(shot, how)
+        for path in paths:
+            clips += [_name_clip(clip, shot) for clip in read_clips(path)[0]]
+    return clips
+
+
+def _name_clip(clip: Clip, shot: ChosenShot) -> Clip:
+    """Say which shot of which folder a clip is of."""
+    facts = replace(clip.facts, name=shot.name, group=shot.group, validation=shot.validation)
+    return replace(clip, facts=facts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChosenShot:
+    """A shot that a run uses.
+
+    Attributes:
+        name: shown to users, and matched by patterns.
+        shot: its files.
+        folder: of DATA.
+        group: number of the folder.
+        validation: True if it is judged on.
+        files: what is declared below the folder.
+    """
+
+    name: str
+    shot: Shot
+    folder: Path
+    group: int
+    validation: bool
+    files: DeclarationFiles
+
+
+def choose_shots(folders: Sequence[Path], how: ClipSources) -> list[ChosenShot]:
+    """Say which shots are trained and judged on, in the order of the folders.
+
+    Raises:
+        RtsrError: a folder or declaration is wrong, or patterns match nothing.
+    """
+    chosen: list[ChosenShot] = []
+    patterns = set(how.data.validation) | set(how.data.exclude)
+    told = bool(how.data.validation) or any(read_manifest_split(folder) for folder in folders)
+    for group, folder in enumerate(folders):
+        files = open_declarations(folder, how.options)
+        there = find_shots_of(folder, how.options, files=files)
+        shots = {name_shot(folder, shot): shot for shot in there}
+        split = split_shots(folder, list(shots), how.data, hold_out=not told)
+        patterns -= {p for p in patterns if any(fnmatchcase(n, p) for n in shots)}
+        chosen += [
+            ChosenShot(
+                name=name,
+                shot=shot,
+                folder=folder,
+                group=group,
+                validation=split[name] == VALIDATION,
+                files=files,
+            )
+            for name, shot in shots.items()
+            if split.get(name) in (TRAIN, VALIDATION)
+        ]
+    if patterns:
+        raise FrameFolderError(
+            f"[data] {', '.join(sorted(patterns))} matches no shot of "
+            f"{', '.join(map(str, folders))}"
+        )
+    return chosen
+
+
+def name_shot(folder: Path, shot: Shot) -> str:
+    """Name of a shot; of a folder that is one shot, the folder's."""
+    return folder.resolve().name if shot.name == "." else shot.name
+
+
+TRAIN, VALIDATION = "train", "val"
+
+
+def split_shots(
+    folder: Path, names: Sequence[str], data: DataConfig, *, hold_out: bool
+) -> dict[str, str]:
+    """Shot -> `train`, `val` or another word, which leaves it out.
+
+    By patterns where there are any; else by the folder's manifest, whose other shots are left out;
+    else, with `hold_out`, every `HELD_OUT`th shot is for validation, from `MIN_SHOTS` on.
+
+    Raises:
+        FrameFolderError: the manifest cannot be read.
+    """
+    left = [n for n in names if not _match_patterns(n, data.exclude)]
+    if data.validation:
+        return {n: VALIDATION if _match_patterns(n, data.validation) else TRAIN for n in left}
+    listed = read_manifest_split(folder)
+    if listed:
+        return {n: listed[n] for n in left if n in listed}
+    enough = hold_out and len(left) >= MIN_SHOTS
+    held = set(left[HELD_OUT // 2 :: HELD_OUT] or left[1:2]) if enough else set()
+    return {n: VALIDATION if n in held else TRAIN for n in left}
+
+
+def _match_patterns(name: str, patterns: Iterable[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def read_manifest_split(folder: Path) -> dict[str, str]:
+    """`scene/sequence` -> split, by a manifest; empty if there is none.
+
+    Raises:
+        FrameFolderError: it is no manifest.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        return {}
+    try:
+        sequences = json.loads(path.read_text(encoding="utf-8"))["sequences"]
+        return {f"{s['scene']}/{s['sequence']}": str(s["split"]) for s in sequences}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FrameFolderError(
+            f"{path}: not a list of sequences with scene, sequence and split ({error!r}); mend it, "
+            "or give data.validation"
+        ) from error
+
+
+def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, list[Path]]:
+    """Files of clips of a shot; one that was recorded before is not even surveyed again.
+
+    Yields lines for a person; returns the paths.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
+    shot = chosen.shot
+    opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
+    index = how.cache / f"{_hash_shot(opened, how)}.json"
+    if index.is_file():
+        paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]
+        if all(path.is_file() for path in paths):
+            return paths
+    real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
+    simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
+    source = open_pair(
+        opened,
+        hr=shot.hr if real else None,
+        simulation=None if real else simulation,
+    )
+    captured = CapturedShot(
+        source,
+        _open_reference(opened, source) if real else None,
+        () if real else _find_auxiliary(source, how),
+    )
+    for reader in captured.readers:
+        for text in reader.warnings:
+            yield f"Warning: {reader.frames.root}: {text}"
+    if source.scale != how.wanted.scale:
+        raise FrameFolderError(
+            f"{shot.root}: HR is {source.scale} times the size of LR; training.scale is "
+            f"{how.wanted.scale}; set that, or name a folder of frames of one size"
+        )
+    paths = yield from record_clips_of(captured, how.wanted, cache=how.cache, policy=how.policy)
+    names = json.dumps([path.name for path in paths])
+    write_atomically(index, lambda part: _write_text(part, names))
+    return paths
+
+
+def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | None:
+    """Radiance beside the HR frames, in `reference/`, where they hold none themselves.
+
+    Raises:
+        FrameFolderError: it is of another size, or lacks frames.
+    """
+    hr = source.readers[-1]
+    beside = opened.shot.root / REFERENCE_FOLDER
+    if Buffer.COLOR in hr.stored or not beside.is_dir():
+        return None
+    frames = collect_frame_set(beside, ())
+    if frames is None:
+        return None
+    reader = open_set(frames, opened, jittered=False, vectors=False)
+    lacking = sorted(set(source.reader.numbers) - set(reader.numbers))
+    if reader.size != hr.size or lacking:
+        what = f"lacks frames {format_ranges(lacking)}" if lacking else "is of another size than HR"
+        raise FrameFolderError(f"{beside}: {what}; render it with the HR frames")
+    return reader
+
+
+def _find_auxiliary(source: PairSource, how: ClipSources) -> tuple[AuxiliaryRadiance, ...]:
+    """Further radiance that was captured."""
+    return find_auxiliary(source, how.wanted.beside, source.reader.numbers, how.options, how.policy)
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _hash_shot(opened: OpenedShot, how: ClipSources) -> str:
+    """Hash of names, sizes and times of a shot's files, and of everything declared about it."""
+    shot = opened.shot
+    folders = [shot.root / name for name in (REFERENCE_FOLDER, *how.wanted.beside)]
+    apart = [collect_frame_set(beside, ()) for beside in folders if beside.is_dir()]
+    sets = [frames for frames in (shot.frames, shot.hr, *apart) if frames is not None]
+    # what is recorded does not depend on K, but whether it may be: that is checked for each
+    samples = () if how.samples_per_pixel == 1 else (how.samples_per_pixel,)
+    return digest_values(
+        digest_config(
+            "shot", __version__, asdict(how.wanted), how.policy.value, how.options, *samples
+        ),
+        str(opened.declarations),
+        [_list_files(frames) for frames in sets],
+    )
+
+
+def _list_files(frames: FrameSet) -> list[tuple[str, int, int]]:
+    paths = sorted({path for stream in frames.streams.values() for path in stream.files.values()})
+    stats = [(path, path.stat()) for path in paths]
+    return [(str(path.resolve()), stat.st_size, stat.st_mtime_ns) for path, stat in stats]

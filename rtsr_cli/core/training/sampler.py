@@ -1,0 +1,177 @@
+"""Which samples a run sees, in which order, made in threads ahead of use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from rtsr_cli.core.choices import JitterMode
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.files.streaming import prefetch, worker_pool
+from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.system import Tensors
+from rtsr_cli.core.training.clips import Clip
+from rtsr_cli.core.training.config import TrainingConfig
+from rtsr_cli.core.training.ranks import ALONE, ProcessRanks
+from rtsr_cli.core.training.sample_steps import SampleStep, build_steps
+from rtsr_cli.core.training.samples import (
+    SampleChoices,
+    SampleRegion,
+    SampleTask,
+    choose_block,
+    draw_choices,
+    draw_jitter,
+    draw_region,
+)
+
+UNCHANGED = SampleChoices()
+"""A sample as it was captured."""
+
+AHEAD_BATCHES = 2
+"""Batches of samples that are made ahead."""
+
+
+@dataclass(frozen=True)
+class TrainingSample:
+    """A training sample and where it comes from."""
+
+    index: int
+    clip: Clip
+    region: SampleRegion
+    choices: SampleChoices
+    steps: list[SampleStep]
+
+    @property
+    def where(self) -> str:
+        """Sequence, frame and crop, for messages."""
+        facts, region = self.clip.facts, self.region
+        x, y = facts.left + region.left, facts.top + region.top
+        height, width = region.size
+        return (
+            f"sample {self.index}: {facts.name}, frame {facts.numbers[region.position]}, "
+            f"crop of {width} x {height} LR pixels at HR ({x}, {y})"
+        )
+
+
+class SampleDrawer:
+    """Draws samples: every group alike, within a group every frame alike."""
+
+    def __init__(
+        self,
+        clips: Sequence[Clip],
+        task: SampleTask,
+        config: TrainingConfig,
+        ranks: ProcessRanks = ALONE,
+    ) -> None:
+        """Sort clips into groups; those that are too short for a sample are left out.
+
+        Raises:
+            FrameFolderError: there is nothing to train on.
+        """
+        self._task, self._config, self._ranks = task, config, ranks
+        unroll = task.learning.unroll
+        groups: dict[int, list[Clip]] = {}
+        for clip in clips:
+            if not clip.facts.validation and len(clip.target_positions) >= unroll:
+                groups.setdefault(clip.facts.group, []).append(clip)
+        if not groups:
+            raise FrameFolderError(
+                f"no shots to train on are left that have {unroll} successive frames; give "
+                "longer ones, or look at [data] exclude and validation"
+            )
+        self._groups = [groups[key] for key in sorted(groups)]
+        frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
+        self._goals: dict[tuple[int, SampleRegion, JitterMode], list[Tensors]] = {}
+        self._shares = [counts / counts.sum() for counts in frames]
+
+    def draw(self, rng: np.random.Generator) -> Clip:
+        """Draw a clip."""
+        group = int(rng.integers(len(self._groups)))
+        shares = self._shares[group]
+        return self._groups[group][int(rng.choice(len(shares), p=shares))]
+
+    def make(self, index: int) -> TrainingSample:
+        """Make a sample, a function of seed and index alone."""
+        config, task = self._config, self._task
+        rng = np.random.default_rng([config.seed, index])
+        clip = self.draw(rng)
+        choices = draw_choices(config.augmentation, rng)
+        region = draw_region(
+            clip,
+            (config.crop, config.crop),
+            block=choose_block(clip, task),
+            unroll=task.learning.unroll,
+            rng=rng,
+        )
+        jitter, phase = draw_jitter(task.jitter, rng)
+        choices = replace(choices, jitter=jitter, phase=phase)
+        key = (id(clip), region, jitter)
+        comes_again = replace(choices, jitter=UNCHANGED.jitter) == UNCHANGED
+        goals = self._goals.get(key) if comes_again else None
+        steps = build_steps(clip, region, choices, task, goals)
+        if task.learning.keep_goals and comes_again:
+            self._goals[key] = [step.goal for step in steps]
+        return TrainingSample(index, clip, region, choices, steps)
+
+    def batches(
+        self, first_step: int, workers: int, *, overlap: bool
+    ) -> Iterator[list[TrainingSample]]:
+        """Samples of one forward pass after the other, from an optimiser step on.
+
+        Args:
+            first_step: optimiser steps that are done.
+            workers: threads.
+            overlap: make samples while the caller computes; on a processor that computes itself,
+                threads that wait for each other would stall both.
+        """
+        config = self._config
+        passes = config.steps * config.accumulate
+        starts = range(first_step * config.accumulate, passes)
+        if overlap:
+            indices = (i for p in starts for i in self._indices(p))
+            made = prefetch(self.make, indices, workers, ahead=AHEAD_BATCHES * config.batch)
+            for _ in starts:
+                yield [future.result() for _, future in islice(made, config.batch)]
+            return
+        with worker_pool(workers, "rtsr-sample") as pool:
+            for number in starts:
+                yield list(pool.map(self.make, self._indices(number)))
+
+    def _indices(self, number: int) -> range:
+        """Samples of this process in a forward pass; those of all processes are successive."""
+        first = (number * self._ranks.count + self._ranks.rank) * self._config.batch
+        return range(first, first + self._config.batch)
+
+
+def check_sizes(clips: Sequence[Clip], config: TrainingConfig) -> str:
+    """Say which clips are smaller than a crop, which then shrinks to them; empty if none is.
+
+    Raises:
+        RtsrError: samples of a batch would differ in size.
+    """
+    side = config.crop * config.scale
+    sizes = {
+        tuple(min(s, side) for s in _output_size(clip, config))
+        for clip in clips
+        if not clip.facts.validation
+    }
+    if sizes == {(side, side)} or not sizes:
+        return ""
+    if len(sizes) > 1 and config.batch > 1:
+        listed = ", ".join(f"{w} x {h}" for h, w in sorted(sizes))
+        raise RtsrError(
+            f"crops of {side} x {side} pixels do not fit all shots (they would be {listed}); "
+            "choose a smaller training.crop, or training.batch=1"
+        )
+    height, width = next(iter(sizes))
+    return f"crops shrink to {width} x {height} pixels, the size of the frames"
+
+
+def _output_size(clip: Clip, config: TrainingConfig) -> Size:
+    """(height, width) of a clip in output pixels; HR frames of real pairs hold just those."""
+    k = 1 if clip.facts.lr_scale else config.samples_per_pixel
+    height, width = clip.size
+    return height // k, width // k

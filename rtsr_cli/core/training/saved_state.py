@@ -1,0 +1,125 @@
+"""The state of a training run on disk: everything that the next step depends on, exactly.
+
+`RUN/state/state.json` names the tensors' file beside it; it is renamed into place after that file,
+so that a run killed at any moment goes on from a state that is whole.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from rtsr_cli.core.errors import CheckpointError
+from rtsr_cli.core.files.atomic_write import remove_leftovers, write_atomically
+
+STATE_FILE = "state.json"
+
+
+def save_state(
+    folder: Path,
+    step: int,
+    parts: Mapping[str, Mapping[str, Tensor]],
+    facts: Mapping[str, Any],
+) -> None:
+    """Write a state and drop the one before.
+
+    Args:
+        folder: RUN/state.
+        step: steps done.
+        parts: named groups of tensors (network, ema, optimiser, ...).
+        facts: plain values.
+
+    Raises:
+        OutputError: it cannot be written; the state before stays.
+    """
+    remove_leftovers(folder)
+    tensors = {
+        f"{part}/{name}": tensor.detach().cpu().clone().contiguous()
+        for part, named in parts.items()
+        for name, tensor in named.items()
+    }
+    path = folder / f"step-{step:09d}.safetensors"
+    write_atomically(path, lambda part: save_file(tensors, part))
+    text = json.dumps({"step": step, "tensors": path.name, **facts}, indent=1)
+    write_atomically(folder / STATE_FILE, lambda part: _write_text(part, text))
+    for old in folder.glob("step-*.safetensors"):
+        if old != path:
+            with suppress(OSError):
+                old.unlink()
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def read_saved_step(folder: Path) -> int:
+    """Steps that a state on disk has done, 0 if there is none that can be read."""
+    try:
+        return int(json.loads((folder / STATE_FILE).read_text(encoding="utf-8"))["step"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0
+
+
+def load_state(folder: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, Any]] | None:
+    """Return the parts and facts of a state, None if there is none.
+
+    Raises:
+        CheckpointError: there is one, and it cannot be read.
+    """
+    path = folder / STATE_FILE
+    if not path.exists():
+        return None
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        tensors = load_file(folder / facts["tensors"])
+    except (OSError, ValueError, KeyError, SafetensorError) as error:
+        raise CheckpointError(
+            f"{path}: cannot be read ({error}); start again in another folder, or with "
+            "--init from best.safetensors"
+        ) from error
+    parts: dict[str, dict[str, Tensor]] = {}
+    for key, tensor in tensors.items():
+        part, _, name = key.partition("/")
+        parts.setdefault(part, {})[name] = tensor
+    return parts, facts
+
+
+def list_optimiser_tensors(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """Moments and counters of every parameter, by its position."""
+    return {
+        f"{index}.{name}": torch.as_tensor(value)
+        for index, values in optimiser.state_dict()["state"].items()
+        for name, value in values.items()
+    }
+
+
+def restore_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
+    """Undo `list_optimiser_tensors`."""
+    state: dict[int, dict[str, Tensor]] = {}
+    for key, tensor in tensors.items():
+        index, _, name = key.partition(".")
+        state.setdefault(int(index), {})[name] = tensor
+    known = optimiser.state_dict()
+    optimiser.load_state_dict({**known, "state": state})
+
+
+def copy_weights(network: nn.Module) -> dict[str, Tensor]:
+    """Copy what a moving average starts from."""
+    return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
+
+
+def update_average(average: Mapping[str, Tensor], network: nn.Module, decay: float) -> None:
+    """Move the average: a <- decay a + (1 - decay) w; counters are copied."""
+    for name, tensor in network.state_dict().items():
+        if tensor.is_floating_point():
+            average[name].lerp_(tensor.detach(), 1.0 - decay)
+        else:
+            average[name].copy_(tensor)

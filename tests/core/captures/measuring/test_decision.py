@@ -1,0 +1,349 @@
+"""Precedence of option, capture.toml, measurement and preset, on made-up measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.measuring import decision
+from rtsr_cli.core.captures.measuring.decision import (
+    MeasuredReader,
+    measure_and_decide,
+    require_decision,
+)
+from rtsr_cli.core.captures.measuring.geometry_finder import DepthCandidate, DepthFinding
+from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, JitterVerdict
+from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement
+from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import collect_frame_set
+from rtsr_cli.core.captures.survey import open_frames
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind, NormalSpace
+from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
+
+C = MotionDirection.CURRENT_MINUS_PREVIOUS
+P = MotionDirection.PREVIOUS_MINUS_CURRENT
+NEGATED = MotionConvention(direction=C)
+Settle = Callable[..., MeasuredReader]
+
+
+def reader_of(folder: Path, declared: CaptureDeclaration | None = None) -> FrameReader:
+    names = ("R", "G", "B", "motion.X", "motion.Y", "depth.Z", "normal.X", "normal.Y", "normal.Z")
+    for number in (1, 2, 3):
+        planes = {name: np.full((4, 6), number, np.float32) for name in names}
+        write_exr(folder / f"f.{number:04d}.exr", planes)
+    frames = collect_frame_set(folder)
+    assert frames is not None
+    return open_frames(frames, layout=None, capture=declared or CaptureDeclaration(), side_car={})
+
+
+def candidate(convention: MotionConvention, error: float, best: float, t: float) -> MotionCandidate:
+    return MotionCandidate(
+        convention=convention,
+        error=error,
+        margin=1.0 - best / error,
+        significance=t,
+        offsets_px=((0.0, 0.0),),
+    )
+
+
+def clear(best: MotionConvention, *others: MotionConvention) -> MotionFinding:
+    """A finding in which one reading stands far before the others."""
+    ranked = [candidate(best, 0.1, 0.1, 0.0)]
+    ranked += [candidate(c, 0.3, 0.1, 20.0) for c in others]
+    return MotionFinding(candidates=tuple(ranked), unmoved_error=0.4, moving=1.0, triples=(1,))
+
+
+def tied(*conventions: MotionConvention) -> MotionFinding:
+    ranked = [candidate(c, 0.1 + 0.0001 * i, 0.1, 0.5 * i) for i, c in enumerate(conventions)]
+    return MotionFinding(candidates=tuple(ranked), unmoved_error=0.4, moving=1.0, triples=(1,))
+
+
+@pytest.fixture
+def settled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settle:
+    """Settle a small dump whose measurement is given."""
+
+    def run(
+        measured: StorageMeasurement,
+        capture: CaptureDeclaration | None = None,
+        *,
+        verified: bool = True,
+    ) -> MeasuredReader:
+        reader = reader_of(tmp_path, capture)
+        reader = replace(reader, layout=replace(reader.layout, verified=verified))
+        monkeypatch.setattr(decision, "measure_storage", lambda *_, **__: measured)
+        return measure_and_decide(reader, capture or CaptureDeclaration(), named=False)
+
+    return run
+
+
+def capture(**tables: object) -> CaptureDeclaration:
+    return CaptureDeclaration.model_validate(tables)
+
+
+def test_a_preset_that_agrees_is_kept_without_a_word(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=clear(MotionConvention(), NEGATED)))
+    assert result.reader.conventions.motion == MotionConvention()
+    assert (result.warnings, result.notes, result.by_measurement) == ((), (), ())
+
+
+def test_a_clear_measurement_overrules_the_preset_and_is_said(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=clear(NEGATED, MotionConvention())))
+    assert result.reader.conventions.motion == NEGATED
+    assert result.by_measurement == ("motion",)
+    assert "current-minus-previous" in result.notes[0]
+
+
+def test_a_narrow_lead_does_not_overrule_the_preset(settled: Settle) -> None:
+    finding = MotionFinding(
+        candidates=(
+            candidate(NEGATED, 0.1, 0.1, 0.0),
+            candidate(MotionConvention(), 0.1015, 0.1, 4.0),
+        ),
+        unmoved_error=0.4,
+        moving=1.0,
+        triples=(1,),
+    )
+    assert (
+        settled(StorageMeasurement(motion=finding)).reader.conventions.motion == MotionConvention()
+    )
+
+
+def test_a_declaration_is_obeyed_and_the_contradiction_said_once(settled: Settle) -> None:
+    declared = capture(motion={"direction": C, "unit": "pixels", "y_axis": "down"})
+    result = settled(StorageMeasurement(motion=clear(MotionConvention(), NEGATED)), declared)
+    assert result.reader.conventions.motion == NEGATED
+    assert len(result.warnings) == 1
+    assert "67% lower" in result.warnings[0]
+    assert result.by_measurement == ()
+
+
+def test_what_is_not_declared_is_taken_from_the_measurement(settled: Settle) -> None:
+    uv = MotionConvention(unit=MotionUnit.UV, direction=C, y_axis=YAxis.UP)
+    presumed = MotionConvention(y_axis=YAxis.UP)
+    result = settled(
+        StorageMeasurement(motion=clear(uv, presumed)), capture(motion={"y_axis": "up"})
+    )
+    assert result.reader.conventions.motion == uv
+    assert result.warnings == ()
+
+
+def test_ties_leave_a_verified_preset_alone(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=tied(NEGATED, MotionConvention())))
+    assert result.reader.conventions.motion == MotionConvention()
+    assert result.undecided == ""
+
+
+def ahead(*conventions: MotionConvention) -> MotionFinding:
+    """A tie far before the preset."""
+    finding = tied(*conventions)
+    return replace(
+        finding, candidates=(*finding.candidates, candidate(MotionConvention(), 0.3, 0.1, 15.0))
+    )
+
+
+def test_a_tie_far_before_a_verified_preset_is_refused_and_not_read_as_the_preset(
+    settled: Settle,
+) -> None:
+    uv = MotionConvention(unit=MotionUnit.UV, direction=C)
+    result = settled(StorageMeasurement(motion=ahead(NEGATED, uv)))
+    assert "can be read in ways that fit equally well" in result.motion_undecided
+    assert 'unit = "uv"' in result.motion_undecided
+
+
+def test_a_tie_far_before_a_declaration_is_warned_about(settled: Settle) -> None:
+    declared = capture(motion={"direction": P, "unit": "pixels", "y_axis": "down"})
+    uv = MotionConvention(unit=MotionUnit.UV, direction=C)
+    result = settled(StorageMeasurement(motion=ahead(NEGATED, uv)), declared)
+    assert result.reader.conventions.motion == MotionConvention()
+    assert "the frames fit others better" in result.warnings[0]
+    assert result.motion_undecided == ""
+
+
+def test_readings_that_all_fit_worse_than_none_speak_against_no_declaration(
+    settled: Settle,
+) -> None:
+    declared = capture(motion={"direction": P, "unit": "pixels", "y_axis": "down"})
+    finding = replace(ahead(NEGATED), unmoved_error=0.05)
+    assert finding.ties == ()
+    result = settled(StorageMeasurement(motion=finding), declared)
+    assert result.reader.conventions.motion == MotionConvention()
+    assert not any("fit others" in text for text in result.warnings)
+
+
+def test_a_preset_that_fits_worse_but_not_by_far_is_kept_and_doubted(settled: Settle) -> None:
+    behind = candidate(MotionConvention(), 0.112, 0.1, 4.6)
+    finding = replace(clear(NEGATED), candidates=(*clear(NEGATED).candidates, behind))
+    result = settled(StorageMeasurement(motion=finding))
+    assert result.reader.conventions.motion == MotionConvention()
+    assert "11% lower, 4.6 standard errors" in result.warnings[0]
+    declared = capture(motion={"direction": P, "unit": "pixels", "y_axis": "down"})
+    assert settled(StorageMeasurement(motion=finding), declared).warnings == ()
+
+
+def test_ties_that_nothing_declares_are_refused_with_the_choices(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=tied(NEGATED, MotionConvention())), verified=False)
+    with pytest.raises(
+        FrameFolderError, match=r"(?s)current-minus-previous.*previous-minus-current"
+    ):
+        require_decision(result, sharded=False)
+
+
+def test_a_declaration_settles_a_tie(settled: Settle) -> None:
+    declared = capture(motion={"direction": C, "unit": "pixels", "y_axis": "down"})
+    result = settled(
+        StorageMeasurement(motion=tied(MotionConvention(), NEGATED)), declared, verified=False
+    )
+    assert require_decision(result, sharded=True).conventions.motion == NEGATED
+
+
+def test_an_unverified_preset_runs_on_a_clear_measurement(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=clear(NEGATED)), verified=False)
+    assert require_decision(result, sharded=False).conventions.motion == NEGATED
+
+
+def test_jitter_is_called_undeclared_only_where_no_frame_declares_any(settled: Settle) -> None:
+    finding = JitterFinding(verdict=JitterVerdict.UNDECLARED, spread_px=0.5)
+    measured = StorageMeasurement(
+        motion=clear(MotionConvention()), jitter=finding, frames=(1, 2, 3)
+    )
+    (free,) = settled(measured).warnings
+    assert "that is not declared" in free
+    (bound,) = settled(measured, capture(jitter_px=[0.125, 0.125])).warnings
+    assert "beside the offset that jitter_px declares" in bound
+    assert "not declared" not in bound
+
+
+def test_vectors_that_cannot_be_measured_are_refused_under_an_unverified_preset(
+    settled: Settle,
+) -> None:
+    with pytest.raises(FrameFolderError, match="fewer than two frames"):
+        require_decision(settled(StorageMeasurement(), verified=False), sharded=False)
+
+
+def test_shards_refuse_what_is_only_measured(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=clear(NEGATED, MotionConvention())))
+    assert require_decision(result, sharded=False).conventions.motion == NEGATED
+    with pytest.raises(FrameFolderError, match="inspect --write"):
+        require_decision(result, sharded=True)
+
+
+def test_vectors_about_the_next_frame_become_forward_vectors(settled: Settle) -> None:
+    ahead = MotionConvention(direction=MotionDirection.NEXT_MINUS_CURRENT)
+    reader = settled(StorageMeasurement(motion=clear(ahead, MotionConvention()))).reader
+    assert Buffer.MOTION not in reader.stored
+    frame = reader.read(2, (Buffer.FORWARD,))
+    assert float(frame.gbuffer[Buffer.FORWARD][0, 0, 0, 0]) == 2.0
+
+
+def test_vectors_of_the_file_after_are_read_from_it_and_the_last_frame_resets(
+    settled: Settle,
+) -> None:
+    late = MotionConvention(file_offset=1)
+    reader = settled(StorageMeasurement(motion=clear(late, MotionConvention()))).reader
+    assert float(reader.read(1, (Buffer.MOTION,)).gbuffer[Buffer.MOTION][0, 0, 0, 0]) == 2.0
+    assert float(reader.read(3, (Buffer.MOTION,)).gbuffer[Buffer.MOTION].abs().max()) == 0.0
+    assert reader.resets == {3}
+    assert reader.path(2) in reader.files(1, (Buffer.MOTION,))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "inverted"),
+    [(JitterVerdict.IN_VECTORS, False), (JitterVerdict.IN_VECTORS_INVERTED, True)],
+)
+def test_measured_jitter_in_the_vectors_is_taken_out(
+    settled: Settle, verdict: JitterVerdict, inverted: bool
+) -> None:
+    finding = JitterFinding(verdict=verdict, slope=-1.0, spread_px=0.5)
+    result = settled(StorageMeasurement(motion=clear(MotionConvention()), jitter=finding))
+    motion = result.reader.conventions.motion
+    assert (motion.jittered, motion.jitter_inverted) == (True, inverted)
+    assert result.by_measurement == ("jitter",)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "declared", "said"),
+    [
+        (JitterVerdict.UNDECLARED, None, "not declared"),
+        (JitterVerdict.WRONG_SIGN, None, "wrong sign"),
+        (JitterVerdict.IN_VECTORS, False, "contain the jitter"),
+        (JitterVerdict.CONSISTENT, True, "no jitter"),
+    ],
+)
+def test_jitter_that_is_not_as_declared_is_warned_about(
+    settled: Settle, verdict: JitterVerdict, declared: bool | None, said: str
+) -> None:
+    finding = JitterFinding(verdict=verdict, slope=0.0, spread_px=0.5)
+    tables = {} if declared is None else {"motion": {"jittered": declared}}
+    measured = StorageMeasurement(motion=clear(MotionConvention()), jitter=finding)
+    (warning,) = settled(measured, capture(**tables)).warnings
+    assert said in warning
+
+
+def depth_finding(best: DepthConvention, other: DepthConvention) -> DepthFinding:
+    ranked = (
+        DepthCandidate(convention=best, error=0.001),
+        DepthCandidate(convention=other, error=2.0),
+    )
+    return DepthFinding(candidates=ranked, measure="px of motion")
+
+
+def test_measured_depth_overrules_the_preset_and_not_a_declaration(settled: Settle) -> None:
+    centimetres = DepthConvention(kind=DepthKind.RAY, unit_m=0.01)
+    measured = StorageMeasurement(depth=depth_finding(centimetres, DepthConvention()))
+    free = settled(measured)
+    assert free.reader.conventions.depth == centimetres
+    assert free.by_measurement == ("depth",)
+    bound = settled(measured, capture(depth={"unit": "m", "kind": "planar"}))
+    assert bound.reader.conventions.depth == DepthConvention()
+    assert "obeyed" in bound.warnings[0]
+
+
+def test_measured_normals_overrule_the_preset_and_not_a_declaration(settled: Settle) -> None:
+    finding = NormalFinding(packed=True, space=NormalSpace.VIEW, facing={})
+    free = settled(StorageMeasurement(normal=finding)).reader.conventions.normal
+    assert (free.packed, free.space) == (True, NormalSpace.VIEW)
+    bound = settled(StorageMeasurement(normal=finding), capture(normal={"packed": False}))
+    assert not bound.reader.conventions.normal.packed
+    assert "obeyed" in bound.warnings[0]
+
+
+def test_an_unverified_layout_without_motion_has_to_be_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(decision, "measure_storage", lambda *_, **__: StorageMeasurement())
+    reader = reader_of(tmp_path)
+    binding = {b: c for b, c in reader.binding.items() if b is not Buffer.MOTION}
+    reader = replace(reader, binding=binding, layout=replace(reader.layout, verified=False))
+    with pytest.raises(FrameFolderError, match="known from documentation only"):
+        require_decision(
+            measure_and_decide(reader, CaptureDeclaration(), named=False), sharded=False
+        )
+    assert require_decision(
+        measure_and_decide(reader, CaptureDeclaration(), named=True), sharded=False
+    ).stored
+
+
+def test_a_layout_that_is_named_runs_without_the_vectors_that_nothing_decides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(decision, "measure_storage", lambda *_, **__: StorageMeasurement())
+    reader = reader_of(tmp_path)
+    reader = replace(reader, layout=replace(reader.layout, verified=False))
+    run = require_decision(
+        measure_and_decide(reader, CaptureDeclaration(), named=True), sharded=False
+    )
+    assert run.stored - run.readable == {Buffer.MOTION}
+    assert "fewer than two frames" in run.motion_undecided
+    assert run.notes == (decision.NOT_READ,)
+    beside = measure_and_decide(reader, CaptureDeclaration(), named=True, motion=False)
+    assert beside.motion_undecided == ""

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import pytest
+
+from rtsr_cli.core.captures.channel_guesses import guess_buffers
+from rtsr_cli.core.frames.buffers import Buffer
+
+
+@pytest.mark.parametrize(
+    ("channels", "buffer", "places"),
+    [
+        ("Lit.r Lit.g Lit.b", Buffer.COLOR, ("Lit.r", "Lit.g", "Lit.b")),
+        ("mo.y mo.x", Buffer.MOTION, ("mo.x", "mo.y")),
+        ("mvX mvY", Buffer.MOTION, ("mvX", "mvY")),
+        ("motion_y motion_x", Buffer.MOTION, ("motion_x", "motion_y")),
+        ("velocity.u velocity.v", Buffer.MOTION, ("velocity.u", "velocity.v")),
+        (
+            "worldPos.x worldPos.y worldPos.z",
+            Buffer.POSITION,
+            ("worldPos.x", "worldPos.y", "worldPos.z"),
+        ),
+        (
+            "base_col.r base_col.g base_col.b",
+            Buffer.ALBEDO,
+            ("base_col.r", "base_col.g", "base_col.b"),
+        ),
+        ("smoothness", Buffer.ROUGHNESS, ("smoothness",)),
+        ("viewz.V", Buffer.DEPTH, ("viewz.V",)),
+        ("SceneDepth", Buffer.DEPTH, ("SceneDepth",)),
+        ("object_id", Buffer.OBJECT_ID, ("object_id",)),
+    ],
+)
+def test_names_are_understood(channels: str, buffer: Buffer, places: tuple[str, ...]) -> None:
+    assert guess_buffers({"shot": channels.split()}) == {buffer: places}
+
+
+@pytest.mark.parametrize("name", ["split.r split.g split.b", "grid", "smoke.x smoke.y", "k.x k.y"])
+def test_short_words_inside_of_others_mean_nothing(name: str) -> None:
+    assert guess_buffers({"shot": name.split()}) == {}
+
+
+def test_the_name_of_the_files_tells_what_their_plain_channels_are() -> None:
+    found = guess_buffers({"beauty": ["R", "G", "B"], "mv": ["R", "G"], "zdepth": ["R"]})
+    assert found[Buffer.COLOR] == ("beauty:R", "beauty:G", "beauty:B")
+    assert found[Buffer.MOTION] == ("mv:R", "mv:G")
+    assert found[Buffer.DEPTH] == ("zdepth:R",)

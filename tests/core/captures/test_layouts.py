@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtsr_cli.core.captures.channel_matching import bind_layout, detect_layout
+from rtsr_cli.core.captures.layouts import ChannelPlace, Component, Layout, name_components
+from rtsr_cli.core.captures.presets import LAYOUTS
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+
+LAYER = "View Layer 1"
+
+
+def spread(*groups: tuple[str, str]) -> list[str]:
+    return [f"{name}.{letter}" for name, letters in groups for letter in letters]
+
+
+BLENDER_CHANNELS = [
+    f"{LAYER}.{channel}"
+    for channel in spread(
+        ("Combined", "RGBA"),
+        ("Depth", "Z"),
+        ("Normal", "XYZ"),
+        ("Vector", "XYZW"),
+        ("Position", "XYZ"),
+        ("albedo", "RGB"),
+        ("metallic", "X"),
+        ("roughness", "X"),
+        ("emission", "RGB"),
+        ("Object Index", "X"),
+    )
+]
+
+RTSR_CHANNELS = [
+    *"RGBA",
+    *spread(("albedo", "RGB"), ("normal", "XYZ"), ("motion", "XY"), ("emission", "RGB")),
+    *("depth.Z", "metallic", "roughness", "objectid"),
+]
+
+
+def test_blender_channels_are_found_below_a_view_layer_with_spaces() -> None:
+    layout, binding = detect_layout({"render": BLENDER_CHANNELS}, LAYOUTS.values(), "shot")
+    assert layout.name == "blender"
+    assert set(binding) == {
+        Buffer.COLOR, Buffer.ALPHA, Buffer.DEPTH, Buffer.NORMAL, Buffer.MOTION, Buffer.FORWARD,
+        Buffer.POSITION, Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.EMISSION,
+        Buffer.OBJECT_ID,
+    }  # fmt: skip
+    assert [c.channel for c in binding[Buffer.COLOR]] == [f"{LAYER}.Combined.{c}" for c in "RGB"]
+    assert binding[Buffer.OBJECT_ID][0].channel == f"{LAYER}.Object Index.X"
+
+
+def test_buffers_of_two_view_layers_are_never_mixed() -> None:
+    channels = [f"A.Combined.{c}" for c in "RGB"]
+    channels += [f"B.Combined.{c}" for c in "RGB"] + [f"B.Normal.{c}" for c in "XYZ"]
+    binding = bind_layout(LAYOUTS["blender"], {"render": channels})
+    assert {c.channel.split(".")[0] for parts in binding.values() for c in parts} == {"B"}
+
+
+def test_of_two_equal_view_layers_the_first_by_name_is_taken() -> None:
+    channels = [f"{layer}.Combined.{c}" for layer in ("Z [2]", "A [1]") for c in "RGB"]
+    binding = bind_layout(LAYOUTS["blender"], {"render": channels})
+    assert [c.channel for c in binding[Buffer.COLOR]] == [f"A [1].Combined.{c}" for c in "RGB"]
+
+
+def test_rtsr_channels_are_found_by_their_exact_names() -> None:
+    layout, binding = detect_layout({"frame": RTSR_CHANNELS}, LAYOUTS.values(), "shot")
+    assert layout.name == "rtsr"
+    assert [c.channel for c in binding[Buffer.MOTION]] == ["motion.X", "motion.Y"]
+    assert [c.channel for c in binding[Buffer.COLOR]] == ["R", "G", "B"]
+
+
+def test_blender_vectors_turn_y_and_the_forward_pair_changes_both_signs(
+    tmp_path: Path, open_folder: Callable[..., FrameReader]
+) -> None:
+    stored = {"X": 2.0, "Y": 3.0, "Z": 5.0, "W": 7.0}
+    channels = {f"{LAYER}.Vector.{c}": np.full((2, 2), v, np.float32) for c, v in stored.items()}
+    channels |= {f"{LAYER}.Combined.{c}": np.ones((2, 2), np.float16) for c in "RGB"}
+    write_exr(tmp_path / "0001.exr", channels)
+    frame = open_folder(tmp_path).read(1, (Buffer.MOTION, Buffer.FORWARD))
+    # previous pair: y up, so (X, -Y); next pair: position now minus position there, y up: (-Z, +W)
+    assert frame.gbuffer[Buffer.MOTION][0, :, 0, 0].tolist() == [2.0, -3.0]
+    assert frame.gbuffer[Buffer.FORWARD][0, :, 0, 0].tolist() == [-5.0, 7.0]
+
+
+def test_a_buffer_with_a_channel_missing_is_not_bound() -> None:
+    binding = bind_layout(
+        LAYOUTS["rtsr"], {"frame": ["R", "G", "B", "motion.X", "normal.X", "normal.Y"]}
+    )
+    assert set(binding) == {Buffer.COLOR}
+
+
+def test_two_sequences_of_one_folder_that_hold_the_same_buffer_are_refused_by_name() -> None:
+    streams = {"beauty_v1": RTSR_CHANNELS, "beauty_v2": RTSR_CHANNELS}
+    with pytest.raises(FrameFolderError, match=r"'color' is in 2 .*'beauty_v1', 'beauty_v2'"):
+        bind_layout(LAYOUTS["rtsr"], streams)
+
+
+def test_two_sequences_that_hold_different_buffers_are_bound_together() -> None:
+    binding = bind_layout(LAYOUTS["rtsr"], {"beauty": ["R", "G", "B"], "z": ["depth.Z"]})
+    assert binding[Buffer.COLOR][0].stream == "beauty"
+    assert binding[Buffer.DEPTH][0].stream == "z"
+
+
+def test_channels_that_no_layout_knows_are_listed_with_the_choices() -> None:
+    with pytest.raises(FrameFolderError) as caught:
+        detect_layout({"frame": ["foo.x", "bar"]}, LAYOUTS.values(), "/shots/a")
+    message = str(caught.value)
+    assert message.startswith("/shots/a")
+    assert "bar, foo.x" in message
+    assert "--layout" in message
+    assert all(name in message for name in LAYOUTS)
+
+
+def test_a_long_list_of_unknown_channels_is_cut() -> None:
+    with pytest.raises(FrameFolderError, match=r"\.\.\.\)"):
+        detect_layout({"frame": [f"x{i:02d}" for i in range(40)]}, LAYOUTS.values(), "shot")
+
+
+def test_two_layouts_that_explain_as_much_are_a_choice_for_the_user() -> None:
+    streams = {"frame": [*"RGB", *(f"Layer.Combined.{c}" for c in "RGB")]}
+    with pytest.raises(FrameFolderError, match=r"layouts rtsr, blender fit .* --layout"):
+        detect_layout(streams, LAYOUTS.values(), "shot")
+
+
+def test_the_layout_that_explains_more_buffers_wins() -> None:
+    streams = {"frame": [*RTSR_CHANNELS, *(f"Layer.Combined.{c}" for c in "RGB")]}
+    assert detect_layout(streams, LAYOUTS.values(), "shot")[0].name == "rtsr"
+
+
+def test_patterns_of_a_component_are_tried_in_order() -> None:
+    layout = Layout(
+        name="own",
+        description="",
+        buffers={
+            Buffer.DEPTH: (
+                Component(places=(ChannelPlace(channel="Z"), ChannelPlace(channel="depth.*"))),
+            )
+        },
+    )
+    assert bind_layout(layout, {"f": ["depth.V", "Z"]})[Buffer.DEPTH][0].channel == "Z"
+    assert bind_layout(layout, {"f": ["depth.V"]})[Buffer.DEPTH][0].channel == "depth.V"
+
+
+def test_a_component_takes_its_stream_by_pattern() -> None:
+    layout = Layout(
+        name="own",
+        description="",
+        buffers={
+            Buffer.DEPTH: (Component(places=(ChannelPlace(channel="R", file="SceneDepth/*"),)),)
+        },
+    )
+    binding = bind_layout(layout, {"BaseColor/": ["R"], "SceneDepth/": ["R"]})
+    assert binding[Buffer.DEPTH][0].stream == "SceneDepth/"
+
+
+def test_names_of_components_join_prefix_and_letter() -> None:
+    channels = [
+        tuple(p.channel for p in c.places) for c in name_components(Buffer.MOTION, "mv", "")
+    ]
+    assert channels == [("mv.X", "X"), ("mv.Y", "Y")]
+    assert [p.channel for p in name_components(Buffer.NOV, "nov")[0].places] == ["nov"]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_a_preset_declares_as_many_components_as_its_buffers_have_channels(layout: Layout) -> None:
+    for buffer, components in layout.buffers.items():
+        assert len(components) == BUFFER_SPECS[buffer].channels, buffer

@@ -1,0 +1,144 @@
+"""Enlargement along surfaces."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import pytest
+import torch
+import torch.nn.functional as F
+
+from rtsr_cli.core.imaging.guided_enlargement import (
+    DEPTH_SHARE,
+    FACING,
+    FALLBACK_WEIGHT,
+    LEAST_WEIGHT,
+    REACH,
+    SLOPE,
+    SPREAD,
+    SurfaceGuides,
+    upsample_guided,
+)
+from rtsr_cli.core.shapes import Image
+
+SCALE = 4
+
+
+def decimated(image: Image, scale: int = SCALE) -> Image:
+    return image[..., scale // 2 :: scale, scale // 2 :: scale]
+
+
+def flat(height: int, width: int, normal: tuple[float, float, float] = (0, 0, 1)) -> SurfaceGuides:
+    return SurfaceGuides(
+        normal=torch.tensor(normal).view(1, 3, 1, 1).expand(1, 3, height, width),
+        depth=torch.full((1, 1, height, width), 3.0),
+    )
+
+
+def enlarged(values: Image, large: SurfaceGuides, scale: int = SCALE, fill: float = 0.0) -> Image:
+    small = SurfaceGuides(
+        normal=decimated(large.normal, scale), depth=decimated(large.depth, scale)
+    )
+    fallback = torch.full((1, values.shape[1], *large.depth.shape[-2:]), fill)
+    mask = torch.ones_like(values[:, :1])
+    return upsample_guided(values, mask, small, large, scale=scale, fallback=fallback)
+
+
+@pytest.mark.parametrize("scale", [2, 3, 4, 8])
+def test_what_is_constant_stays(scale: int) -> None:
+    large = flat(5 * scale, 7 * scale)
+    found = enlarged(torch.full((1, 3, 5, 7), 0.7), large, scale, fill=0.7)
+    assert found.shape == (1, 3, 5 * scale, 7 * scale)
+    assert torch.allclose(found, torch.full_like(found, 0.7), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["normal", "depth"])
+def test_an_edge_of_surfaces_is_an_edge_of_lighting(kind: str) -> None:
+    # the edge lies off the sample grid, between HR columns 13 and 14
+    large = flat(24, 32)
+    left = torch.arange(32).view(1, 1, 1, 32) < 14
+    if kind == "normal":
+        other = torch.tensor([1.0, 0.0, 0.0]).view(1, 3, 1, 1)
+        large = SurfaceGuides(normal=torch.where(left, large.normal, other), depth=large.depth)
+    else:
+        large = SurfaceGuides(
+            normal=large.normal, depth=torch.where(left, large.depth, 9.0 + 0.0 * large.depth)
+        )
+    wanted = torch.where(left, 0.2, 1.4).expand(1, 1, 24, 32)
+    found = enlarged(decimated(wanted), large)
+    assert torch.allclose(found, wanted, atol=2e-3)
+
+
+def test_a_slope_is_one_surface() -> None:
+    # a ramp in depth, lit evenly but for one sample: its light spreads over the ramp
+    depth = torch.linspace(2.0, 4.0, 32).view(1, 1, 1, 32).expand(1, 1, 24, 32)
+    large = SurfaceGuides(normal=flat(24, 32).normal, depth=depth)
+    values = torch.zeros(1, 1, 6, 8)
+    values[..., 3, 4] = 1.0
+    tilted, level = enlarged(values, large), enlarged(values, flat(24, 32))
+    assert torch.allclose(tilted, level, atol=0.02)
+
+
+def test_samples_that_do_not_count_are_left_out() -> None:
+    large = flat(24, 32)
+    values = torch.full((1, 1, 6, 8), 0.5)
+    values[..., 2, 3] = 100.0
+    mask = torch.ones(1, 1, 6, 8)
+    mask[..., 2, 3] = 0.0
+    small = SurfaceGuides(normal=decimated(large.normal), depth=decimated(large.depth))
+    fallback = torch.full((1, 1, 24, 32), 0.5)
+    found = upsample_guided(values, mask, small, large, scale=SCALE, fallback=fallback)
+    assert torch.allclose(found, torch.full_like(found, 0.5), atol=1e-5)
+
+
+def test_where_no_sample_fits_the_fallback_stands() -> None:
+    large = flat(24, 32)
+    small = SurfaceGuides(normal=-decimated(large.normal), depth=decimated(large.depth))
+    values, mask = torch.zeros(1, 1, 6, 8), torch.ones(1, 1, 6, 8)
+    fallback = torch.rand(1, 1, 24, 32)
+    found = upsample_guided(values, mask, small, large, scale=SCALE, fallback=fallback)
+    assert torch.allclose(found, fallback, atol=1e-4)
+
+
+def test_weights_are_the_equation() -> None:
+    torch.manual_seed(1)
+    height, width = 12, 16
+    normal = F.normalize(torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+                         + 0.2 * torch.randn(1, 3, height, width), dim=1)  # fmt: skip
+    depth = 2.0 + 0.1 * torch.rand(1, 1, height, width)
+    values = torch.rand(1, 1, 3, 4)
+    fallback = torch.rand(1, 1, height, width)
+    small = SurfaceGuides(normal=decimated(normal), depth=decimated(depth))
+    found = upsample_guided(
+        values, torch.ones(1, 1, 3, 4), small, SurfaceGuides(normal=normal, depth=depth),
+        scale=SCALE, fallback=fallback,
+    )  # fmt: skip
+    y, x = 6, 5
+    z = depth[0, 0]
+    slopes = (
+        min(abs(z[y, x] - z[y, x - 1]), abs(z[y, x] - z[y, x + 1])),
+        min(abs(z[y, x] - z[y - 1, x]), abs(z[y, x] - z[y + 1, x])),
+    )
+    total, weights = FALLBACK_WEIGHT * fallback[0, 0, y, x], FALLBACK_WEIGHT
+    block = (y // SCALE, x // SCALE)
+    for down, across in product(range(-REACH, REACH + 1), repeat=2):
+        row, column = (
+            min(max(b + d, 0), side - 1)
+            for b, d, side in zip(block, (down, across), (3, 4), strict=True)
+        )
+        inside = [(p % SCALE - SCALE // 2) / SCALE for p in (y, x)]
+        squared = (down - inside[0]) ** 2 + (across - inside[1]) ** 2
+        nearest = sum(max(0.0, abs(d) - (0.5 if d < 0 else 0.25)) ** 2 for d in (down, across))
+        if math.exp(-nearest / (2 * SPREAD**2)) < LEAST_WEIGHT:
+            continue
+        facing = float((normal[0, :, y, x] * small.normal[0, :, row, column]).sum())
+        allowed = SLOPE * SCALE * float(max(slopes)) * math.sqrt(squared)
+        apart = max(0.0, abs(float(z[y, x] - small.depth[0, 0, row, column])) - allowed)
+        weight = math.exp(
+            -squared / (2 * SPREAD**2) - FACING * (1 - facing)
+            - apart / (DEPTH_SHARE * float(z[y, x]))
+        )  # fmt: skip
+        total = total + weight * values[0, 0, row, column]
+        weights += weight
+    assert float(found[0, 0, y, x]) == pytest.approx(float(total / weights), rel=1e-4)

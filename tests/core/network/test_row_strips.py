@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from rtsr_cli.core.network.row_strips import run_in_strips
+
+LAYERS = nn.Sequential(*(nn.Conv2d(2, 2, 3, padding=1) for _ in range(3))).double().eval()
+
+
+def enlarged(images: Mapping[str, Tensor]) -> Tensor:
+    """Three 3x3 layers at LR, then to HR, where one more image is added."""
+    wide = LAYERS(images["lr"]).repeat_interleave(2, 2).repeat_interleave(2, 3)
+    return wide + images["hr"]
+
+
+@pytest.fixture
+def images() -> dict[str, Tensor]:
+    torch.manual_seed(3)
+    lr = torch.rand(1, 2, 23, 9, dtype=torch.float64)
+    return {"lr": lr, "hr": torch.rand(1, 2, 46, 18, dtype=torch.float64)}
+
+
+@pytest.mark.parametrize("rows", [1, 4, 7, 22, 23, 100])
+def test_strips_give_what_the_whole_gives(images: dict[str, Tensor], rows: int) -> None:
+    with torch.no_grad():
+        whole, strips = enlarged(images), run_in_strips(enlarged, images, rows=rows, halo=3)
+    assert strips.shape == whole.shape
+    assert torch.allclose(strips, whole, atol=1e-12)
+
+
+def test_a_halo_that_is_too_small_shows(images: dict[str, Tensor]) -> None:
+    with torch.no_grad():
+        whole, strips = enlarged(images), run_in_strips(enlarged, images, rows=4, halo=2)
+    assert (strips - whole).abs().max() > 1e-6
+
+
+def test_no_strip_is_larger_than_its_rows_and_halo(images: dict[str, Tensor]) -> None:
+    heights = []
+
+    def seen(strip: Mapping[str, Tensor]) -> Tensor:
+        heights.append(strip["lr"].shape[2])
+        return strip["hr"]
+
+    assert torch.equal(run_in_strips(seen, images, rows=8, halo=3), images["hr"])
+    assert heights == [11, 14, 10]

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.choices import MissingPolicy
+from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.files.atomic_write import check_writable
+from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.provenance import STAMP
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.run.outputs import (
+    OutputFrame,
+    OutputState,
+    name_output,
+    read_output_state,
+    refuse_foreign,
+    split_buffer,
+    to_half,
+)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "number", "expected"),
+    [
+        ("frame.{:04d}.exr", 7, "frame.0007.exr"),
+        ("{:04d}.exr", 5, "0005.exr"),
+        ("img{:03d}.exr", 12, "img.012.exr"),
+        ("a_{:04d}.exr", 3, "a.0003.exr"),
+        ("shot-{:04d}.exr", 3, "shot.0003.exr"),
+        ("a.{:04d}.exr", -2, "a.-002.exr"),
+        ("{:d}.EXR", 1234567, "1234567.exr"),
+        ("v002.beauty {:d}.exr", 4, "v002.beauty.4.exr"),
+    ],
+)
+def test_outputs_keep_base_name_and_digits(
+    tmp_path: Path,
+    write_frames: Callable[..., Path],
+    open_folder: Callable[..., FrameReader],
+    pattern: str,
+    number: int,
+    expected: str,
+) -> None:
+    reader = open_folder(write_frames(tmp_path, [number], name=pattern))
+    assert name_output(reader, number) == expected
+
+
+def test_a_frame_that_another_stands_in_for_has_its_own_number(
+    tmp_path: Path, write_frames: Callable[..., Path], open_folder: Callable[..., FrameReader]
+) -> None:
+    write_frames(tmp_path, [8, 10])
+    reader = open_folder(tmp_path, on_missing=MissingPolicy.HOLD)
+    assert [name_output(reader, n) for n in reader.numbers] == [
+        "frame.0008.exr",
+        "frame.0009.exr",
+        "frame.0010.exr",
+    ]
+
+
+def test_only_a_file_with_the_expected_stamp_is_done(tmp_path: Path) -> None:
+    plane = {"Y": np.zeros((2, 2), np.float16)}
+    write_exr(tmp_path / "ours.exr", plane, attributes={STAMP: "now"})
+    write_exr(tmp_path / "theirs.exr", plane)
+    assert read_output_state(tmp_path / "ours.exr", "now") is OutputState.DONE
+    assert read_output_state(tmp_path / "ours.exr", "later") is OutputState.FOREIGN
+    assert read_output_state(tmp_path / "theirs.exr", "now") is OutputState.FOREIGN
+    assert read_output_state(tmp_path / "none.exr", "now") is OutputState.ABSENT
+
+
+def test_foreign_files_are_refused_with_the_first_and_the_count(tmp_path: Path) -> None:
+    refuse_foreign([], "rtsr upscale")
+    paths = [tmp_path / "a.exr", tmp_path / "b.exr", tmp_path / "c.exr"]
+    with pytest.raises(OutputError, match=r"a\.exr and 2 more: rtsr upscale .*--overwrite"):
+        refuse_foreign(paths, "rtsr upscale")
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="cannot write here"):
+        check_writable(tmp_path / "file" / "out")
+    check_writable(tmp_path / "a" / "b")
+    assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+def test_values_beyond_half_become_its_largest_value_and_nan_stays() -> None:
+    stored = to_half(torch.tensor([1e9, -1e9, 65519.0, 0.5, float("nan")]))
+    assert stored[:4].tolist() == [65504.0, -65504.0, 65504.0, 0.5]
+    assert np.isnan(stored[4])
+
+
+def frame(path: Path, **fields: object) -> OutputFrame:
+    defaults: dict[str, object] = {
+        "color": torch.full((1, 3, 4, 6), 0.5),
+        "alpha": None,
+        "attributes": {"owner": "me"},
+        "windows": (
+            PixelWindow(left=2, top=1, width=6, height=4),
+            PixelWindow(left=0, top=0, width=9, height=9),
+        ),
+    }
+    return OutputFrame(path=path, **{**defaults, **fields})  # type: ignore[arg-type]
+
+
+def test_an_output_is_half_rgb_in_its_window_with_its_attributes(tmp_path: Path) -> None:
+    frame(tmp_path / "a.exr").write()
+    header = read_header(tmp_path / "a.exr")
+    assert header.channels == {"R", "G", "B"}
+    assert header.data_window == PixelWindow(left=2, top=1, width=6, height=4)
+    assert header.display_window == PixelWindow(left=0, top=0, width=9, height=9)
+    assert header.attributes["owner"] == "me"
+    assert read_channels(tmp_path / "a.exr", ["R"])["R"].dtype == np.float16
+    assert [p.name for p in tmp_path.iterdir()] == ["a.exr"]
+
+
+def test_alpha_preview_and_debug_pictures_are_written_where_asked(tmp_path: Path) -> None:
+    frame(
+        tmp_path / "a.exr",
+        alpha=torch.full((1, 1, 4, 6), 0.25),
+        previews=True,
+        debug={"mask": torch.ones(1, 1, 2, 3), "lighting": torch.ones(1, 3, 4, 6)},
+    ).write()
+    assert float(read_channels(tmp_path / "a.exr", ["A"])["A"][0, 0]) == 0.25
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    debug = read_header(tmp_path / "debug" / "a.exr")
+    assert debug.channels == {"mask.Y", "lighting.R", "lighting.G", "lighting.B"}
+    assert (debug.data_window.width, debug.data_window.height) == (6, 4)
+
+
+def test_buffers_are_named_as_the_canonical_layout_has_them() -> None:
+    assert set(split_buffer(Buffer.NORMAL, torch.zeros(1, 3, 2, 2))) == {
+        "normal.X",
+        "normal.Y",
+        "normal.Z",
+    }
+    roughness = split_buffer(Buffer.ROUGHNESS, torch.zeros(1, 1, 2, 2), full=True)
+    assert {name: plane.dtype for name, plane in roughness.items()} == {
+        "roughness": np.dtype(np.float32)
+    }
