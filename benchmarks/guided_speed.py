@@ -114,6 +114,7 @@ class Worker:
         self.answer()
 
     def answer(self) -> str:
+        """Read the next line."""
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         if not line:
@@ -129,6 +130,7 @@ class Worker:
         return wall, cpu
 
     def end(self) -> None:
+        """Let it end."""
         self.process.communicate()
 
 

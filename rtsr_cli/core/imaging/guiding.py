@@ -47,8 +47,8 @@ FALLBACK_WEIGHT = 1e-4
 LEAST_WEIGHT = 0.01
 """Samples whose spatial weight stays below this at every pixel are left out."""
 
-STRIP_VALUES = 32768
-"""Of a plane of a strip and thread: what is worked on again and again stays in its cache."""
+STRIP_VALUES = 131072
+"""Of a plane of a strip, a thread: few enough for the caches, enough to keep threads busy."""
 
 _LOG2_E = math.log2(math.e)
 
