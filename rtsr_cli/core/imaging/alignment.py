@@ -33,7 +33,22 @@ def shift_image(image: Image, shift: tuple[int, int]) -> Image:
     """out(p) = image(p + shift), borders replicated."""
     if shift == (0, 0):
         return image
-    height, width = image.shape[-2:]
-    columns = torch.arange(width, device=image.device).add(shift[0]).clamp(0, width - 1)
-    rows = torch.arange(height, device=image.device).add(shift[1]).clamp(0, height - 1)
-    return image.index_select(-2, rows).index_select(-1, columns)
+    shifted = torch.empty_like(image)
+    (to_x, from_x), (to_y, from_y) = (
+        _overlap(offset, side) for offset, side in zip(shift, image.shape[:-3:-1], strict=True)
+    )
+    shifted[..., to_y, to_x] = image[..., from_y, from_x]
+    # columns of the rows that are there, then whole rows
+    middle = shifted[..., to_y, :]
+    middle[..., : to_x.start] = middle[..., to_x.start, None]
+    middle[..., to_x.stop :] = middle[..., to_x.stop - 1, None]
+    shifted[..., : to_y.start, :] = shifted[..., to_y.start, None, :]
+    shifted[..., to_y.stop :, :] = shifted[..., to_y.stop - 1, None, :]
+    return shifted
+
+
+def _overlap(offset: int, side: int) -> tuple[slice, slice]:
+    """Where along an axis a shifted image lies in the result, and what part of it that is."""
+    offset = max(1 - side, min(side - 1, offset))
+    first, last = max(0, -offset), min(side, side - offset)
+    return slice(first, last), slice(first + offset, last + offset)

@@ -41,10 +41,22 @@ def bound_highlights(enlarged: Color, encoded: Color, scale: int) -> Color:
     In c / (1 + c) an overshoot of a hundredth above 0.99 is radiance without bound; below
     `HIGHLIGHT` the kernel's overshoot is the sharpening that it is meant to be.
     """
-    reach = 2 * BICUBIC_SUPPORT_PX + 1
-    brightest = F.max_pool2d(encoded, reach, stride=1, padding=BICUBIC_SUPPORT_PX)
+    brightest = encoded
+    for dim in (-2, -1):
+        brightest = _brightest_along(brightest, dim)
     bound = upsample_nearest(brightest.clamp(min=HIGHLIGHT), scale)
     return torch.minimum(enlarged, bound)
+
+
+def _brightest_along(image: Image, dim: int) -> Image:
+    """Largest of the 5 values around, along one axis: many times faster than pooling."""
+    reach, length = BICUBIC_SUPPORT_PX, image.shape[dim]
+    ends = (reach, reach) if dim == -1 else (0, 0, reach, reach)
+    padded = F.pad(image, ends, value=-math.inf)
+    brightest = padded.narrow(dim, 0, length)
+    for step in range(1, 2 * reach + 1):
+        brightest = torch.maximum(brightest, padded.narrow(dim, step, length))
+    return brightest
 
 
 def enlarge_log_lighting(
@@ -70,10 +82,21 @@ def enlarge_log_lighting(
     return torch.where(supported > 0, smooth, nearest)
 
 
-def enlarge_masked_radiance(color: Color, mask: Mask, scale: int, jitter_px: Jitter) -> Color:
-    """Enlarge the radiance of some pixels only; where none is near, plain bicubic."""
+def enlarge_masked_radiance(
+    color: Color, mask: Mask, scale: int, jitter_px: Jitter, *, wanted: Mask | None = None
+) -> Color:
+    """Enlarge the radiance of some pixels only; where none is near, plain bicubic.
+
+    Args:
+        color: linear radiance.
+        mask: 1 = counts.
+        scale: output pixels per LR pixel.
+        jitter_px: of the samples.
+        wanted: output pixels that are looked at, 1 = wanted; others may hold anything. None = all.
+    """
     encoded = encode_reinhard(color)
     own, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
-    if not bool(supported.all()):
-        own = torch.where(supported > 0, own, upsample_bicubic(encoded, scale, jitter_px))
+    missing = supported <= 0
+    if bool((missing if wanted is None else missing & (wanted > 0)).any()):
+        own = torch.where(missing, upsample_bicubic(encoded, scale, jitter_px), own)
     return decode_reinhard(bound_highlights(own, encoded, scale))

@@ -13,6 +13,7 @@ Conventions: samples are pixel (S//2, S//2) of their S x S block (see `alignment
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -46,6 +47,11 @@ FALLBACK_WEIGHT = 1e-4
 LEAST_WEIGHT = 0.01
 """Samples whose spatial weight stays below this at every pixel are left out."""
 
+STRIP_VALUES = 131072
+"""Of a plane of a strip, a thread: few enough for the caches, enough to keep threads busy."""
+
+_LOG2_E = math.log2(math.e)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceGuides:
@@ -60,35 +66,48 @@ class SurfaceGuides:
     depth: Plane
 
 
-def _split_phases(image: Image, scale: int) -> Image:
-    """n c S*h S*w -> n S*S c h w: pixel (y, x) of each block is phase y S + x."""
-    n, channels, height, width = image.shape
-    split = image.view(n, channels, height // scale, scale, width // scale, scale)
-    return split.permute(0, 3, 5, 1, 2, 4).reshape(
-        n, scale * scale, channels, height // scale, width // scale
-    )
+@dataclass(frozen=True, kw_only=True)
+class _Tap:
+    """A sample beside a block: where it lies in a padded strip, and how far from each pixel.
+
+    Attributes:
+        top: row.
+        left: column.
+        exponent: log2 of the weight of a sample that faces away by a right angle, S S*w.
+        distance: |p - q| in small pixels, S S*w.
+    """
+
+    top: int
+    left: int
+    exponent: Tensor
+    distance: Tensor
 
 
-def _join_phases(phases: Image, scale: int) -> Image:
-    """Undo `_split_phases`."""
-    n, _, channels, height, width = phases.shape
-    split = phases.view(n, scale, scale, channels, height, width)
-    return split.permute(0, 3, 4, 1, 5, 2).reshape(n, channels, height * scale, width * scale)
+@dataclass(frozen=True, kw_only=True)
+class _Guides:
+    """Planes of a strip, n 1 rows S S*w.
+
+    Attributes:
+        normal: x, y, z.
+        per_depth: log2(e) / (c z).
+        slope: b |grad z| log2(e) / (c z), a small pixel.
+    """
+
+    normal: tuple[Tensor, ...]
+    per_depth: Tensor
+    slope: Tensor
 
 
 def _gradient(depth: Plane) -> Plane:
     """Lesser absolute difference to both sides, the larger one of the two axes."""
-    steps = []
+    lesser = []
     for dim in (-1, -2):
-        before = depth.narrow(dim, 0, 1)
-        after = depth.narrow(dim, depth.shape[dim] - 1, 1)
-        left = depth.diff(dim=dim, prepend=before).abs()
-        right = depth.diff(dim=dim, append=after).abs()
+        step = depth.diff(dim=dim).abs_()
+        inner = step.shape[dim] - 1
+        both = torch.minimum(step.narrow(dim, 0, inner), step.narrow(dim, 1, inner))
         # at the ends, there is one side only
-        left.narrow(dim, 0, 1).copy_(right.narrow(dim, 0, 1))
-        right.narrow(dim, depth.shape[dim] - 1, 1).copy_(left.narrow(dim, depth.shape[dim] - 1, 1))
-        steps.append(torch.minimum(left, right))
-    return torch.maximum(steps[0], steps[1])
+        lesser.append(torch.cat([step.narrow(dim, 0, 1), both, step.narrow(dim, inner, 1)], dim))
+    return torch.maximum(lesser[0], lesser[1])
 
 
 def upsample_guided(
@@ -100,7 +119,10 @@ def upsample_guided(
     scale: int,
     fallback: Image,
 ) -> Image:
-    """Enlarge values along surfaces.
+    """Enlarge values along surfaces, without a gradient.
+
+    Works in strips of rows whose planes stay in the processor's caches, at any number of threads
+    with the same result; weights are found once for all channels.
 
     Args:
         values: n c h w.
@@ -110,42 +132,102 @@ def upsample_guided(
         scale: S.
         fallback: n c S*h S*w; what stands where no sample fits.
     """
-    height, width = values.shape[-2:]
+    count, _, height, width = values.shape
+    samples = _widen(
+        [values * mask, mask, _LOG2_E * FACING * small.normal, small.depth.clamp(max=MAX_DEPTH)],
+        scale,
+    )
+    taps = _find_taps(scale, width, like=values)
+    enlarged = torch.empty_like(fallback)
+    rows = _strip_rows(height, count * scale * scale * width)
+    for top in range(0, height, rows):
+        bottom = min(height, top + rows)
+        around = samples[:, :, top : bottom + 2 * REACH]
+        total = _weigh_samples(around, _guides(large, top * scale, bottom * scale, scale), taps)
+        here = slice(top * scale, bottom * scale)
+        total = total.flatten(2, 3)
+        sums = total[:, :-1].add_(fallback[:, :, here], alpha=FALLBACK_WEIGHT)
+        torch.div(sums, total[:, -1:].add_(FALLBACK_WEIGHT), out=enlarged[:, :, here])
+    return enlarged
 
-    def around(image: Image) -> Image:
-        """Replicate the borders, so that every sample has its neighbours."""
-        return F.pad(image, (REACH,) * 4, mode="replicate").unsqueeze(1)
 
-    counted = around(torch.cat([values * mask, mask], dim=1))
-    normal = around(FACING * small.normal)
-    depth = around(small.depth.clamp(max=MAX_DEPTH))
-    normal_at = _split_phases(large.normal, scale)
-    bounded = large.depth.clamp(min=MIN_DEPTH, max=MAX_DEPTH)
-    per_depth = _split_phases(1.0 / (DEPTH_SHARE * bounded), scale)
-    depth_at = _split_phases(bounded, scale) * per_depth
-    slope_at = _split_phases(_gradient(bounded), scale) * per_depth * (SLOPE * scale)
-    total = counted.new_zeros(*depth_at.shape[:2], counted.shape[2], height, width)
+def _strip_rows(height: int, row_values: int) -> int:
+    """Rows of each of the fewest strips, about equally high, that are not too large."""
+    most = max(1, STRIP_VALUES * torch.get_num_threads() // row_values)
+    return math.ceil(height / math.ceil(height / most))
+
+
+def _widen(planes: Sequence[Image], scale: int) -> Image:
+    """Replicate the borders, so that every sample has its neighbours; repeat columns S times."""
+    padded = F.pad(torch.cat(list(planes), dim=1), (REACH,) * 4, mode="replicate")
+    return padded.repeat_interleave(scale, dim=-1)
+
+
+def _find_taps(scale: int, width: int, *, like: Tensor) -> list[_Tap]:
+    """Samples around a block that count at any of its pixels."""
+    taps = []
     for across, down in product(range(-REACH, REACH + 1), repeat=2):
-        distance = _distances(across, down, scale, like=values)
+        distance = _distances(across, down, scale, like=like)
         nearness = -distance.square() / (2.0 * SPREAD**2)
         if float(nearness.max()) < math.log(LEAST_WEIGHT):
             continue
-        top, left = REACH + down, REACH + across
-        here = (..., slice(top, top + height), slice(left, left + width))
-        x, y, z = (normal[here][:, :, axis : axis + 1] for axis in range(3))
-        # a (n(p).n(q) - 1) - d(p, q) - |p - q|^2 / (2 s^2)
-        power = torch.addcmul(nearness - FACING, normal_at[:, :, :1], x)
-        power = power.addcmul_(normal_at[:, :, 1:2], y).addcmul_(normal_at[:, :, 2:], z)
-        apart = torch.addcmul(depth_at, depth[here], per_depth, value=-1.0).abs_()
-        apart = apart.addcmul_(slope_at, distance, value=-1.0).clamp_(min=0.0)
-        total.addcmul_(power.sub_(apart).exp_(), counted[here])
-    sums = _join_phases(total, scale)
-    weights = sums[:, -1:] + FALLBACK_WEIGHT
-    return (sums[:, :-1] + FALLBACK_WEIGHT * fallback) / weights
+        exponent = (nearness - FACING) * _LOG2_E
+        taps.append(
+            _Tap(
+                top=REACH + down,
+                left=(REACH + across) * scale,
+                exponent=exponent.repeat(1, width),
+                distance=distance.repeat(1, width),
+            )
+        )
+    return taps
+
+
+def _guides(large: SurfaceGuides, first: int, last: int, scale: int) -> _Guides:
+    """What the weights of HR rows first..last depend on, n . rows S S*w."""
+    above, below = max(0, first - 1), min(large.depth.shape[2], last + 1)
+    bounded = large.depth[:, :, above:below].clamp(min=MIN_DEPTH, max=MAX_DEPTH)
+    here = slice(first - above, last - above)
+    per_depth = bounded[:, :, here].reciprocal().mul_(_LOG2_E / DEPTH_SHARE)
+    slope = _gradient(bounded)[:, :, here].mul(per_depth).mul_(SLOPE * scale)
+
+    def split_rows(planes: Image) -> Tensor:
+        count, channels, _, width = planes.shape
+        return planes.view(count, channels, -1, scale, width)
+
+    return _Guides(
+        normal=torch.split(split_rows(large.normal[:, :, first:last]), 1, dim=1),
+        per_depth=split_rows(per_depth),
+        slope=split_rows(slope),
+    )
+
+
+def _weigh_samples(samples: Image, guides: _Guides, taps: Iterable[_Tap]) -> Tensor:
+    """Return sums over the samples, of each channel times weight and of weights.
+
+    Exponents are of 2, which costs half of what those of e cost.
+    """
+    n_x, n_y, n_z = guides.normal
+    per_depth, slope = guides.per_depth, guides.slope
+    count, _, rows, scale, width = per_depth.shape
+    channels = samples.shape[1] - 4
+    own_depth = per_depth.new_full((1, 1, 1, 1, 1), _LOG2_E / DEPTH_SHARE)
+    total = per_depth.new_zeros(count, channels, rows, scale, width)
+    power, apart = torch.empty_like(per_depth), torch.empty_like(per_depth)
+    for tap in taps:
+        there = samples[:, :, tap.top : tap.top + rows, None, tap.left : tap.left + width]
+        counted, x, y, z, depth = torch.split(there, [channels, 1, 1, 1, 1], dim=1)
+        # a (n(p).n(q) - 1) - |p - q|^2 / (2 s^2) - d(p, q)
+        torch.addcmul(tap.exponent, n_x, x, out=power)
+        power.addcmul_(n_y, y).addcmul_(n_z, z)
+        torch.addcmul(own_depth, depth, per_depth, value=-1.0, out=apart)
+        apart.abs_().addcmul_(slope, tap.distance, value=-1.0).clamp_(min=0.0)
+        total.addcmul_(power.sub_(apart).exp2_(), counted)
+    return total
 
 
 def _distances(across: int, down: int, scale: int, *, like: Tensor) -> Tensor:
-    """|p - q| of each phase's pixel and the sample of a block beside it: 1 S*S 1 1 1."""
+    """|p - q| of each pixel of a block and the sample of a block beside it: S S."""
     inside = (torch.arange(scale, device=like.device, dtype=like.dtype) - scale // 2) / scale
     squared = (down - inside).square().view(-1, 1) + (across - inside).square()
-    return squared.sqrt().view(1, -1, 1, 1, 1)
+    return squared.sqrt()

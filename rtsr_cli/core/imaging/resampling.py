@@ -166,8 +166,8 @@ def upsample_masked_bicubic(
     filtered = upsample_bicubic(torch.cat([values, mask], dim=1), scale, jitter_px)
     numerator, weight = filtered[:, :-1], filtered[:, -1:]
     supported = weight >= MIN_FILTERED_MASK
-    quotient = numerator / torch.where(supported, weight, torch.ones_like(weight))
-    return torch.where(supported, quotient, torch.zeros_like(quotient)), supported.to(image.dtype)
+    quotient = numerator / weight.clamp(min=MIN_FILTERED_MASK)
+    return quotient.masked_fill_(~supported, 0.0), supported.to(image.dtype)
 
 
 def grow_valid(image: Image, mask: Mask, steps: int = 1) -> tuple[Image, Mask]:

@@ -86,7 +86,7 @@ def encode_lighting(lighting: Color, scale: Tensor) -> Color:
 
 def decode_lighting(encoded: Color, scale: Tensor) -> Color:
     """Lighting = k (exp(e) - 1), never negative."""
-    return torch.expm1(encoded.clamp(min=0.0)) * scale
+    return encoded.clamp(min=0.0).expm1_() * scale
 
 
 def inverse_depth(depth_m: Plane) -> Plane:
@@ -165,9 +165,10 @@ def add_sky(window: FrameWindow, image: Color) -> Color:
     first, last = int(rows[0]) // scale, int(rows[-1]) // scale + 1
     top, bottom = max(0, first - SKY_MARGIN_PX), min(frame.size[0], last + SKY_MARGIN_PX)
     color, sky = (frame.gbuffer[b][:, :, top:bottom] for b in (Buffer.COLOR, Buffer.SKY))
-    enlarged = enlarge_masked_radiance(color, sky, scale, frame.camera.jitter_px)
     seen = slice((first - top) * scale, (last - top) * scale)
     changed = slice(first * scale, last * scale)
+    wanted = hr_sky[:, :, top * scale : bottom * scale]
+    enlarged = enlarge_masked_radiance(color, sky, scale, frame.camera.jitter_px, wanted=wanted)
     band = torch.where(hr_sky[:, :, changed], enlarged[:, :, seen], image[:, :, changed])
     return torch.cat([image[:, :, : changed.start], band, image[:, :, changed.stop :]], dim=2)
 

@@ -142,3 +142,66 @@ def test_weights_are_the_equation() -> None:
         total = total + weight * values[0, 0, row, column]
         weights += weight
     assert float(found[0, 0, y, x]) == pytest.approx(float(total / weights), rel=1e-4)
+
+
+def plainly(
+    values: Image,
+    mask: Image,
+    small: SurfaceGuides,
+    large: SurfaceGuides,
+    scale: int,
+    fallback: Image,
+) -> Image:
+    """Return the equations of `guided_enlargement` on whole images, sample by sample."""
+    step = (torch.arange(scale) - scale // 2) / scale
+    z = large.depth.clamp(1e-6, 1e6)
+    slopes = []
+    for dim in (-1, -2):
+        difference = z.diff(dim=dim).abs()
+        count = difference.shape[dim]
+        left = torch.cat([difference.narrow(dim, 0, 1), difference], dim)
+        right = torch.cat([difference, difference.narrow(dim, count - 1, 1)], dim)
+        slopes.append(torch.minimum(left, right))
+    slope = torch.maximum(*slopes)
+    height, width = values.shape[-2:]
+
+    def seen(image: Image, down: int, across: int) -> Image:
+        rows = torch.arange(height).add(down).clamp(0, height - 1).repeat_interleave(scale)
+        columns = torch.arange(width).add(across).clamp(0, width - 1).repeat_interleave(scale)
+        return image[..., rows, :][..., columns]
+
+    total, weights = FALLBACK_WEIGHT * fallback, FALLBACK_WEIGHT + 0.0 * z
+    for down, across in product(range(-REACH, REACH + 1), repeat=2):
+        squared = (down - step).square().view(-1, 1) + (across - step).square()
+        if math.exp(-float(squared.min()) / (2 * SPREAD**2)) < LEAST_WEIGHT:
+            continue
+        squared = squared.repeat(height, width)
+        facing = (large.normal * seen(small.normal, down, across)).sum(1, keepdim=True)
+        gap = (z - seen(small.depth, down, across).clamp(max=1e6)).abs()
+        apart = (gap - SLOPE * scale * slope * squared.sqrt()).clamp(min=0) / (DEPTH_SHARE * z)
+        weight = torch.exp(-squared / (2 * SPREAD**2) - FACING * (1 - facing) - apart)
+        weight = weight * seen(mask, down, across)
+        total = total + weight * seen(values, down, across)
+        weights = weights + weight
+    return total / weights
+
+
+@pytest.mark.parametrize("strip_values", [1, 700, 1 << 20])
+@pytest.mark.parametrize("scale", [2, 3, 4])
+def test_strips_of_any_height_give_the_equations(
+    scale: int, strip_values: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtsr_cli.core.imaging.guided_enlargement.STRIP_VALUES", strip_values)
+    torch.manual_seed(scale)
+    height, width = 9 * scale, 7 * scale
+    toward = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    sky = torch.rand(2, 1, height, width) > 0.9
+    normal = F.normalize(toward + 0.3 * torch.randn(2, 3, height, width), dim=1) * ~sky
+    depth = 2.0 + torch.rand(2, 1, height, width).cumsum(-1) * 0.1
+    large = SurfaceGuides(normal=normal, depth=torch.where(sky, torch.inf, depth))
+    small = SurfaceGuides(normal=decimated(normal, scale), depth=decimated(large.depth, scale))
+    values, mask = 3.0 * torch.rand(2, 3, 9, 7), (torch.rand(2, 1, 9, 7) > 0.2).float()
+    fallback = torch.rand(2, 3, height, width)
+    given = upsample_guided(values, mask, small, large, scale=scale, fallback=fallback)
+    wanted = plainly(values, mask, small, large, scale, fallback)
+    assert torch.allclose(given, wanted, atol=2e-4)
