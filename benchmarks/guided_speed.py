@@ -30,10 +30,10 @@ import click
 import torch
 from torch import Tensor
 
+from rtsr_cli.core import system as declarations
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.system import Window
 from rtsr_cli.models import load_system
 
 SYSTEM = "demod-guided"
@@ -65,7 +65,7 @@ def scene(size: tuple[int, int]) -> dict[Buffer, Tensor]:
     return {**other, **known}
 
 
-def window(size: tuple[int, int], scale: int, jitter_px: float) -> Window:
+def window(size: tuple[int, int], scale: int, jitter_px: float) -> Any:
     """What the system sees of the scene."""
     system = load_system(SYSTEM)
     large = (size[0] * scale, size[1] * scale)
@@ -75,12 +75,14 @@ def window(size: tuple[int, int], scale: int, jitter_px: float) -> Window:
         return Frame(
             number=1,
             gbuffer=GBuffer({b: planes[b].contiguous() for b in buffers}, "scene"),
-            camera=CameraMetadata(jitter_px=(jitter_px, -jitter_px)),
+            camera=CameraMetadata(jitter_px=(jitter_px, jitter_px)),
             view=View(display=size),
         )
 
     hr = frame((*system.hr_inputs, *system.hr_optional), large)
-    return Window(lr=(frame(system.lr_inputs, size),), hr=hr, scale=scale)
+    # earlier revisions call it Window
+    kind = getattr(declarations, "FrameWindow", None) or declarations.Window
+    return kind(lr=(frame(system.lr_inputs, size),), hr=hr, scale=scale)
 
 
 def work(size: tuple[int, int], scale: int, jitter_px: float, out: Path) -> None:
@@ -160,7 +162,7 @@ def compare(trees: tuple[Path, Path], arguments: tuple[str, ...], pairs: int) ->
 @click.option("--against", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--size", default="480x270", show_default=True, help="LR width and height.")
 @click.option("--scale", default=4, show_default=True)
-@click.option("--jitter", "jitter_px", default=0.125, show_default=True, help="Of x; -y.")
+@click.option("--jitter", "jitter_px", default=0.125, show_default=True, help="Of both axes; 0.125 is that of decimation.")
 @click.option("--pairs", default=9, show_default=True, type=click.IntRange(1))
 @click.option("--worker", type=click.Path(path_type=Path), hidden=True)
 def main(

@@ -14,8 +14,8 @@ from rtsr_cli.core.evaluation.frame_scores import score_frame
 from rtsr_cli.core.evaluation.judged_frames import JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.metric_table import MetricRules
 from rtsr_cli.core.evaluation.score_summary import FrameScores
-from rtsr_cli.core.files.streaming import worker_pool
 from rtsr_cli.core.memory import release_freed
+from rtsr_cli.core.threads import worker_pool
 
 
 @dataclass(frozen=True, kw_only=True)

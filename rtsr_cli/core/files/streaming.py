@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from threading import Barrier, Lock, Thread, local
+from concurrent.futures import Future
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-import torch
+from rtsr_cli.core.threads import worker_pool
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -17,50 +16,8 @@ V = TypeVar("V")
 READ_AHEAD_BYTES = 1 << 30
 """Frames read ahead may take this much memory together; one is always read ahead."""
 
-AT_ONCE = 2
-"""Frames that are measured at a time."""
-
 LoadedItem = tuple[K, Future[V]]
 """An item and its finished future; asking the future raises what loading raised."""
-
-
-_STARTING = Lock()
-"""Held while the number that new threads compute with is another one."""
-
-_OWNER = local()
-"""Of a pool's thread: `count`, the torch threads of whoever started the pool."""
-
-
-def _set_for_new_threads(count: int) -> None:
-    """Set what threads get that never asked for their number; those that did keep theirs."""
-    setting = Thread(target=torch.set_num_threads, args=(count,))
-    setting.start()
-    setting.join()
-
-
-def worker_pool(workers: int, name: str) -> ThreadPoolExecutor:
-    """Return a started pool whose threads compute with one torch thread each.
-
-    More would fight the network's for the same cores, and stall on every small operation. The
-    caller's number stays what it is: torch's number is that of a thread, and a thread that never
-    asked for it takes the one that was set last, by whomever.
-    """
-    count: int = getattr(_OWNER, "count", None) or torch.get_num_threads()
-    pool = ThreadPoolExecutor(workers, name)
-    barrier = Barrier(workers + 1)
-
-    def start() -> None:
-        torch.get_num_threads()
-        _OWNER.count = count
-        barrier.wait()
-
-    with _STARTING:
-        _set_for_new_threads(1)
-        for _ in range(workers):
-            pool.submit(start)
-        barrier.wait()
-        _set_for_new_threads(count)
-    return pool
 
 
 def count_reads_ahead(jobs: int, frame_bytes: int) -> int:
@@ -90,21 +47,6 @@ def prefetch(
         finally:
             for _, future in pending:
                 future.cancel()
-
-
-def run_single_threaded(work: Callable[[], V]) -> V:
-    """Run many small tensor operations with one torch thread, whatever the process uses.
-
-    Threads that wait for each other after every small operation stall on busy cores.
-    """
-    with worker_pool(1, "rtsr-measure") as pool:
-        return pool.submit(work).result()
-
-
-def map_in_threads(work: Callable[[K], V], items: Iterable[K]) -> list[V]:
-    """`map`, `AT_ONCE` items at a time, each with one torch thread; results in order."""
-    with worker_pool(AT_ONCE, "rtsr-each") as pool:
-        return list(pool.map(work, items))
 
 
 def _take_finished(loaded: LoadedItem[K, V]) -> LoadedItem[K, V]:

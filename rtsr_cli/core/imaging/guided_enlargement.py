@@ -22,6 +22,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from rtsr_cli.core.shapes import Image, Mask, Plane, Vector3
+from rtsr_cli.core.threads import share_among_threads
 
 REACH = 2
 """Samples to each side."""
@@ -47,8 +48,8 @@ FALLBACK_WEIGHT = 1e-4
 LEAST_WEIGHT = 0.01
 """Samples whose spatial weight stays below this at every pixel are left out."""
 
-STRIP_VALUES = 131072
-"""Of a plane of a strip, a thread: few enough for the caches, enough to keep threads busy."""
+STRIP_VALUES = 98304
+"""Of a plane of a strip: few enough for the caches, enough to be worth a call."""
 
 _LOG2_E = math.log2(math.e)
 
@@ -140,7 +141,8 @@ def upsample_guided(
     taps = _find_taps(scale, width, like=values)
     enlarged = torch.empty_like(fallback)
     rows = _strip_rows(height, count * scale * scale * width)
-    for top in range(0, height, rows):
+
+    def enlarge_strip(top: int) -> None:
         bottom = min(height, top + rows)
         around = samples[:, :, top : bottom + 2 * REACH]
         total = _weigh_samples(around, _guides(large, top * scale, bottom * scale, scale), taps)
@@ -148,12 +150,14 @@ def upsample_guided(
         total = total.flatten(2, 3)
         sums = total[:, :-1].add_(fallback[:, :, here], alpha=FALLBACK_WEIGHT)
         torch.div(sums, total[:, -1:].add_(FALLBACK_WEIGHT), out=enlarged[:, :, here])
+
+    share_among_threads(enlarge_strip, range(0, height, rows))
     return enlarged
 
 
 def _strip_rows(height: int, row_values: int) -> int:
     """Rows of each of the fewest strips, about equally high, that are not too large."""
-    most = max(1, STRIP_VALUES * torch.get_num_threads() // row_values)
+    most = max(1, STRIP_VALUES // row_values)
     return math.ceil(height / math.ceil(height / most))
 
 

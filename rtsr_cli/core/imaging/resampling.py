@@ -94,15 +94,16 @@ def _enlarge(image: Image, phases: Sequence[Mapping[int, float]], dim: int) -> I
     length = image.shape[dim]
     ends = (reach, reach, 0, 0) if dim == COLUMNS else (0, 0, reach, reach)
     padded = F.pad(image, ends, mode="replicate")
-    enlarged = []
-    for taps in phases:
+    shape = (*image.shape[: dim + 1], len(phases), *image.shape[dim + 1 :])
+    enlarged = image.new_empty(shape)
+    for phase, taps in enumerate(phases):
+        total = enlarged.select(dim + 1, phase)
         terms = iter(taps.items())
         offset, weight = next(terms)
-        total = padded.narrow(dim, reach + offset, length) * weight
+        torch.mul(padded.narrow(dim, reach + offset, length), weight, out=total)
         for offset, weight in terms:
-            total = total.add_(padded.narrow(dim, reach + offset, length), alpha=weight)
-        enlarged.append(total)
-    return torch.stack(enlarged, dim=dim + 1).flatten(dim, dim + 1)
+            total.add_(padded.narrow(dim, reach + offset, length), alpha=weight)
+    return enlarged.flatten(dim, dim + 1)
 
 
 def upsample(image: Image, scale: int, jitter_px: Jitter = (0.0, 0.0), *, kernel: Kernel) -> Image:

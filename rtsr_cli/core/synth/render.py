@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.files.streaming import worker_pool
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
@@ -34,6 +33,7 @@ from rtsr_cli.core.synth.shading import (
 )
 from rtsr_cli.core.synth.shadows import Hulls, join_hulls, make_shadow_hull
 from rtsr_cli.core.synth.vector_math import Vector, dot, unit_vector
+from rtsr_cli.core.threads import worker_pool
 
 STRIP_PIXELS = 1 << 18
 """Pixels rendered at a time by one thread: some 150 values of 4 bytes each, 160 MiB."""

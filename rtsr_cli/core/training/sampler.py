@@ -10,9 +10,10 @@ import numpy as np
 
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
-from rtsr_cli.core.files.streaming import prefetch, worker_pool
+from rtsr_cli.core.files.streaming import prefetch
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import Tensors
+from rtsr_cli.core.threads import worker_pool
 from rtsr_cli.core.training.clips import Clip
 from rtsr_cli.core.training.config import TrainingConfig
 from rtsr_cli.core.training.ranks import ALONE, ProcessRanks

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -162,33 +160,3 @@ def test_dropping_forgets_what_is_queued_and_waits_for_what_runs() -> None:
         ended = [key for key, _ in writer.drop()]
         assert ended[0] == "runs"
         assert list(writer.done(wait=True)) == []
-
-
-NUMBERS = """
-import threading, torch
-from rtsr_cli.core.files.streaming import in_threads, prefetch, single_threaded, worker_pool
-
-def nested(_):
-    each = in_threads(lambda _: torch.get_num_threads(), [1])
-    return single_threaded(torch.get_num_threads), each
-
-with worker_pool(3, "test") as pool:
-    print(set(pool.map(lambda _: torch.get_num_threads(), range(12))))
-print([future.result() for _, future in prefetch(nested, range(2), 2)])
-fresh = []
-thread = threading.Thread(target=lambda: fresh.append(torch.get_num_threads()))
-thread.start()
-thread.join()
-print(fresh, torch.get_num_threads())
-"""
-
-
-def printed(code: str) -> list[str]:
-    """Lines of a process of its own: the first thread to ask for its number decides."""
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-
-
-def test_workers_compute_with_one_thread_and_whatever_computes_beside_them_with_all() -> None:
-    cores = printed("import torch; print(torch.get_num_threads())")[0]
-    assert printed(NUMBERS) == ["{1}", "[(1, [1]), (1, [1])]", f"[{cores}] {cores}"]

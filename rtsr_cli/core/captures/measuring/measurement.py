@@ -29,13 +29,13 @@ from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, norma
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding, find_normals
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import RtsrError
-from rtsr_cli.core.files.streaming import map_in_threads, run_single_threaded
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import Conventions, DepthConvention
 from rtsr_cli.core.frames.motion import Jitter, MotionConvention
 from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.threads import map_in_threads, run_single_threaded
 
 GROUP = 4
 """Consecutive frames that are compared: two of them have both neighbours."""
