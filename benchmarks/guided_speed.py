@@ -162,7 +162,13 @@ def compare(trees: tuple[Path, Path], arguments: tuple[str, ...], pairs: int) ->
 @click.option("--against", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--size", default="480x270", show_default=True, help="LR width and height.")
 @click.option("--scale", default=4, show_default=True)
-@click.option("--jitter", "jitter_px", default=0.125, show_default=True, help="Of both axes; 0.125 is that of decimation.")
+@click.option(
+    "--jitter",
+    "jitter_px",
+    default=0.125,
+    show_default=True,
+    help="Of both axes; 0.125 is that of decimation.",
+)
 @click.option("--pairs", default=9, show_default=True, type=click.IntRange(1))
 @click.option("--worker", type=click.Path(path_type=Path), hidden=True)
 def main(

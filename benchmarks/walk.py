@@ -43,7 +43,7 @@ FEW, MANY = 2, 6
 """Frames of the runs that calls are counted in."""
 
 WATCH = (
-    r"^(declared|read_capture|read_declarations|_?available|needs|loads|read_layout|"
+    r"^(declared|read_capture|read_declarations|_?available|resolve_needs|loads|read_layout|load_layout|"
     r"detect\w*|find_channels|bind\w*|resolve\w*)$"
 )
 """Functions that parse or resolve: of the present tree, and likely names of later ones."""

@@ -45,7 +45,7 @@ class Calls:
         self.toml: Counter[str] = Counter()
         self.headers: Counter[Path] = Counter()
         self._inside = threading.local()
-        for name in ("read_capture", "layout_named", "read_side_car"):
+        for name in ("read_capture", "load_layout", "read_side_car"):
             patch.setattr(declarations, name, self._counted(name, getattr(declarations, name)))
         loads, opened, window = tomllib.loads, exr._open, reader.read_window
 

@@ -165,7 +165,9 @@ def test_the_brdf_divisor_is_diffuse_plus_the_split_sum(
     monkeypatch: pytest.MonkeyPatch, make_frame: MakeFrame, buffers: dict[Buffer, torch.Tensor]
 ) -> None:
     table = integrate_lut(size=16, samples=32)
-    monkeypatch.setattr("rtsr_cli.core.imaging.derivation.lut_for", lambda convention: table)
+    monkeypatch.setattr(
+        "rtsr_cli.core.imaging.derivation.load_default_lut", lambda convention: table
+    )
     nov = image(1, 9)
     parts = {b: buffers[b] for b in (Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS)}
     found = derive_material(make_frame({**parts, Buffer.NOV: nov}), BRDF)
@@ -183,7 +185,7 @@ def test_the_table_is_that_of_the_configured_convention(
         asked.append(convention)
         return torch.full((1, 2, 4, 4), 0.25)
 
-    monkeypatch.setattr("rtsr_cli.core.imaging.derivation.lut_for", table)
+    monkeypatch.setattr("rtsr_cli.core.imaging.derivation.load_default_lut", table)
     parts = {b: buffers[b] for b in (Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS)}
     frame = make_frame({**parts, Buffer.NOV: image(1, 9)})
     derive_material(frame, DerivationConfig(lut=LutConvention.SEED))
