@@ -167,7 +167,7 @@ def compare(trees: tuple[Path, Path], arguments: tuple[str, ...], pairs: int) ->
     "jitter_px",
     default=0.125,
     show_default=True,
-    help="Of both axes; 0.125 is that of decimation.",
+    help="0.125: decimation.",
 )
 @click.option("--pairs", default=9, show_default=True, type=click.IntRange(1))
 @click.option("--worker", type=click.Path(path_type=Path), hidden=True)
