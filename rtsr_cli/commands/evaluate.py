@@ -12,12 +12,12 @@ from rtsr_cli.commands import options as opt
 from rtsr_cli.commands.interrupts import discard_on_interrupt
 from rtsr_cli.core.choices import MetricName, MissingPolicy, ProtocolName, SsimConvention
 from rtsr_cli.core.evaluation.request import (
-    MOST_JOBS,
     MOST_SAMPLES,
     OUTPUT_SUFFIXES,
     PPD_RANGE,
     EvaluateRequest,
 )
+from rtsr_cli.core.requests import MOST_JOBS
 
 EVERY = "all"
 """Stands for every metric."""

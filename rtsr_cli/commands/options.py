@@ -21,6 +21,7 @@ from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.errors import RequestError, did_you_mean
 from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.requests import MOST_JOBS
 
 F = TypeVar("F", bound=Callable[..., Any])
 E = TypeVar("E", bound=StrEnum)
@@ -216,7 +217,7 @@ capture = click.option(
 )
 jobs = click.option(
     "--jobs",
-    type=click.IntRange(1, 64),
+    type=click.IntRange(1, MOST_JOBS),
     default=2,
     show_default=True,
     help="Threads that read, and threads that write.",

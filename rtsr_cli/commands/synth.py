@@ -9,7 +9,7 @@ import click
 from rtsr_cli.commands import options as opt
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.choices import JitterMode
-from rtsr_cli.core.synth.request import SynthRequest
+from rtsr_cli.core.synth.request import SAMPLES, SCALES, SHOTS, SynthRequest
 
 MAX_SIDE = 16384
 
@@ -45,7 +45,7 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 @click.option("--seed", type=click.IntRange(min=0), show_default=True, help="Which scene.")
 @click.option(
     "--shots",
-    type=click.IntRange(1, 10000),
+    type=click.IntRange(*SHOTS),
     help="Write that many seeds, from --seed on, into OUT/0000, OUT/0001, ...",
 )
 @click.option(
@@ -56,7 +56,7 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 )
 @click.option(
     "--scale",
-    type=click.IntRange(2, 16),
+    type=click.IntRange(*SCALES),
     metavar="S",
     help="Write a pair: OUT/lr of size / S, OUT/hr without radiance, OUT/reference.",
 )
@@ -68,7 +68,7 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 )
 @click.option(
     "--samples",
-    type=click.IntRange(1, 16),
+    type=click.IntRange(*SAMPLES),
     show_default=True,
     metavar="K",
     help="K x K samples a pixel: all of them stored, or with --scale their mean as reference.",

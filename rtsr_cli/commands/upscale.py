@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtsr_cli.commands import options as opt
-from rtsr_cli.core.choices import JitterMode, Precision
-from rtsr_cli.core.upscale.request import UpscaleRequest
+from rtsr_cli.core.choices import JitterMode, PixelFilter, Precision
+from rtsr_cli.core.upscale.request import SAMPLES, SCALES, SIMULATED_SCALES, UpscaleRequest
 from rtsr_cli.models import list_upscaler_names
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Of rtsr train; those that come with rtsr by default.",
 )
-@click.option("--scale", type=click.IntRange(1, 16), help="Needed where there are no HR frames.")
+@click.option("--scale", type=click.IntRange(*SCALES), help="Needed where there are no HR frames.")
 @click.option(
     "--hr",
     "hr_folder",
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--simulate-lr",
-    type=click.IntRange(2, 16),
+    type=click.IntRange(*SIMULATED_SCALES),
     metavar="S",
     help="IN is an HR capture; make the LR frames by decimation.",
 )
 @click.option(
     "--samples-per-pixel",
-    type=click.IntRange(1, 16),
+    type=click.IntRange(*SAMPLES),
     metavar="K",
     help="The capture holds K x K samples of each output pixel.",
 )
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--lr-filter",
-    type=click.Choice(["none", "box", "blackman-harris"]),
+    type=opt.Member(PixelFilter),
     help="Pixel filter of the simulated LR radiance.",
 )
 @click.option("--preview", "previews", is_flag=True, help="A PNG beside each EXR.")

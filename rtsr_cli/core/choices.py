@@ -49,6 +49,14 @@ class JitterMode(StrEnum):
     HALTON = "halton"
 
 
+class PixelFilter(StrEnum):
+    """What a simulated LR pixel's radiance is filtered by before one sample is kept."""
+
+    NONE = "none"
+    BOX = "box"
+    BLACKMAN_HARRIS = "blackman-harris"
+
+
 class DemodulationMode(StrEnum):
     """What radiance is divided by."""
 

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
 
-from rtsr_cli.core.errors import RequestError
+from rtsr_cli.core.errors import RequestError, did_you_mean
+
+MOST_JOBS = 64
+"""Threads that read, and threads that write, at most."""
 
 
 def check_ranges(request: Any, **ranges: tuple[float, float]) -> None:
@@ -33,3 +41,57 @@ def check_shard(shard: tuple[int, int] | None) -> None:
     """
     if shard is not None and not 1 <= shard[0] <= shard[1]:
         raise RequestError(f"shard is {shard[0]}/{shard[1]}: parts go from 1/n to n/n")
+
+
+def accept_words(request: Any) -> None:
+    """Turn words into the paths and members of enums that fields are declared to hold.
+
+    A notebook may say `jitter="halton"`; compared with members, a word would be none of them.
+
+    Args:
+        request: a frozen dataclass, while it is made.
+
+    Raises:
+        RequestError: a word is no member; suggests one.
+    """
+    declared: type = type(request)
+    kinds = _word_kinds(declared)
+    for field in fields(request):
+        value, kind = getattr(request, field.name), kinds.get(field.name)
+        if kind is None or value is None:
+            continue
+        if isinstance(value, (tuple, list)):
+            accepted: object = tuple(_accept_word(field.name, kind, word) for word in value)
+        else:
+            accepted = _accept_word(field.name, kind, value)
+        object.__setattr__(request, field.name, accepted)
+
+
+def _accept_word(name: str, kind: type[StrEnum] | type[Path], word: object) -> object:
+    if not isinstance(word, str) or isinstance(word, kind):
+        return word
+    if issubclass(kind, Path):
+        return kind(word)
+    members = {member.value: member for member in kind}
+    if word not in members:
+        raise RequestError(f"{name} is '{word}'{did_you_mean(word, members)}")
+    return members[word]
+
+
+@cache
+def _word_kinds(request: type) -> Mapping[str, type[StrEnum] | type[Path]]:
+    """Field -> the enum or path that it holds, alone, or None, or in a tuple."""
+    return {
+        name: kind
+        for name, hint in get_type_hints(request).items()
+        for kind in _leaves(hint)
+        if isinstance(kind, type) and issubclass(kind, (StrEnum, Path))
+    }
+
+
+def _leaves(hint: object) -> Iterator[object]:
+    inner = get_args(hint)
+    if not inner:
+        yield hint
+    for part in inner:
+        yield from _leaves(part)

@@ -12,8 +12,10 @@ from typing import Any
 import click
 import pytest
 
-from rtsr_cli.api import PLACES
+from rtsr_cli.api import PLACES, UpscaleRequest
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.choices import JitterMode, MissingPolicy
+from rtsr_cli.core.errors import RequestError
 
 MINIMAL: dict[str, tuple[str, list[str]]] = {
     "DemodulateRequest": ("demodulate", ["a", "b"]),
@@ -83,3 +85,32 @@ def test_a_request_module_imports_neither_torch_nor_what_reads_frames(name: str)
     code = f"import sys, {PLACES[name]}; sys.exit(', '.join({heavy} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_words_are_the_members_and_paths_that_they_name(tmp_path: Path) -> None:
+    request = UpscaleRequest(
+        in_folder=str(tmp_path),  # type: ignore[arg-type]
+        out_folder=tmp_path,
+        simulate_lr=2,
+        jitter="halton",  # type: ignore[arg-type]
+        on_missing="skip",  # type: ignore[arg-type]
+    )
+    assert request.in_folder == tmp_path
+    assert request.jitter is JitterMode.HALTON
+    assert request.on_missing is MissingPolicy.SKIP
+
+
+def test_a_word_that_is_no_member_is_refused_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match=r"jitter is 'haltn', did you mean 'halton'\?"):
+        UpscaleRequest(
+            in_folder=tmp_path,
+            out_folder=tmp_path,
+            simulate_lr=2,
+            jitter="haltn",  # type: ignore[arg-type]
+        )
+
+
+@pytest.mark.parametrize("values", [{"jobs": 0}, {"shard": (3, 2)}, {"scale": 99}])
+def test_numbers_beyond_their_range_are_refused(tmp_path: Path, values: dict[str, Any]) -> None:
+    with pytest.raises(RequestError, match=next(iter(values))):
+        UpscaleRequest(in_folder=tmp_path, out_folder=tmp_path, **values)

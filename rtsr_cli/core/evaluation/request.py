@@ -9,13 +9,12 @@ from pathlib import Path
 from rtsr_cli.core.choices import MetricName, MissingPolicy, ProtocolName, SsimConvention
 from rtsr_cli.core.errors import ConfigError, RequestError
 from rtsr_cli.core.evaluation.demands import Condition, parse_conditions
-from rtsr_cli.core.requests import check_ranges, check_shard
+from rtsr_cli.core.requests import MOST_JOBS, accept_words, check_ranges, check_shard
 
 OUTPUT_SUFFIXES = (".json", ".csv", ".html")
 """What results are written as."""
 
 MOST_SAMPLES = 16
-MOST_JOBS = 64
 PPD_RANGE = (1.0, 1000.0)
 
 
@@ -80,6 +79,7 @@ class EvaluateRequest:
         Raises:
             RequestError: something does not.
         """
+        accept_words(self)
         if self.merge:
             if self.reference is not None:
                 raise RequestError("--merge joins JSON files; it takes no --ref")

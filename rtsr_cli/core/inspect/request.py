@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from rtsr_cli.core.requests import accept_words
+
 
 @dataclass(frozen=True, kw_only=True)
 class InspectRequest:
@@ -25,3 +27,7 @@ class InspectRequest:
     every: bool = False
     capture_file: Path | None = None
     layout: str | None = None
+
+    def __post_init__(self) -> None:
+        """Accept paths as text."""
+        accept_words(self)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rtsr_cli.core.choices import LutConvention
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.requests import check_ranges
+from rtsr_cli.core.requests import accept_words, check_ranges
 
 SUFFIX = ".exr"
 
@@ -44,6 +44,7 @@ class PrecomputeLutRequest:
         Raises:
             RequestError: the file is no EXR, or a number is out of its range.
         """
+        accept_words(self)
         if self.out.suffix.lower() != SUFFIX:
             raise RequestError(f"{self.out} must end in {SUFFIX}")
         check_ranges(self, size=(MIN_SIZE, MAX_SIZE), samples=(MIN_SAMPLES, math.inf))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.frames.selection import Selection, Shard
+from rtsr_cli.core.requests import MOST_JOBS, accept_words, check_ranges, check_shard
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +39,16 @@ class FramesRequest:
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR
     overwrite: bool = False
     dry_run: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            RequestError: one is not among those that it may be.
+        """
+        accept_words(self)
+        check_ranges(self, jobs=(1, MOST_JOBS))
+        check_shard(self.shard)
 
     @property
     def selection(self) -> Selection:

@@ -8,6 +8,10 @@ from pathlib import Path
 from rtsr_cli.core.captures.layout_names import PAIR_LAYOUTS
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import RequestError
+from rtsr_cli.core.requests import MOST_JOBS, accept_words, check_ranges
+
+SHOTS, SCALES, SAMPLES = (1, 10_000), (2, 16), (1, 16)
+"""Least and most of `shots`, `scale` and `samples`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,8 @@ class SynthRequest:
         Raises:
             RequestError: samples would be jittered twice, or two resolutions have no place.
         """
+        accept_words(self)
+        check_ranges(self, shots=SHOTS, scale=SCALES, samples=SAMPLES, jobs=(1, MOST_JOBS))
         if self.scale is not None:
             return
         if self.samples > 1 and self.jitter is not JitterMode.NONE:

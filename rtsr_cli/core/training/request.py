@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.requests import check_ranges
+from rtsr_cli.core.requests import accept_words, check_ranges
 
 SCALE_RANGE = (2, 16)
 
@@ -59,6 +59,7 @@ class TrainRequest:
         Raises:
             RequestError: something does not.
         """
+        accept_words(self)
         if (self.out_folder is None) == (self.pack_file is None):
             raise RequestError("give either --out RUN or --pack FILE")
         if not self.data:

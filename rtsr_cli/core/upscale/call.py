@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import torch
 
-from rtsr_cli.core.choices import JitterMode
+from rtsr_cli.core.choices import JitterMode, PixelFilter
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.network.load import LoadedNetwork, has_weights, load_network
 from rtsr_cli.core.network.precision import resolve_precision
@@ -69,7 +69,7 @@ def open_shots(request: UpscaleRequest) -> Iterator[tuple[str, PairSource]]:
             scale=request.simulate_lr,
             samples_per_pixel=request.samples_per_pixel or 1,
             jitter=request.jitter or JitterMode.NONE,
-            lr_filter=request.lr_filter or "none",
+            lr_filter=request.lr_filter or PixelFilter.NONE,
         )
     return open_pairs(
         request.in_folder,

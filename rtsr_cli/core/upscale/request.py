@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rtsr_cli.core.choices import JitterMode, Precision
+from rtsr_cli.core.choices import JitterMode, PixelFilter, Precision
 from rtsr_cli.core.errors import RequestError
+from rtsr_cli.core.requests import check_ranges
 from rtsr_cli.core.run.request import FramesRequest
+
+SCALES, SIMULATED_SCALES, SAMPLES = (1, 16), (2, 16), (1, 16)
+"""Least and most of `scale`, `simulate_lr` and `samples_per_pixel`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +42,7 @@ class UpscaleRequest(FramesRequest):
     simulate_lr: int | None = None
     samples_per_pixel: int | None = None
     jitter: JitterMode | None = None
-    lr_filter: str | None = None
+    lr_filter: PixelFilter | None = None
     previews: bool = False
     tile: int | None = None
     passthrough: tuple[str, ...] = ()
@@ -50,8 +54,11 @@ class UpscaleRequest(FramesRequest):
         """Check what goes together.
 
         Raises:
-            RequestError: the simulation is described, but not asked for.
+            RequestError: a value is not among those that it may be, or the simulation is described,
+                but not asked for.
         """
+        super().__post_init__()
+        check_ranges(self, scale=SCALES, simulate_lr=SIMULATED_SCALES, samples_per_pixel=SAMPLES)
         if self.simulate_lr is not None:
             return
         for name in ("samples_per_pixel", "jitter", "lr_filter"):
