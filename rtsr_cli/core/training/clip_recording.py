@@ -23,6 +23,7 @@ from rtsr_cli.core.imaging.derivation import (
     DerivationConfig,
     derive,
     derive_material,
+    has_matrices,
     resolve_needs,
 )
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance
@@ -330,9 +331,10 @@ def _stack_planes(planes: Iterator[Tensor]) -> Tensor:
 
 
 def _measure_scale(frame: Frame, derivation: DerivationConfig) -> float:
-    """k of a whole LR frame."""
-    if Buffer.COLOR not in frame.gbuffer:
+    """k of a whole LR frame; 1 where nothing is recorded that its radiance could be divided by."""
+    quotient, camera = (Buffer.LIGHTING, Buffer.LIGHTING_MASK), has_matrices(frame.camera)
+    if resolve_needs(quotient, frame.gbuffer, has_camera=camera, config=derivation).missing:
         return 1.0
-    lit = derive(frame, (Buffer.LIGHTING, Buffer.LIGHTING_MASK), derivation)
+    lit = derive(frame, quotient, derivation)
     k = lighting_scale(lit.gbuffer[Buffer.LIGHTING], lit.gbuffer[Buffer.LIGHTING_MASK])
     return k if math.isfinite(k) and k > 0 else 1.0
