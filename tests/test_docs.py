@@ -19,6 +19,7 @@ TABLE_COLUMNS = 12
 
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 SCRIPT = re.compile(r"benchmarks/\w+\.py")
+MODULE = re.compile(r"(?<![\w/])(?:rtsr_cli/)?((?:api|commands|core|models)/[\w/]+\.py)\b")
 CODE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 
 
@@ -59,6 +60,12 @@ def test_tables_can_be_read(document):
 def test_scripts_that_documents_name_exist(document):
     for script in SCRIPT.findall(document.read_text(encoding="utf-8")):
         assert (ROOT / script).is_file(), script
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name)
+def test_modules_that_documents_name_exist(document):
+    for module in MODULE.findall(document.read_text(encoding="utf-8")):
+        assert (ROOT / "rtsr_cli" / module).is_file(), module
 
 
 def test_the_readme_is_short():

@@ -1,6 +1,6 @@
 """What a reconstruction system declares, so that loader, checks and loops follow from it.
 
-A system is one file in `models/`. Core runs any `System` and knows none by name.
+A system is a module or folder of `models/`. Core runs any `System` and knows none by name.
 """
 
 from __future__ import annotations
