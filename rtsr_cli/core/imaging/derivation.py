@@ -16,7 +16,6 @@ from rtsr_cli.core.choices import MATERIAL_EPSILON, DemodulationMode, LutConvent
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer, sky_mask
 from rtsr_cli.core.frames.camera import (
-    CameraMetadata,
     camera_from_positions,
     view_cosine,
     view_cosine_from_camera,
@@ -342,8 +341,3 @@ def derive(
         added[Buffer.MATERIAL] = derive_material(frame, config)
     gbuffer = frame.gbuffer.with_buffers(added).only(wanted)
     return replace(frame, gbuffer=gbuffer, lighting_scale=scale)
-
-
-def has_matrices(camera: CameraMetadata) -> bool:
-    """Tell whether view cosines follow from this camera."""
-    return camera.world_to_camera is not None and camera.world_to_ndc is not None

@@ -67,15 +67,11 @@ class VmafScores:
 
     Attributes:
         frames: one score a frame.
-        mean: of the frames.
-        harmonic_mean: of the frames plus 1, less 1, as libvmaf pools them; bad frames weigh more.
         model: the name in libvmaf.
         build: versions of libvmaf and FFmpeg, which move scores by hundredths of a point.
     """
 
     frames: tuple[float, ...]
-    mean: float
-    harmonic_mean: float
     model: str
     build: str
 
@@ -275,11 +271,8 @@ class Vmaf:
         )
 
     def _scores(self, log: dict[str, Any]) -> VmafScores:
-        pooled = log["pooled_metrics"]["vmaf"]
         return VmafScores(
             frames=tuple(frame["metrics"]["vmaf"] for frame in log["frames"]),
-            mean=pooled["mean"],
-            harmonic_mean=pooled["harmonic_mean"],
             model=self._model,
             build=f"libvmaf {log['version']} in FFmpeg {self._version}",
         )
