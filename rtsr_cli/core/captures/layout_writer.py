@@ -15,7 +15,7 @@ import torch
 from rtsr_cli.core.captures.layouts import SCOPE, ChannelPlace, Component, Layout
 from rtsr_cli.core.captures.nss_cameras import write_clip_json
 from rtsr_cli.core.errors import ConfigError
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.exr import Plane, write_exr
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import StoredFrame
@@ -195,9 +195,5 @@ def write_side_car(
     except ValueError as error:
         raise ConfigError(f"{path}: cannot be written: {error}") from error
     path.parent.mkdir(parents=True, exist_ok=True)
-
-    def write(part: Path) -> None:
-        part.write_text(json.dumps(content, indent=1), encoding="utf-8")
-
-    write_atomically(path, write)
+    write_text_atomically(path, json.dumps(content, indent=1))
     return path

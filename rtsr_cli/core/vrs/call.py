@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.devices import resolve_device
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
 from rtsr_cli.core.pairs.opening import open_single_sets
@@ -249,9 +248,5 @@ def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) 
         },
     }
     path = folder / SUMMARY
-    write_atomically(path, partial(_write_text, json.dumps(content, indent=1)))
+    write_text_atomically(path, json.dumps(content, indent=1))
     return RatesSummary(path=path, options=options, total=total)
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")
