@@ -21,12 +21,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import StoredFrame
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.frames.storage import from_memory
-
-FLOAT_BUFFERS = frozenset({Buffer.DEPTH, Buffer.MOTION, Buffer.FORWARD, Buffer.POSITION})
-"""Buffers that half precision would spoil; the others are colours and shares."""
-
-MAX_HALF = 65504.0
+from rtsr_cli.core.frames.storage import FLOAT_BUFFERS, from_memory, to_half
 
 
 class FrameRole(StrEnum):
@@ -151,12 +146,8 @@ def _store_plane(buffer: Buffer, image: torch.Tensor, component: Component) -> P
     plain = component.factor == 1.0 and component.offset == 0.0
     if buffer is Buffer.OBJECT_ID and plain:
         return image.numpy().astype(np.uint32)
-    stored = image.numpy()
-    if not plain:
-        stored = (image.double() / component.factor + component.offset).numpy()
-    if buffer in FLOAT_BUFFERS:
-        return stored.astype(np.float32)
-    return stored.clip(-MAX_HALF, MAX_HALF).astype(np.float16)
+    stored = image if plain else image.double() / component.factor + component.offset
+    return stored.float().numpy() if buffer in FLOAT_BUFFERS else to_half(stored)
 
 
 def write_side_car(

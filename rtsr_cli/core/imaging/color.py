@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.shapes import Color, Image, Plane
 
 LUMA_REC709 = (0.2126, 0.7152, 0.0722)
@@ -17,9 +18,6 @@ SRGB_ENCODED_END = 0.04045
 
 ACES_FIT = (2.51, 0.03, 2.43, 0.59, 0.14)
 """a, b, c, d, e of the curve fitted to the ACES output [Narkowicz 2016]."""
-
-MAX_HALF = 65504.0
-"""The largest finite half: no radiance in a half file is above it."""
 
 
 def luminance(color: Color) -> Plane:

@@ -23,6 +23,7 @@ from rtsr_cli.core.frames.camera import (
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.brdf_lut import load_default_lut
+from rtsr_cli.core.imaging.row_strips import cut_frame
 from rtsr_cli.core.shapes import Color, Mask, Plane, Vector3
 
 STRIP_PIXELS = 1 << 16
@@ -226,12 +227,7 @@ def derive_material(frame: Frame, config: DerivationConfig) -> Color:
 
     Works in strips of rows: every intermediate stays in the cache, and memory at the result's.
     """
-    height, width = frame.size
-    rows = max(1, STRIP_PIXELS // width)
-    strips = [
-        _material_term(frame.crop(top, 0, (min(rows, height - top), width)), config)
-        for top in range(0, height, rows)
-    ]
+    strips = [_material_term(strip, config) for _, strip in cut_frame(frame, STRIP_PIXELS)]
     return strips[0] if len(strips) == 1 else torch.cat(strips, dim=2)
 
 
