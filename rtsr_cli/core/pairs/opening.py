@@ -31,8 +31,10 @@ from rtsr_cli.core.captures.survey import HeaderFiles, Headers, open_frames, rea
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.pairs.real_pairs import open_real_pairs
+from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import PairSource, open_real_pairs, open_simulated_pairs
+from rtsr_cli.core.pairs.sources import PairSource
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,8 +27,9 @@ from rtsr_cli.core.imaging.derivation import (
 )
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance
 from rtsr_cli.core.pairs.nonfinite import apply_policy
+from rtsr_cli.core.pairs.real_pairs import RealPairs
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
-from rtsr_cli.core.pairs.sources import PairInputs, PairSource, RealPairs
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.system import System
 from rtsr_cli.core.training.clips import (
     DERIVED,
