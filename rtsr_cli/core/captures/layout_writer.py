@@ -65,6 +65,19 @@ def write_frame(
         MissingBufferError: a convention needs camera matrices that the frame does not have.
         OutputError: a file cannot be written.
     """
+    written = []
+    for file, channels in _store_planes(frame, layout, role, jitter_px_prev).items():
+        path = folder / _place_path(layout, file, number=number, base=base, role=role, scale=scale)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_exr(path, channels, attributes=attributes, compression=compression)
+        written.append(path)
+    return tuple(sorted(written))
+
+
+def _store_planes(
+    frame: Frame, layout: Layout, role: FrameRole, jitter_px_prev: Jitter
+) -> dict[str, dict[str, Plane]]:
+    """Channels as they are stored, by name, for each file of a layout."""
     stored = StoredFrame(
         conventions=layout.conventions,
         camera=frame.camera,
@@ -78,13 +91,7 @@ def write_frame(
         for i, (component, place) in enumerate(zip(components, places, strict=True)):
             channel = place.channel.replace(SCOPE, layout.scope)
             files[place.file][channel] = _store_plane(buffer, image[0, i], component)
-    written = []
-    for file, channels in files.items():
-        path = folder / _place_path(layout, file, number=number, base=base, role=role, scale=scale)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_exr(path, channels, attributes=attributes, compression=compression)
-        written.append(path)
-    return tuple(sorted(written))
+    return files
 
 
 def list_frame_files(

@@ -12,11 +12,8 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
 from rtsr_cli.core.captures.layout_files import check_declared
-from rtsr_cli.core.captures.measuring.decision import (
-    MeasuredReader,
-    measure_and_decide,
-    require_decision,
-)
+from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
+from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import (
     HR_FOLDER,

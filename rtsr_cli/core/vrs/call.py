@@ -135,7 +135,7 @@ def plan_prediction(
     Raises:
         RtsrError: an input is missing or wrong, an output is in the way.
     """
-    loaded, system = chosen.loaded, chosen.system
+    system, weights = chosen.system, (asdict(chosen.loaded.config), chosen.loaded.digest)
     inputs = resolve_prediction_inputs(request, chosen)
     if chosen.analytic:
         check_inputs(f"system '{chosen.name}'", source, inputs)
@@ -151,13 +151,7 @@ def plan_prediction(
             pictures=pictures,
             frame_bytes=reading.output_bytes(pictures=len(pictures)),
         ),
-        settings=[
-            chosen.name,
-            asdict(options),
-            asdict(loaded.config),
-            loaded.digest,
-            request.on_nonfinite,
-        ],
+        settings=[chosen.name, asdict(options), *weights, request.on_nonfinite],
         selection=request.selection,
         overwrite=request.overwrite,
         history=HistoryReach(frames=system.history_frames),
