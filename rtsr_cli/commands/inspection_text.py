@@ -12,8 +12,8 @@ from rtsr_cli.commands.exit_codes import FAILED, REFUSED
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
-from rtsr_cli.core.captures.measuring.decision import MeasuredReader
-from rtsr_cli.core.captures.measuring.motion_finder import SIGNIFICANT_T
+from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
+from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.selection import format_ranges

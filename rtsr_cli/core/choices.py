@@ -15,7 +15,6 @@ class SystemTask(StrEnum):
     """What a system predicts."""
 
     UPSCALE = "upscale"
-    EXTRAPOLATE = "extrapolate"
     PREDICT_VRS = "predict-vrs"
 
 

@@ -63,7 +63,7 @@ class Prediction:
     """What a system gives back.
 
     Attributes:
-        image: linear HDR radiance at the target size (upscaling, extrapolation).
+        image: linear HDR radiance at the target size (upscaling).
         tiles: one value a tile and rate (variable-rate shading).
         state: carried to the next frame.
         debug: named pictures of what the system saw and decided.

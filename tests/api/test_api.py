@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable
 from dataclasses import is_dataclass
+from enum import Enum
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import pytest
 
@@ -15,6 +16,8 @@ from rtsr_cli import api
 from rtsr_cli.api import (
     EvaluateRequest,
     InspectRequest,
+    MetricName,
+    MissingPolicy,
     PrecomputeLutRequest,
     RtsrError,
     TrainRequest,
@@ -24,7 +27,6 @@ from rtsr_cli.api import (
     precompute_lut,
     train,
 )
-from rtsr_cli.core.choices import MetricName, MissingPolicy
 from rtsr_cli.core.errors import RequestError
 
 FEW_STEPS = (
@@ -52,6 +54,17 @@ def test_type_checkers_see_the_same_names_in_the_same_places() -> None:
 def test_every_name_is_defined_where_it_is_said_to_be(name: str) -> None:
     assert getattr(api, name).__module__ == api.PLACES[name]
     assert hasattr(import_module(api.PLACES[name]), name)
+
+
+@pytest.mark.parametrize("request_name", [name for name in api.PLACES if name.endswith("Request")])
+def test_what_a_request_chooses_by_name_is_there_beside_it(request_name: str) -> None:
+    pending = list(get_type_hints(getattr(api, request_name)).values())
+    enums = set()
+    while pending:
+        hint = pending.pop()
+        pending += get_args(hint)
+        enums |= {hint} if isinstance(hint, type) and issubclass(hint, Enum) else set()
+    assert {enum.__name__ for enum in enums} <= set(api.PLACES)
 
 
 def test_a_name_that_is_not_there_is_no_attribute() -> None:

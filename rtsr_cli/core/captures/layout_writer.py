@@ -15,18 +15,13 @@ import torch
 from rtsr_cli.core.captures.layouts import SCOPE, ChannelPlace, Component, Layout
 from rtsr_cli.core.captures.nss_cameras import write_clip_json
 from rtsr_cli.core.errors import ConfigError
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.exr import Plane, write_exr
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import StoredFrame
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.frames.storage import from_memory
-
-FLOAT_BUFFERS = frozenset({Buffer.DEPTH, Buffer.MOTION, Buffer.FORWARD, Buffer.POSITION})
-"""Buffers that half precision would spoil; the others are colours and shares."""
-
-MAX_HALF = 65504.0
+from rtsr_cli.core.frames.storage import FLOAT_BUFFERS, from_memory, to_half
 
 
 class FrameRole(StrEnum):
@@ -70,6 +65,19 @@ def write_frame(
         MissingBufferError: a convention needs camera matrices that the frame does not have.
         OutputError: a file cannot be written.
     """
+    written = []
+    for file, channels in _store_planes(frame, layout, role, jitter_px_prev).items():
+        path = folder / _place_path(layout, file, number=number, base=base, role=role, scale=scale)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_exr(path, channels, attributes=attributes, compression=compression)
+        written.append(path)
+    return tuple(sorted(written))
+
+
+def _store_planes(
+    frame: Frame, layout: Layout, role: FrameRole, jitter_px_prev: Jitter
+) -> dict[str, dict[str, Plane]]:
+    """Channels as they are stored, by name, for each file of a layout."""
     stored = StoredFrame(
         conventions=layout.conventions,
         camera=frame.camera,
@@ -83,13 +91,7 @@ def write_frame(
         for i, (component, place) in enumerate(zip(components, places, strict=True)):
             channel = place.channel.replace(SCOPE, layout.scope)
             files[place.file][channel] = _store_plane(buffer, image[0, i], component)
-    written = []
-    for file, channels in files.items():
-        path = folder / _place_path(layout, file, number=number, base=base, role=role, scale=scale)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_exr(path, channels, attributes=attributes, compression=compression)
-        written.append(path)
-    return tuple(sorted(written))
+    return files
 
 
 def list_frame_files(
@@ -151,12 +153,8 @@ def _store_plane(buffer: Buffer, image: torch.Tensor, component: Component) -> P
     plain = component.factor == 1.0 and component.offset == 0.0
     if buffer is Buffer.OBJECT_ID and plain:
         return image.numpy().astype(np.uint32)
-    stored = image.numpy()
-    if not plain:
-        stored = (image.double() / component.factor + component.offset).numpy()
-    if buffer in FLOAT_BUFFERS:
-        return stored.astype(np.float32)
-    return stored.clip(-MAX_HALF, MAX_HALF).astype(np.float16)
+    stored = image if plain else image.double() / component.factor + component.offset
+    return stored.float().numpy() if buffer in FLOAT_BUFFERS else to_half(stored)
 
 
 def write_side_car(
@@ -195,9 +193,5 @@ def write_side_car(
     except ValueError as error:
         raise ConfigError(f"{path}: cannot be written: {error}") from error
     path.parent.mkdir(parents=True, exist_ok=True)
-
-    def write(part: Path) -> None:
-        part.write_text(json.dumps(content, indent=1), encoding="utf-8")
-
-    write_atomically(path, write)
+    write_text_atomically(path, json.dumps(content, indent=1))
     return path

@@ -95,8 +95,22 @@ def open_frames(
         subsampled={key: header.subsampled for key, header in first.items()},
     )
     main = headers[reader.main_stream]
-    # a frame that stands in brings its own camera and jitter along
-    sources = {n: held.get(n, n) for n in numbers}
+    cameras = _read_cameras(reader, main, capture, side_car, jittered=jittered)
+    predicted = {n for n in numbers if is_predicted(main[held.get(n, n)].attributes)}
+    return replace(reader, cameras=cameras, predicted=frozenset(predicted))
+
+
+def _read_cameras(
+    reader: FrameReader,
+    main: Mapping[int, ExrHeader],
+    capture: CaptureDeclaration,
+    side_car: Mapping[int, CameraRow],
+    *,
+    jittered: bool,
+) -> dict[int, CameraMetadata]:
+    """Camera of every frame; one that stands in brings its own camera and jitter along."""
+    frames = reader.frames
+    sources = {n: reader.held.get(n, n) for n in reader.numbers}
     bare = {n for n in sources.values() if _read_matrix(main[n], WORLD_TO_CAMERA) is None}
     _check_table(frames, "camera", side_car or None, bare)
     _check_table(frames, "jitter_px", capture.jitter_px, set(sources.values()))
@@ -105,8 +119,7 @@ def open_frames(
         for n, source in sources.items()
     }
     _check_matrices(frames, cameras)
-    predicted = {n for n, source in sources.items() if is_predicted(main[source].attributes)}
-    return replace(reader, cameras=cameras, predicted=frozenset(predicted))
+    return cameras
 
 
 class HeaderFiles:

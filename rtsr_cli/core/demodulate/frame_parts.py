@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,6 +12,7 @@ import torch
 from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.frames.storage import split_buffer, split_image
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.derivation import (
     STRIP_PIXELS,
@@ -19,7 +20,7 @@ from rtsr_cli.core.imaging.derivation import (
     derive_material,
     derive_sky,
 )
-from rtsr_cli.core.run.outputs import split_buffer, split_image
+from rtsr_cli.core.imaging.row_strips import cut_frame
 from rtsr_cli.core.shapes import Image, Mask, Size
 
 
@@ -64,7 +65,7 @@ def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> F
     """
     sheet = FrameLayers(frame.size, full=full)
     error, count = 0.0, 0.0
-    for top, strip in cut_strips(frame):
+    for top, strip in cut_frame(frame, STRIP_PIXELS):
         put = partial(sheet.put, top)
         parts = demodulate_strip(strip, config, put)
         lighting = put(Buffer.LIGHTING, parts.lighting)
@@ -78,14 +79,6 @@ def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> F
     channels["mask"] = channels.pop(Buffer.LIGHTING_MASK.value)
     height, width = frame.size
     return FrameParts(channels=channels, error=error, undivided=1.0 - count / (height * width))
-
-
-def cut_strips(frame: Frame) -> Iterator[tuple[int, Frame]]:
-    """Cut a frame into strips of rows whose intermediates stay in the cache; with their tops."""
-    height, width = frame.size
-    rows = max(1, STRIP_PIXELS // width)
-    for top in range(0, height, rows):
-        yield top, frame.crop(top, 0, (min(rows, height - top), width))
 
 
 def demodulate_strip(

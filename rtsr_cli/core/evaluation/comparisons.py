@@ -30,9 +30,6 @@ GBUFFER_FOLDERS = ("hr", "")
 DEBUG_FOLDER = "debug"
 """Subfolder of outputs that holds no result."""
 
-SURFACE = frozenset({Buffer.DEPTH, Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.MOTION})
-"""Buffers of which at least one makes a G-buffer."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from rtsr_cli.core.evaluation.result_files import (
     encode_csv,
     encode_json,
 )
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.reporting.report import write_html_report
 
 
@@ -72,7 +71,7 @@ def evaluate(request: EvaluateRequest) -> Iterator[EvaluationEvent]:
     contents = {path: WRITERS[path.suffix.lower()](evaluation) for path in request.outputs}
     yield ResultReady(result=evaluation.result)
     for path, content in contents.items():
-        write_atomically(path, partial(_write_text, content))
+        write_text_atomically(path, content)
         yield ResultWritten(path=path)
     unavailable = {} if evaluation.judgement is None else evaluation.judgement.unavailable
     # one that was named is missed; of all of them, those that can be had are enough
@@ -144,10 +143,6 @@ def check_demands(demands: Sequence[Condition], result: Mapping[str, Any]) -> No
         if condition.metric not in known:
             hint = did_you_mean(condition.metric, known)
             raise ConfigError(f"--fail-under: the parts hold no metric '{condition.metric}'{hint}")
-
-
-def _write_text(content: str, path: Path) -> None:
-    path.write_text(content, encoding="utf-8")
 
 
 def _encode_html(evaluation: Evaluation) -> str:

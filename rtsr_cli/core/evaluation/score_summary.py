@@ -142,11 +142,11 @@ def group_by_method(tests: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-Part = tuple[str, Mapping[str, Any]]
+ResultPart = tuple[str, Mapping[str, Any]]
 """File name and content of a part's result."""
 
 
-def merge_results(parts: Sequence[Part]) -> dict[str, Any]:
+def merge_results(parts: Sequence[ResultPart]) -> dict[str, Any]:
     """Join the results of parts of the same frames (`--shard`), by frame number.
 
     Parts that are missing are told in the notes of every test.
@@ -172,7 +172,7 @@ def merge_results(parts: Sequence[Part]) -> dict[str, Any]:
     return result
 
 
-def _check_rules(parts: Sequence[Part]) -> None:
+def _check_rules(parts: Sequence[ResultPart]) -> None:
     first_name, first = parts[0]
     for name, part in parts:
         for rule, what in (
@@ -187,7 +187,7 @@ def _check_rules(parts: Sequence[Part]) -> None:
                 )
 
 
-def _check_tests(parts: Sequence[Part]) -> None:
+def _check_tests(parts: Sequence[ResultPart]) -> None:
     """Every part holds every test: means over different frames would not compare."""
     holders = {key: name for name, part in reversed(parts) for key in part["tests"]}
     for name, part in parts:
@@ -200,7 +200,7 @@ def _check_tests(parts: Sequence[Part]) -> None:
             )
 
 
-def _join_frames(parts: Sequence[Part], key: str) -> dict[str, Any]:
+def _join_frames(parts: Sequence[ResultPart], key: str) -> dict[str, Any]:
     """Frames of one test, of all parts, in order."""
     frames: dict[str, Any] = {}
     for name, part in parts:
@@ -215,7 +215,9 @@ def _join_frames(parts: Sequence[Part], key: str) -> dict[str, Any]:
     return dict(sorted(frames.items(), key=lambda item: int(item[0])))
 
 
-def _join_notes(parts: Sequence[Part], key: str, shard: Mapping[str, Any] | None) -> list[str]:
+def _join_notes(
+    parts: Sequence[ResultPart], key: str, shard: Mapping[str, Any] | None
+) -> list[str]:
     """Notes of all parts once each, and what is to be said of the parts themselves."""
     notes = [note for _, part in parts for note in part["tests"][key].get("notes", ())]
     notes = [note for note in dict.fromkeys(notes) if not note.startswith(MISSING_PARTS)]
@@ -231,7 +233,7 @@ def _join_notes(parts: Sequence[Part], key: str, shard: Mapping[str, Any] | None
     return notes
 
 
-def _join_shards(parts: Sequence[Part]) -> dict[str, Any] | None:
+def _join_shards(parts: Sequence[ResultPart]) -> dict[str, Any] | None:
     """Which parts of how many there are; None where no part says."""
     known = [(name, part["shard"]) for name, part in parts if "shard" in part]
     if not known:

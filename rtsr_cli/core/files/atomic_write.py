@@ -78,6 +78,19 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
             part.unlink(missing_ok=True)
 
 
+def write_text_atomically(path: Path, text: str) -> None:
+    """Write a text as UTF-8, whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written; names the file.
+    """
+
+    def write(part: Path) -> None:
+        part.write_text(text, encoding="utf-8")
+
+    write_atomically(path, write)
+
+
 def _make_refusal(path: Path, error: Exception) -> OutputError:
     code = error.errno if isinstance(error, OSError) else None
     why = os.strerror(code) if code is not None else str(error)

@@ -91,15 +91,6 @@ class PixelWindow:
             height=self.height * scale,
         )
 
-    def contains(self, other: PixelWindow) -> bool:
-        """Tell whether another rectangle lies inside this one."""
-        return (
-            self.left <= other.left
-            and self.top <= other.top
-            and self.left + self.width >= other.left + other.width
-            and self.top + self.height >= other.top + other.height
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class ExrHeader:

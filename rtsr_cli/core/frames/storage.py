@@ -1,12 +1,16 @@
-"""From memory's convention to a file's: the inverse of `conventions.to_memory`."""
+"""From memory to a file: the inverse of `conventions.to_memory`, number formats, channel names."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
+import numpy as np
+import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import (
     StoredFrame,
     depth_from_metres,
@@ -14,6 +18,13 @@ from rtsr_cli.core.frames.conventions import (
     roughness_from_perceptual,
 )
 from rtsr_cli.core.frames.motion import motion_from_pixels
+from rtsr_cli.core.shapes import Image
+
+MAX_HALF = 65504.0
+"""The largest finite half: no radiance in a half file is above it."""
+
+FLOAT_BUFFERS = frozenset({Buffer.DEPTH, Buffer.MOTION, Buffer.FORWARD, Buffer.POSITION})
+"""Buffers that half precision would spoil; the others are colours and shares."""
 
 
 def from_memory(buffer: Buffer, image: Tensor, frame: StoredFrame) -> Tensor:
@@ -67,3 +78,41 @@ _CONVERSIONS: Mapping[Buffer, Callable[[Tensor, StoredFrame], Tensor]] = {
     Buffer.GEONORMAL: _normal,
     Buffer.POSITION: _position,
 }
+
+
+def round_to_half(values: Tensor) -> Tensor:
+    """Round to half; values beyond its range become its largest finite value."""
+    return values.clamp(-MAX_HALF, MAX_HALF).to(torch.float16)
+
+
+def to_half(plane: Tensor) -> NDArray[np.float16]:
+    """`round_to_half`, as an array, rounded once whatever the plane's own type."""
+    if plane.dtype == torch.float64:
+        # torch would round to float first
+        return plane.clamp(-MAX_HALF, MAX_HALF).cpu().numpy().astype(np.float16)
+    half: NDArray[np.float16] = round_to_half(plane).cpu().numpy()
+    return half
+
+
+def split_image(
+    prefix: str, image: Image, components: str, *, full: bool = False
+) -> dict[str, NDArray[Any]]:
+    """Name the planes of an image `prefix.component` (`component` without a prefix).
+
+    Args:
+        prefix: layer name.
+        image: 1 x c x h x w.
+        components: one letter a channel; none if the layer's name is the channel's.
+        full: store float instead of half.
+    """
+    planes = image[0] if image.dtype == torch.float16 and not full else image[0].float()
+    names = [f"{prefix}.{c}" if prefix else c for c in components] or [prefix]
+    return {
+        name: planes[i].cpu().numpy() if full else to_half(planes[i])
+        for i, name in enumerate(names)
+    }
+
+
+def split_buffer(buffer: Buffer, image: Image, *, full: bool = False) -> dict[str, Any]:
+    """Name a buffer's planes as the canonical layout does."""
+    return split_image(buffer.value, image, BUFFER_SPECS[buffer].components, full=full)

@@ -34,6 +34,7 @@ from torch.nn import functional
 
 from rtsr_cli.core.choices import LutConvention
 from rtsr_cli.core.errors import ShapeMismatchError
+from rtsr_cli.core.imaging.row_strips import cut_pixels
 from rtsr_cli.core.shapes import Image, Plane
 
 Array = NDArray[np.float64]
@@ -245,9 +246,8 @@ def sample_lut(lut: Image, nov: Plane, roughness: Plane) -> Image:
     count, _, height, width = nov.shape
     tables = lut.expand(count, -1, -1, -1)
     sampled = nov.new_empty(count, 2, height, width)
-    rows = max(1, _STRIP_PIXELS // (count * width))
-    for top in range(0, height, rows):
-        strip = slice(top, top + rows)
+    for rows in cut_pixels((height, count * width), _STRIP_PIXELS):
+        strip = slice(rows.start, rows.stop)
         position = torch.cat((nov[:, :, strip], roughness[:, :, strip]), dim=1).mul_(2).sub_(1)
         sampled[:, :, strip] = functional.grid_sample(
             tables,

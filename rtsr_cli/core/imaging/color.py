@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.shapes import Color, Image, Plane
 
 LUMA_REC709 = (0.2126, 0.7152, 0.0722)
@@ -17,32 +18,6 @@ SRGB_ENCODED_END = 0.04045
 
 ACES_FIT = (2.51, 0.03, 2.43, 0.59, 0.14)
 """a, b, c, d, e of the curve fitted to the ACES output [Narkowicz 2016]."""
-
-PQ_PEAK_NITS = 10000.0
-"""Luminance of code value 1 [SMPTE ST 2084]."""
-
-PQ_EXPONENTS = (1305.0 / 8192.0, 2523.0 / 32.0)
-"""m1, m2 [SMPTE ST 2084]."""
-
-PQ_FACTORS = (107.0 / 128.0, 2413.0 / 128.0, 2392.0 / 128.0)
-"""c1, c2, c3; c1 = c3 - c2 + 1 [SMPTE ST 2084]."""
-
-PU21_BANDING_GLARE = (
-    0.353487901,
-    0.3734658629,
-    8.277049286e-05,
-    0.9062562627,
-    0.09150303166,
-    0.9099517204,
-    596.3148142,
-)
-"""p1 ... p7 of the variant for banding with glare [Mantiuk and Azimi 2021]."""
-
-PU21_RANGE_NITS = (0.005, 10000.0)
-"""Luminance that the fit is for [Mantiuk and Azimi 2021]."""
-
-MAX_HALF = 65504.0
-"""The largest finite half: no radiance in a half file is above it."""
 
 
 def luminance(color: Color) -> Plane:
@@ -96,31 +71,3 @@ def encode_aces(linear: Image) -> Image:
     a, b, c, d, e = ACES_FIT
     x = linear.clamp(min=0.0)
     return (x * (a * x + b) / (x * (c * x + d) + e)).clamp(0.0, 1.0)
-
-
-def encode_pq(nits: Image) -> Image:
-    """Perceptual quantiser of absolute luminance, 0 to 10,000 cd/m^2, to 0..1.
-
-    y = ((c1 + c2 x^m1) / (1 + c3 x^m1))^m2,   x = nits / 10000                [SMPTE ST 2084]
-    """
-    (m1, m2), (c1, c2, c3) = PQ_EXPONENTS, PQ_FACTORS
-    power = (nits / PQ_PEAK_NITS).clamp(0.0, 1.0) ** m1
-    return ((c1 + c2 * power) / (1.0 + c3 * power)) ** m2
-
-
-def decode_pq(encoded: Image) -> Image:
-    """Inverse of `encode_pq` on 0..1, in cd/m^2."""
-    (m1, m2), (c1, c2, c3) = PQ_EXPONENTS, PQ_FACTORS
-    power = encoded.clamp(0.0, 1.0) ** (1.0 / m2)
-    ratio = (power - c1).clamp(min=0.0) / (c2 - c3 * power)
-    return PQ_PEAK_NITS * ratio ** (1.0 / m1)
-
-
-def encode_pu21(nits: Image) -> Image:
-    """Perceptually uniform values, 0..595.4, of absolute luminance in cd/m^2 (100 gives 256).
-
-    y = p7 (((p1 + p2 x^p4) / (1 + p3 x^p4))^p5 - p6), at least 0   [Mantiuk and Azimi 2021, Eq. 4]
-    """
-    p1, p2, p3, p4, p5, p6, p7 = PU21_BANDING_GLARE
-    power = nits.clamp(*PU21_RANGE_NITS) ** p4
-    return (p7 * (((p1 + p2 * power) / (1.0 + p3 * power)) ** p5 - p6)).clamp(min=0.0)

@@ -17,8 +17,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from rtsr_cli.core.choices import MATERIAL_EPSILON
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.imaging.brdf_lut import sample_lut
-from rtsr_cli.core.imaging.color import MAX_HALF
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 DIELECTRIC_F0 = 0.04

@@ -16,7 +16,6 @@ from rtsr_cli.core.choices import MATERIAL_EPSILON, DemodulationMode, LutConvent
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer, sky_mask
 from rtsr_cli.core.frames.camera import (
-    CameraMetadata,
     camera_from_positions,
     view_cosine,
     view_cosine_from_camera,
@@ -24,6 +23,7 @@ from rtsr_cli.core.frames.camera import (
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.brdf_lut import load_default_lut
+from rtsr_cli.core.imaging.row_strips import cut_frame
 from rtsr_cli.core.shapes import Color, Mask, Plane, Vector3
 
 STRIP_PIXELS = 1 << 16
@@ -227,12 +227,7 @@ def derive_material(frame: Frame, config: DerivationConfig) -> Color:
 
     Works in strips of rows: every intermediate stays in the cache, and memory at the result's.
     """
-    height, width = frame.size
-    rows = max(1, STRIP_PIXELS // width)
-    strips = [
-        _material_term(frame.crop(top, 0, (min(rows, height - top), width)), config)
-        for top in range(0, height, rows)
-    ]
+    strips = [_material_term(strip, config) for _, strip in cut_frame(frame, STRIP_PIXELS)]
     return strips[0] if len(strips) == 1 else torch.cat(strips, dim=2)
 
 
@@ -342,8 +337,3 @@ def derive(
         added[Buffer.MATERIAL] = derive_material(frame, config)
     gbuffer = frame.gbuffer.with_buffers(added).only(wanted)
     return replace(frame, gbuffer=gbuffer, lighting_scale=scale)
-
-
-def has_matrices(camera: CameraMetadata) -> bool:
-    """Tell whether view cosines follow from this camera."""
-    return camera.world_to_camera is not None and camera.world_to_ndc is not None

@@ -195,13 +195,20 @@ def disocclusion_mask(
         differs = _normal_differs(motion_px, previous.normal, current.normal, thresholds)
         marked = marked | (differs & dynamic)
     if current.position_m is not None and previous.position_m is not None:
-        zero = torch.zeros_like(motion_px[:, :1])
-        cosine = zero if current.n_dot_v is None else current.n_dot_v
-        depth = zero if current.depth_m is None else current.depth_m
-        tolerance = position_tolerance_m(cosine, depth, thresholds)
+        tolerance = _find_position_tolerance(current, thresholds, like=motion_px)
         differs = _position_differs(motion_px, previous.position_m, current.position_m, tolerance)
         marked = marked | (differs & static)
     if current.object_id is not None and previous.object_id is not None:
         differs = _id_differs(motion_px, previous.object_id, current.object_id, thresholds)
         marked = marked | differs
     return marked.to(motion_px.dtype)
+
+
+def _find_position_tolerance(
+    current: SurfaceBuffers, thresholds: DisocclusionThresholds, *, like: Tensor
+) -> Plane:
+    """Tolerance of the position test; without a view cosine or a depth, as if it were 0."""
+    zero = torch.zeros_like(like[:, :1])
+    cosine = zero if current.n_dot_v is None else current.n_dot_v
+    depth = zero if current.depth_m is None else current.depth_m
+    return position_tolerance_m(cosine, depth, thresholds)

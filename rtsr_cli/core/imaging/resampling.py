@@ -21,9 +21,6 @@ from rtsr_cli.core.shapes import Image, Mask
 KEYS_A = -0.75
 """Slope of the cubic kernel at distance 1 [Keys 1981]; the value most libraries enlarge with."""
 
-CATMULL_ROM_A = -0.5
-"""The same kernel's third-order accurate member."""
-
 BICUBIC_SUPPORT_PX = 2
 """Reach of a cubic kernel to each side, in source pixels."""
 

@@ -5,15 +5,10 @@ Names of the field, all in rtsr's sense (previous minus current, pixels, x right
 - traditional motion vector TMV: y = x + TMV(x), the previous position of the surface point seen at
   x;
 - forward motion FWD, on the previous frame's grid: next position = y + FWD(y);
-- dual motion vector DMV = -FWD(y): the motion of whatever was visible at y   [Zeng et al. 2021];
-- occlusion motion vector: the dual one where x was hidden, so that the background beside the
-  occluder is fetched and not the occluder itself, the traditional one elsewhere.
+- dual motion vector DMV = -FWD(y): the motion of whatever was visible at y   [Zeng et al. 2021].
 """
 
 from __future__ import annotations
-
-from itertools import product
-from typing import Literal, TypeAlias
 
 import torch
 from torch import Tensor
@@ -29,14 +24,8 @@ from rtsr_cli.core.imaging.warping import (
 )
 from rtsr_cli.core.shapes import Mask, MotionPx, Plane, Size
 
-Footprint: TypeAlias = Literal["nearest", "quad"]
-"""Pixels that one source covers: the one it lands in, or all whose centres lie within one pixel."""
-
 UNRELIABLE_PX = 0.1
 """|DMV - TMV| from which history is unreliable, low-resolution pixels   [NSRD, code]."""
-
-FARTHEST_OCCLUDER_M = 1000.0
-"""Surfaces beyond do not take part in the splat for occlusion vectors   [ExtraNet, code]."""
 
 _INDEX_BITS = 32
 _INDEX_MASK = (1 << _INDEX_BITS) - 1
@@ -51,30 +40,12 @@ def _packed_keys(depth_m: Tensor) -> Tensor:
     return (bits.view(-1, num_sources) << _INDEX_BITS) | index
 
 
-def _axis_landings(
-    motion_px: Tensor, axis: int, extent: int, footprint: Footprint
-) -> list[tuple[Tensor, Tensor]]:
-    """(index, covered) of the pixels of the footprint along one axis; finite motion."""
-    displacement = motion_px[:, axis]
-    if footprint == "nearest":
-        index = whole_pixels(displacement + 0.5) + own_index(motion_px, axis)
-        return [(index, (index >= 0) & (index < extent))]
-    index = whole_pixels(displacement) + own_index(motion_px, axis)
-    beside = index + 1
-    between = displacement > displacement.floor()
-    return [
-        (index, (index >= 0) & (index < extent)),
-        (beside, (beside >= 0) & (beside < extent) & between),
-    ]
-
-
 def forward_splat(
     source_values: AnyImage,
     forward_motion_px: MotionPx,
     depth_m: Plane,
     *,
     size: Size | None = None,
-    footprint: Footprint = "nearest",
 ) -> tuple[Tensor, Tensor]:
     """Move every source pixel along its forward motion; the nearest one keeps the pixel.
 
@@ -87,7 +58,6 @@ def forward_splat(
         depth_m: of the sources, at the target time; sources with NaN or infinite depth or motion
             are left out.
         size: (height, width) of the target; default that of the source.
-        footprint: pixels a source covers.
 
     Returns:
         Values on the target, n c and `size` (0 where nothing lands), and a mask, 1 where something
@@ -107,11 +77,10 @@ def forward_splat(
     usable = (depth_m + forward_motion_px.sum(dim=1, keepdim=True)).isfinite()[:, 0]
     motion = bound_motion(forward_motion_px, limit_px=h + w + source_h + source_w)
     target = keys.new_full((n, h * w + 1), _NO_SOURCE)
-    columns, rows = (_axis_landings(motion, axis, (w, h)[axis], footprint) for axis in (0, 1))
-    for (column, column_covered), (row, row_covered) in product(columns, rows):
-        lands = column_covered & row_covered & usable
-        index = torch.where(lands, torch.add(column, row, alpha=w), h * w)
-        target.scatter_reduce_(1, index.reshape(n, -1), keys, "amin")
+    column, row = (whole_pixels(motion[:, axis] + 0.5) + own_index(motion, axis) for axis in (0, 1))
+    lands = (column >= 0) & (column < w) & (row >= 0) & (row < h) & usable
+    index = torch.where(lands, torch.add(column, row, alpha=w), h * w)
+    target.scatter_reduce_(1, index.reshape(n, -1), keys, "amin")
     winner = target[:, : h * w]
     hit = winner != _NO_SOURCE
     source = torch.where(hit, winner & _INDEX_MASK, 0).unsqueeze(1)
@@ -120,9 +89,7 @@ def forward_splat(
     return values.view(n, c, h, w), hit.view(n, 1, h, w).to(depth_m.dtype)
 
 
-def forward_motion_by_splat(
-    motion_px: MotionPx, depth_m: Plane, *, footprint: Footprint = "nearest"
-) -> tuple[MotionPx, Mask]:
+def forward_motion_by_splat(motion_px: MotionPx, depth_m: Plane) -> tuple[MotionPx, Mask]:
     """Forward motion on the previous frame's grid, where the file has none.
 
         FWD(x + TMV(x)) = -TMV(x), nearest surface first
@@ -130,7 +97,6 @@ def forward_motion_by_splat(
     Args:
         motion_px: traditional motion of the current frame.
         depth_m: of the current frame.
-        footprint: pixels a vector covers.
 
     Returns:
         FWD and a mask, 1 where a surface of the current frame landed.
@@ -138,7 +104,7 @@ def forward_motion_by_splat(
     Raises:
         ShapeMismatchError: sizes differ.
     """
-    return forward_splat(-motion_px, motion_px, depth_m, footprint=footprint)
+    return forward_splat(-motion_px, motion_px, depth_m)
 
 
 def dual_motion(
@@ -198,37 +164,3 @@ def unreliable_mask(
     if known_mask is not None:
         agrees = agrees & (known_mask > 0)
     return (~agrees).to(motion_px.dtype)
-
-
-def occlusion_motion(
-    motion_px: MotionPx,
-    depth_m: Plane,
-    disoccluded_mask: Mask,
-    *,
-    farthest_m: float = FARTHEST_OCCLUDER_M,
-) -> tuple[MotionPx, Mask]:
-    """Occlusion motion vectors: the occluder's displacement where the surface itself was hidden.
-
-        mv_occ(x) = -F(x + mv(x)),  F = forward motion splatted to quads   [Zeng et al. 2021]
-
-    Args:
-        motion_px: TMV of the current frame.
-        depth_m: of the current frame; farther than `farthest_m` is not splatted.
-        disoccluded_mask: 1 where the previous frame hides the surface; elsewhere TMV is kept.
-        farthest_m: metres.
-
-    Returns:
-        The motion and a mask, 0 on disoccluded pixels for which no occluder was found.
-
-    Raises:
-        ShapeMismatchError: sizes differ.
-
-    Departs from the published code: without an occluder TMV stands, not 0.
-    """
-    require_same_size(motion_px=motion_px, disoccluded_mask=disoccluded_mask)
-    near_depth = depth_m.masked_fill(depth_m >= farthest_m, torch.inf)
-    forward, hit_mask = forward_motion_by_splat(motion_px, near_depth, footprint="quad")
-    dual, known_mask = dual_motion(motion_px, forward, known_prev_mask=hit_mask)
-    hidden = disoccluded_mask > 0
-    found_mask = torch.where(hidden, known_mask, 1.0)
-    return torch.where(hidden, dual, motion_px), found_mask

@@ -6,7 +6,7 @@ from typing import Any
 
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
-from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate
+from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.inspect.pixel_statistics import PixelStatistics
 from rtsr_cli.core.inspect.shot_inspection import SetInspection, ShotInspection

@@ -11,7 +11,7 @@ from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
 from rtsr_cli.core.captures.measuring.declaration_text import write_capture_text
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError, RtsrError
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.atomic_write import write_atomically, write_text_atomically
 from rtsr_cli.core.inspect.events import (
     CaptureBlocked,
     CaptureWritten,
@@ -86,15 +86,11 @@ def write_capture(
 def _replace(path: Path, text: str, *, overwrite: bool) -> Path | None:
     """Write the file; return what a former one is kept as, whose comments are not carried over."""
     if not path.exists():
-        write_atomically(path, partial(_write_text, text))
+        write_text_atomically(path, text)
         return None
     if not overwrite:
         raise OutputError(f"{path} exists; give --overwrite to replace it")
     kept = path.with_name(f"{path.name}.bak")
     write_atomically(kept, partial(shutil.copyfile, path))
-    write_atomically(path, partial(_write_text, text))
+    write_text_atomically(path, text)
     return kept
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

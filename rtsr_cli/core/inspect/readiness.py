@@ -9,14 +9,10 @@ from enum import IntEnum
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs
+from rtsr_cli.core.pairs.simulated_pairs import SimulatedPairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import (
-    PairInputs,
-    PairSource,
-    RealPairs,
-    SimulatedPairs,
-    open_real_pairs,
-)
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.system_inputs import resolve_system_inputs
 from rtsr_cli.core.system import System
 

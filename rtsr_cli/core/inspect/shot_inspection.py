@@ -12,7 +12,7 @@ from pathlib import Path
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import guess_buffers
 from rtsr_cli.core.captures.declarations import DeclarationFiles
-from rtsr_cli.core.captures.measuring.decision import MeasuredReader
+from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot

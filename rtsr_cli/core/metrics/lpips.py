@@ -1,7 +1,7 @@
 """LPIPS, version 0.1, on the features of AlexNet [Zhang et al. 2018, arXiv 1801.03924].
 
 Every layer's features are scaled to unit length at every pixel, and their squared differences are
-summed with learned weights. One way to use it: where two images differ, `map`; how much, `score`.
+summed with learned weights.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from torch import Tensor
 from rtsr_cli.core.errors import MetricError
 from rtsr_cli.core.metrics.filters import check_pair
 from rtsr_cli.core.metrics.lpips_weights import LpipsWeights, find_weights, read_lpips_weights
-from rtsr_cli.core.shapes import Color, PixelMap, Scores
+from rtsr_cli.core.shapes import Color, PixelMap
 
 SHIFT = (-0.030, -0.088, -0.188)
 SCALE = (0.458, 0.448, 0.450)
@@ -75,7 +75,7 @@ class Lpips:
             ref: the same.
 
         Returns:
-            >= 0; its mean is not quite `score`, since enlarging weighs pixels unequally.
+            >= 0; its mean is not quite LPIPS, since enlarging weighs pixels unequally.
 
         Raises:
             ShapeMismatchError: the sizes differ.
@@ -83,17 +83,11 @@ class Lpips:
         """
         size = test.shape[-2:]
         total = test.new_zeros(test.shape[0], 1, *size)
-        for distance in self._layer_distances(test, ref):
+        for distance in self.layer_distances(test, ref):
             total += F.interpolate(distance, size=size, mode="bilinear", align_corners=False)
         return total[:, 0]
 
-    @torch.no_grad()
-    def score(self, test: Color, ref: Color) -> Scores:
-        """LPIPS of every image: the layers' mean distances, summed. Arguments as of `map`."""
-        means = [distance.mean((1, 2, 3)) for distance in self._layer_distances(test, ref)]
-        return torch.stack(means).sum(0)
-
-    def _layer_distances(self, test: Color, ref: Color) -> Iterator[Tensor]:
+    def layer_distances(self, test: Color, ref: Color) -> Iterator[Tensor]:
         """N1HW distances, a layer at a time:
 
         d = sum over channels c of head_c (test_c / |test| - ref_c / |ref|)^2

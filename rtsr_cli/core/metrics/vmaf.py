@@ -58,7 +58,7 @@ INSTALL_COMMAND = "pip install imageio-ffmpeg"
 LAST_COMPLAINTS = 600
 """Characters of FFmpeg's messages that an error repeats."""
 
-Picture = NDArray[np.uint8]
+ByteImage = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -67,15 +67,11 @@ class VmafScores:
 
     Attributes:
         frames: one score a frame.
-        mean: of the frames.
-        harmonic_mean: of the frames plus 1, less 1, as libvmaf pools them; bad frames weigh more.
         model: the name in libvmaf.
         build: versions of libvmaf and FFmpeg, which move scores by hundredths of a point.
     """
 
     frames: tuple[float, ...]
-    mean: float
-    harmonic_mean: float
     model: str
     build: str
 
@@ -85,7 +81,7 @@ def choose_model(height: int) -> str:
     return MODEL_4K if height >= ROWS_4K else MODEL_HD
 
 
-def limited_range_luma(picture: Picture) -> Picture:
+def limited_range_luma(picture: ByteImage) -> ByteImage:
     """8-bit limited-range BT.709 luma (height, width) of display-encoded RGB (height, width, 3).
 
     Y = round(16 + 219 (0.2126 R + 0.7152 G + 0.0722 B) / 255)
@@ -106,7 +102,7 @@ class _Feed(threading.Thread):
         self._grey = grey
         self._waiting: queue.Queue[bytes | None] = queue.Queue(WAITING_FRAMES)
 
-    def put(self, plane: Picture) -> None:
+    def put(self, plane: ByteImage) -> None:
         """Hand over a copy of a luma plane, waiting for room."""
         self._waiting.put(plane.tobytes())
 
@@ -217,7 +213,7 @@ class Vmaf:
         self._child.kill()
         self._wait()
 
-    def add(self, test: Picture, ref: Picture) -> None:
+    def add(self, test: ByteImage, ref: ByteImage) -> None:
         """Add a frame: display-encoded 8-bit RGB (height, width, 3), copied before it returns.
 
         Raises:
@@ -228,7 +224,7 @@ class Vmaf:
             _check(picture, (*self._size, RGB))
         self.add_luma(limited_range_luma(test), limited_range_luma(ref))
 
-    def add_luma(self, test: Picture, ref: Picture) -> None:
+    def add_luma(self, test: ByteImage, ref: ByteImage) -> None:
         """Add a frame of 8-bit limited-range BT.709 luma (height, width). Errors as of `add`."""
         for plane in (test, ref):
             _check(plane, self._size)
@@ -275,17 +271,14 @@ class Vmaf:
         )
 
     def _scores(self, log: dict[str, Any]) -> VmafScores:
-        pooled = log["pooled_metrics"]["vmaf"]
         return VmafScores(
             frames=tuple(frame["metrics"]["vmaf"] for frame in log["frames"]),
-            mean=pooled["mean"],
-            harmonic_mean=pooled["harmonic_mean"],
             model=self._model,
             build=f"libvmaf {log['version']} in FFmpeg {self._version}",
         )
 
 
-def _check(picture: Picture, shape: tuple[int, ...]) -> None:
+def _check(picture: ByteImage, shape: tuple[int, ...]) -> None:
     if picture.shape != shape or picture.dtype != np.uint8:
         raise ShapeMismatchError(
             f"VMAF compares 8-bit pictures of one size: {shape} uint8 (height first) was "

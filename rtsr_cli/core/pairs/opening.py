@@ -12,11 +12,8 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
 from rtsr_cli.core.captures.layout_files import check_declared
-from rtsr_cli.core.captures.measuring.decision import (
-    MeasuredReader,
-    measure_and_decide,
-    require_decision,
-)
+from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
+from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import (
     HR_FOLDER,
@@ -31,8 +28,10 @@ from rtsr_cli.core.captures.survey import HeaderFiles, Headers, open_frames, rea
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.pairs.real_pairs import open_real_pairs
+from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import PairSource, open_real_pairs, open_simulated_pairs
+from rtsr_cli.core.pairs.sources import PairSource
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from rtsr_cli.core.captures.reader import FrameReader
@@ -18,9 +16,8 @@ from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.exr import PixelWindow, Plane, write_exr
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.files.provenance import read_stamp
-from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import ColorSpace
-from rtsr_cli.core.imaging.color import MAX_HALF
+from rtsr_cli.core.frames.storage import split_image
 from rtsr_cli.core.imaging.preview import encode_preview
 from rtsr_cli.core.shapes import Color, Image
 
@@ -162,31 +159,6 @@ class OutputFrame:
         )
 
 
-def to_half(plane: torch.Tensor) -> NDArray[np.float16]:
-    """Round to half; values beyond its range become its largest finite value."""
-    array: NDArray[np.float16] = plane.clamp(-MAX_HALF, MAX_HALF).to(torch.float16).cpu().numpy()
-    return array
-
-
-def split_image(
-    prefix: str, image: Image, components: str, *, full: bool = False
-) -> dict[str, NDArray[Any]]:
-    """Name the planes of an image `prefix.component` (`component` without a prefix).
-
-    Args:
-        prefix: layer name.
-        image: 1 x c x h x w.
-        components: one letter a channel; none if the layer's name is the channel's.
-        full: store float instead of half.
-    """
-    planes = image[0] if image.dtype == torch.float16 and not full else image[0].float()
-    names = [f"{prefix}.{c}" if prefix else c for c in components] or [prefix]
-    return {
-        name: planes[i].cpu().numpy() if full else to_half(planes[i])
-        for i, name in enumerate(names)
-    }
-
-
 def split_debug_pictures(pictures: Mapping[str, Image]) -> dict[str, NDArray[Any]]:
     """Lay pictures of the largest size out as layers; smaller ones are repeated up to it."""
     height = max(image.shape[-2] for image in pictures.values())
@@ -198,8 +170,3 @@ def split_debug_pictures(pictures: Mapping[str, Image]) -> dict[str, NDArray[Any
         names = letters or "".join(chr(ord("a") + i) for i in range(large.shape[1]))
         channels |= split_image(name, large, names)
     return channels
-
-
-def split_buffer(buffer: Buffer, image: Image, *, full: bool = False) -> dict[str, Any]:
-    """Name a buffer's planes as the canonical layout does."""
-    return split_image(buffer.value, image, BUFFER_SPECS[buffer].components, full=full)

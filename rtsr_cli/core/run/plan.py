@@ -140,15 +140,20 @@ def plan_shot(
         stamps=stamps,
     )
     refuse_inputs(list(plan.paths.values()), inputs.readers)
-    states = {n: _read_state(plan, n) for n in selected}
-    if not overwrite:
-        foreign = [plan.paths[n] for n, state in states.items() if state is OutputState.FOREIGN]
-        refuse_foreign(foreign, f"rtsr {outputs.command}")
-    pending = frozenset(n for n, state in states.items() if state is not OutputState.DONE)
+    pending = _find_pending(plan, overwrite=overwrite)
     plan = replace(plan, pending=pending, order=_order_numbers(sequence, stamps.starts, pending))
     for number in plan.order:
         plan.digests.note(inputs.files(number))
     return plan
+
+
+def _find_pending(plan: ShotPlan, *, overwrite: bool) -> frozenset[int]:
+    """Frames that are not done; refuses outputs of others, unless they may be replaced."""
+    states = {n: _read_state(plan, n) for n in plan.selected}
+    if not overwrite:
+        foreign = [plan.paths[n] for n, state in states.items() if state is OutputState.FOREIGN]
+        refuse_foreign(foreign, f"rtsr {plan.outputs.command}")
+    return frozenset(n for n, state in states.items() if state is not OutputState.DONE)
 
 
 def _read_state(plan: ShotPlan, number: int) -> OutputState:

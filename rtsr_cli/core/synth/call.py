@@ -14,7 +14,7 @@ from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
 from rtsr_cli.core.captures.layout_writer import write_frame, write_side_car
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import RtsrError
-from rtsr_cli.core.files.atomic_write import check_writable, write_atomically
+from rtsr_cli.core.files.atomic_write import check_writable, write_text_atomically
 from rtsr_cli.core.files.provenance import STAMP
 from rtsr_cli.core.files.streaming import READ_AHEAD_BYTES
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
@@ -231,7 +231,7 @@ class RenderJob:
         """Write what is declared beside the frames."""
         plan = self._plan
         write_cameras(plan)
-        write_atomically(plan.folder / CAPTURE_FILE, partial(_write_text, plan.capture))
+        write_text_atomically(plan.folder / CAPTURE_FILE, plan.capture)
 
     def load(self, key: FileKey) -> None:
         """Nothing is read."""
@@ -244,10 +244,6 @@ class RenderJob:
 
     def fail(self, key: FileKey, error: RtsrError) -> None:
         """A file that cannot be written ends the run."""
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def write_cameras(plan: SynthPlan) -> None:

@@ -15,6 +15,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import box_mean
+from rtsr_cli.core.imaging.row_strips import cut_pixels
 from rtsr_cli.core.shapes import Color, Size
 from rtsr_cli.core.synth import surfaces
 from rtsr_cli.core.synth.placement import PlacedPart, place_parts
@@ -248,17 +249,10 @@ def _light_points(shot: RenderedShot, points: SurfacePoints) -> Tensor:
     return total
 
 
-def _cut_row_strips(shot: RenderedShot, multiple: int) -> list[range]:
-    """Rows in strips of about `STRIP_PIXELS`, each a multiple of `multiple` rows (but the last)."""
-    height, width = shot.size
-    rows = max(1, STRIP_PIXELS // (width * multiple)) * multiple
-    return [range(top, min(height, top + rows)) for top in range(0, height, rows)]
-
-
 def _map_strips(
     shot: RenderedShot, work: Callable[[range], dict[Buffer, Tensor]], multiple: int, threads: int
 ) -> Iterator[tuple[range, dict[Buffer, Tensor]]]:
-    strips = _cut_row_strips(shot, multiple)
+    strips = cut_pixels(shot.size, STRIP_PIXELS, multiple=multiple)
     # a thread a strip: torch's own threads would split every small operation
     with worker_pool(threads, "rtsr-synth") as pool:
         yield from zip(strips, pool.map(work, strips), strict=True)

@@ -17,7 +17,7 @@ from rtsr_cli.core.files.provenance import FileDigests, digest_config, digest_va
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
-from rtsr_cli.core.imaging.color import MAX_HALF
+from rtsr_cli.core.frames.storage import round_to_half
 from rtsr_cli.core.imaging.demodulation import lighting_scale
 from rtsr_cli.core.imaging.derivation import (
     DerivationConfig,
@@ -28,8 +28,9 @@ from rtsr_cli.core.imaging.derivation import (
 )
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance
 from rtsr_cli.core.pairs.nonfinite import apply_policy
+from rtsr_cli.core.pairs.real_pairs import RealPairs
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
-from rtsr_cli.core.pairs.sources import PairInputs, PairSource, RealPairs
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.system import System
 from rtsr_cli.core.training.clips import (
     DERIVED,
@@ -327,7 +328,7 @@ def _measure_material_gain(
 
 
 def _stack_planes(planes: Iterator[Tensor]) -> Tensor:
-    return torch.cat([p.clamp(-MAX_HALF, MAX_HALF).half() for p in planes])
+    return torch.cat([round_to_half(p) for p in planes])
 
 
 def _measure_scale(frame: Frame, derivation: DerivationConfig) -> float:

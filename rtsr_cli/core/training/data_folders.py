@@ -14,7 +14,7 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot, collect_frame_set
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
@@ -236,7 +236,7 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
         )
     paths = yield from record_clips_of(captured, how.wanted, cache=how.cache, policy=how.policy)
     names = json.dumps([path.name for path in paths])
-    write_atomically(index, lambda part: _write_text(part, names))
+    write_text_atomically(index, names)
     return paths
 
 
@@ -264,10 +264,6 @@ def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | Non
 def _find_auxiliary(source: PairSource, how: ClipSources) -> tuple[AuxiliaryRadiance, ...]:
     """Further radiance that was captured."""
     return find_auxiliary(source, how.wanted.beside, source.reader.numbers, how.options, how.policy)
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _hash_shot(opened: OpenedShot, how: ClipSources) -> str:

@@ -18,7 +18,11 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from rtsr_cli.core.errors import CheckpointError
-from rtsr_cli.core.files.atomic_write import remove_leftovers, write_atomically
+from rtsr_cli.core.files.atomic_write import (
+    remove_leftovers,
+    write_atomically,
+    write_text_atomically,
+)
 
 STATE_FILE = "state.json"
 
@@ -49,15 +53,11 @@ def save_state(
     path = folder / f"step-{step:09d}.safetensors"
     write_atomically(path, lambda part: save_file(tensors, part))
     text = json.dumps({"step": step, "tensors": path.name, **facts}, indent=1)
-    write_atomically(folder / STATE_FILE, lambda part: _write_text(part, text))
+    write_text_atomically(folder / STATE_FILE, text)
     for old in folder.glob("step-*.safetensors"):
         if old != path:
             with suppress(OSError):
                 old.unlink()
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def read_saved_step(folder: Path) -> int:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Iterator, Sequence
-from functools import partial
 from itertools import zip_longest
-from pathlib import Path
 from typing import TypeVar
 
 import torch
@@ -14,7 +12,7 @@ from torch import nn
 
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.files.atomic_write import check_writable, write_atomically
+from rtsr_cli.core.files.atomic_write import check_writable, write_text_atomically
 from rtsr_cli.core.memory import keep_freed
 from rtsr_cli.core.settings import to_toml
 from rtsr_cli.core.system import System
@@ -127,7 +125,7 @@ def _prepare_run(
     folder, plain = request.output_folder, settings.plain
     if ranks.first:
         check_writable(folder)
-        write_atomically(folder / CONFIG_FILE, partial(_write_text, to_toml(plain)))
+        write_text_atomically(folder / CONFIG_FILE, to_toml(plain))
     return TrainingRun(
         folder=folder,
         task=task,
@@ -138,10 +136,6 @@ def _prepare_run(
         keep=WeightsWriter(folder, plain, clips).write,
         ranks=ranks,
     )
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _follow_lead(run: TrainingRun, network: nn.Module) -> Iterator[TrainEvent]:

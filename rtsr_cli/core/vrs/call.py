@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.devices import resolve_device
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
 from rtsr_cli.core.pairs.opening import open_single_sets
@@ -136,7 +135,7 @@ def plan_prediction(
     Raises:
         RtsrError: an input is missing or wrong, an output is in the way.
     """
-    loaded, system = chosen.loaded, chosen.system
+    system, weights = chosen.system, (asdict(chosen.loaded.config), chosen.loaded.digest)
     inputs = resolve_prediction_inputs(request, chosen)
     if chosen.analytic:
         check_inputs(f"system '{chosen.name}'", source, inputs)
@@ -152,13 +151,7 @@ def plan_prediction(
             pictures=pictures,
             frame_bytes=reading.output_bytes(pictures=len(pictures)),
         ),
-        settings=[
-            chosen.name,
-            asdict(options),
-            asdict(loaded.config),
-            loaded.digest,
-            request.on_nonfinite,
-        ],
+        settings=[chosen.name, asdict(options), *weights, request.on_nonfinite],
         selection=request.selection,
         overwrite=request.overwrite,
         history=HistoryReach(frames=system.history_frames),
@@ -249,9 +242,5 @@ def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) 
         },
     }
     path = folder / SUMMARY
-    write_atomically(path, partial(_write_text, json.dumps(content, indent=1)))
+    write_text_atomically(path, json.dumps(content, indent=1))
     return RatesSummary(path=path, options=options, total=total)
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

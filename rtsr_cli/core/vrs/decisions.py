@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.choices import Estimator
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.storage import split_image
 from rtsr_cli.core.pairs.auxiliary_radiance import join_planes
 from rtsr_cli.core.run.frame_pairs import FrameInTurn
-from rtsr_cli.core.run.outputs import split_image
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.vrs.accuracy import tallies_to_plain, tally_errors
 from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, measure_true_errors

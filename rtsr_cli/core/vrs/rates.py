@@ -113,11 +113,6 @@ def choose_codes(errors: Errors, threshold: float) -> TileMap:
     return codes
 
 
-def find_rate(code: int) -> ShadingRate:
-    """Rate of a code."""
-    return next(rate for rate in ShadingRate if rate.code == code)
-
-
 def rate_shares(codes: TileMap, pixels: TileMap) -> dict[str, float]:
     """Share of the frame's pixels at each rate.
 

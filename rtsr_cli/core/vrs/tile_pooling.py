@@ -9,11 +9,6 @@ from rtsr_cli.core.choices import Pool
 from rtsr_cli.core.shapes import Image, Size, TileMap
 
 
-def tile_grid(size: Size, side: int) -> Size:
-    """Tiles (down, across) that cover a frame."""
-    return -(-size[0] // side), -(-size[1] // side)
-
-
 def pad_to_tiles(image: Image, side: int, value: float = 0.0) -> Image:
     """Fill the frame up to whole tiles."""
     height, width = image.shape[-2:]

@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from rtsr_cli.core.imaging.row_strips import run_in_strips
 from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.network.blocks import (
     InvertedResidual,
@@ -18,7 +19,6 @@ from rtsr_cli.core.network.blocks import (
     make_separable_conv,
     pixel_unshuffle,
 )
-from rtsr_cli.core.network.row_strips import run_in_strips
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.fusesr.config import HISTORY_FRAMES, LR_CHANNELS, FuseSRConfig, Fusion, Variant

@@ -12,7 +12,6 @@ import pytest
 import torch
 
 from rtsr_cli.core.captures.layout_writer import (
-    FLOAT_BUFFERS,
     FrameRole,
     write_frame,
     write_side_car,
@@ -26,6 +25,7 @@ from rtsr_cli.core.frames.buffers import BUFFER_SPECS, NORMAL_BUFFERS, SKY_DEPTH
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.frames.storage import FLOAT_BUFFERS
 from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, measure_set, open_shot
 
 MakeCamera = Callable[..., CameraMetadata]

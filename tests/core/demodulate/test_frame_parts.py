@@ -12,6 +12,7 @@ from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.derivation import DerivationConfig
+from rtsr_cli.core.imaging.row_strips import cut_frame
 
 SIZE = (12, 16)
 
@@ -42,7 +43,7 @@ def test_strips_give_the_bytes_of_the_whole_frame(
 ) -> None:
     whole = frame_parts.demodulate_frame(frame, DerivationConfig(), full=full)
     monkeypatch.setattr(frame_parts, "STRIP_PIXELS", 5 * SIZE[1])
-    assert [top for top, _ in frame_parts.cut_strips(frame)] == [0, 5, 10]
+    assert [top for top, _ in cut_frame(frame, frame_parts.STRIP_PIXELS)] == [0, 5, 10]
     parts = frame_parts.demodulate_frame(frame, DerivationConfig(), full=full)
     assert parts.error == whole.error
     assert parts.undivided == whole.undivided

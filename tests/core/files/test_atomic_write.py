@@ -97,3 +97,11 @@ def test_a_private_writer_leaves_a_file_with_ordinary_permissions(tmp_path: Path
     finally:
         os.umask(before)
     assert (tmp_path / "weights.safetensors").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_text_replaces_what_was_there_whole(tmp_path: Path) -> None:
+    path = tmp_path / "sub" / "a.toml"
+    for text in ("größer\n", ""):
+        atomic_write.write_text_atomically(path, text)
+        assert path.read_bytes() == text.encode()
+    assert list(path.parent.iterdir()) == [path]

@@ -129,11 +129,9 @@ def test_a_data_window_inside_the_display_window_survives(tmp_path: Path) -> Non
     assert np.array_equal(read_channels(path, ["R"])["R"], ramp(np.float16))
 
 
-def test_windows_scale_and_tell_what_they_contain() -> None:
+def test_windows_scale() -> None:
     window = PixelWindow(left=-1, top=2, width=4, height=3)
     assert window.at_scale(2) == PixelWindow(left=-2, top=4, width=8, height=6)
-    assert window.contains(PixelWindow(left=0, top=2, width=3, height=3))
-    assert not window.contains(PixelWindow(left=0, top=2, width=4, height=3))
 
 
 ATTRIBUTES = {

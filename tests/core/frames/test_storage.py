@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import product
 
+import numpy as np
 import pytest
 import torch
 
@@ -22,7 +23,7 @@ from rtsr_cli.core.frames.conventions import (
     to_memory,
 )
 from rtsr_cli.core.frames.motion import Axes, MotionConvention, MotionDirection, MotionUnit, YAxis
-from rtsr_cli.core.frames.storage import from_memory
+from rtsr_cli.core.frames.storage import from_memory, split_buffer, to_half
 
 SIZE = (4, 6)
 MakeCamera = Callable[..., CameraMetadata]
@@ -173,3 +174,28 @@ def test_what_needs_a_camera_says_so_when_it_is_written(
     channels = 3 if buffer is Buffer.NORMAL else 1
     with pytest.raises(MissingBufferError, match=r"shot, frame 3: .* needs the camera matrices"):
         from_memory(buffer, random(channels), frame)
+
+
+def test_values_beyond_half_become_its_largest_value_and_nan_stays() -> None:
+    stored = to_half(torch.tensor([1e9, -1e9, 65519.0, 0.5, float("nan")]))
+    assert stored[:4].tolist() == [65504.0, -65504.0, 65504.0, 0.5]
+    assert np.isnan(stored[4])
+
+
+def test_doubles_are_rounded_to_half_once() -> None:
+    # just above the middle of 1 and the next half, closer to it than a float tells
+    above = 1.0 + 2.0**-11 + 2.0**-40
+    stored = to_half(torch.tensor([above, -above], dtype=torch.float64))
+    assert stored.tolist() == [1.0 + 2.0**-10, -1.0 - 2.0**-10]
+
+
+def test_buffers_are_named_as_the_canonical_layout_has_them() -> None:
+    assert set(split_buffer(Buffer.NORMAL, torch.zeros(1, 3, 2, 2))) == {
+        "normal.X",
+        "normal.Y",
+        "normal.Z",
+    }
+    roughness = split_buffer(Buffer.ROUGHNESS, torch.zeros(1, 1, 2, 2), full=True)
+    assert {name: plane.dtype for name, plane in roughness.items()} == {
+        "roughness": np.dtype(np.float32)
+    }

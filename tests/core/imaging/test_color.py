@@ -7,9 +7,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.imaging.color import (
     LUMA_REC709,
-    MAX_HALF,
     decode_log,
     decode_reinhard,
     decode_srgb,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rtsr_cli.core.imaging.color import MAX_HALF
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.imaging.demodulation import (
     MATERIAL_EPSILON,
     Demodulated,

@@ -18,7 +18,6 @@ from rtsr_cli.core.imaging.derivation import (
     derive_material,
     derive_nov,
     derive_sky,
-    has_matrices,
     resolve_needs,
 )
 
@@ -261,9 +260,3 @@ def test_bad_pixels_of_the_gbuffer_are_not_divided(
     frame = derive(make_frame(buffers), (Buffer.LIGHTING, Buffer.LIGHTING_MASK), BRDF)
     assert float(frame.gbuffer[Buffer.LIGHTING_MASK][0, 0, 6, 6]) == 0.0
     assert torch.isfinite(frame.gbuffer[Buffer.LIGHTING]).all()
-
-
-def test_a_camera_needs_both_matrices(make_camera: Callable[..., CameraMetadata]) -> None:
-    assert has_matrices(make_camera())
-    assert not has_matrices(CameraMetadata())
-    assert not has_matrices(CameraMetadata(world_to_camera=torch.eye(4)))

@@ -14,13 +14,12 @@ from rtsr_cli.core.imaging.splatting import (
     dual_motion,
     forward_motion_by_splat,
     forward_splat,
-    occlusion_motion,
     unreliable_mask,
 )
 
 
 def splat_by_loops(values, motion, depth, size):
-    """The definition, pixel by pixel, for one image and the nearest footprint."""
+    """The definition, pixel by pixel, for one image."""
     out = torch.zeros(values.shape[1], *size)
     best = torch.full(size, math.inf)
     for y in range(values.shape[2]):
@@ -51,13 +50,12 @@ def test_the_splat_is_its_definition(seed, source, target):
     assert torch.equal(hit_mask[0, 0], expected_hit)
 
 
-@pytest.mark.parametrize("footprint", ["nearest", "quad"])
 @given(seed=st.integers(0, 2**31 - 1))
 @settings(deadline=None, max_examples=15)
-def test_zero_motion_splats_every_pixel_onto_itself(footprint, seed):
+def test_zero_motion_splats_every_pixel_onto_itself(seed):
     values = torch.randn(2, 3, 4, 5, generator=torch.Generator().manual_seed(seed))
     motion, depth = torch.zeros(2, 2, 4, 5), torch.ones(2, 1, 4, 5)
-    splatted, hit_mask = forward_splat(values, motion, depth, footprint=footprint)
+    splatted, hit_mask = forward_splat(values, motion, depth)
     assert torch.equal(splatted, values)
     assert bool((hit_mask == 1).all())
 
@@ -79,18 +77,6 @@ def test_zero_depth_of_either_sign_is_the_nearest():
     for zero in (0.0, -0.0):
         splatted, _ = forward_splat(values, motion, torch.tensor([[[[zero, 1e-30]]]]))
         assert splatted[0, 0, 0, 1].item() == 1.0
-
-
-def test_a_quad_covers_the_four_pixels_around_the_landing_point():
-    values = torch.zeros(1, 1, 4, 4)
-    values[0, 0, 0, 0] = 5.0
-    depth = torch.full((1, 1, 4, 4), torch.inf)
-    depth[0, 0, 0, 0] = 1.0
-    motion = torch.zeros(1, 2, 4, 4)
-    motion[0, :, 0, 0] = torch.tensor([1.25, 1.75])
-    splatted, hit_mask = forward_splat(values, motion, depth, footprint="quad")
-    assert hit_mask[0, 0].nonzero().tolist() == [[1, 1], [1, 2], [2, 1], [2, 2]]
-    assert splatted[hit_mask > 0].tolist() == [5.0] * 4
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -173,34 +159,12 @@ def test_the_threshold_counts_either_component_and_its_own_value():
     assert mask.flatten().tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
-def test_occlusion_vectors_move_with_the_occluder_and_fetch_beside_it(sliding_occluder):
-    motion, depth, _ = sliding_occluder
-    disoccluded_mask = torch.zeros(1, 1, 1, 10)
-    disoccluded_mask[..., 2:4] = 1
-    occlusion, found_mask = occlusion_motion(motion, depth, disoccluded_mask)
-    assert occlusion[0, 0, 0].tolist() == [-1, -1, -3, -3, -3, -3, -1, -1, -1, -1]
-    assert bool((found_mask == 1).all())
-    post_before = (1, 2)
-    fetched_by_3 = 3 + occlusion[0, 0, 0, 3].item()
-    assert fetched_by_3 not in post_before
-
-
-def test_occluders_beyond_the_limit_leave_the_traditional_vector(sliding_occluder):
-    motion, depth, _ = sliding_occluder
-    disoccluded_mask = torch.zeros(1, 1, 1, 10)
-    disoccluded_mask[..., 2:4] = 1
-    occlusion, found_mask = occlusion_motion(motion, depth, disoccluded_mask, farthest_m=4.0)
-    assert torch.equal(occlusion, motion)
-    assert found_mask.flatten().tolist() == [1, 1, 0, 0, 1, 1, 1, 1, 1, 1]
-
-
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-@pytest.mark.parametrize("footprint", ["nearest", "quad"])
-def test_the_gpu_splats_the_same_bits(footprint):
+def test_the_gpu_splats_the_same_bits():
     generator = torch.Generator().manual_seed(0)
     values, motion = torch.randn(2, 2, 2, 31, 37, generator=generator).unbind(0)
     depth = torch.randint(1, 4, (2, 1, 31, 37), generator=generator).float()
-    on_cpu = forward_splat(values, motion * 3, depth, footprint=footprint)
-    on_gpu = forward_splat(values.cuda(), (motion * 3).cuda(), depth.cuda(), footprint=footprint)
+    on_cpu = forward_splat(values, motion * 3, depth)
+    on_gpu = forward_splat(values.cuda(), (motion * 3).cuda(), depth.cuda())
     assert all(torch.equal(a, b.cpu()) for a, b in zip(on_cpu, on_gpu, strict=True))

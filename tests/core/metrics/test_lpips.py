@@ -74,9 +74,15 @@ class Malicious:
         return os.mkdir, (str(self.folder),)
 
 
+def score(lpips: Lpips, test: torch.Tensor, ref: torch.Tensor) -> torch.Tensor:
+    """LPIPS of every image as it is published: the layers' mean distances, summed."""
+    with torch.no_grad():
+        return sum(distance.mean((1, 2, 3)) for distance in lpips.layer_distances(test, ref))
+
+
 def test_scores_are_those_of_the_oracle(lpips: Lpips, ldr_pair: Pair, oracle: Oracle) -> None:
     expected = oracle("lpips")["cases"]["alex"]["ldr_reference_vs_test"]
-    assert lpips.score(*ldr_pair).item() == pytest.approx(expected, abs=TOLERANCE)
+    assert score(lpips, *ldr_pair).item() == pytest.approx(expected, abs=TOLERANCE)
 
 
 def test_black_against_white_scores_as_the_oracle(
@@ -84,12 +90,12 @@ def test_black_against_white_scores_as_the_oracle(
 ) -> None:
     black, white = torch.zeros(1, 3, 64, 64, device=device), torch.ones(1, 3, 64, 64, device=device)
     expected = oracle("lpips")["cases"]["alex"]["black_vs_white_64x64"]
-    assert lpips.score(black, white).item() == pytest.approx(expected, abs=TOLERANCE)
+    assert score(lpips, black, white).item() == pytest.approx(expected, abs=TOLERANCE)
 
 
 def test_identical_images_score_zero(lpips: Lpips, ldr_pair: Pair, oracle: Oracle) -> None:
     ref = ldr_pair[1]
-    assert lpips.score(ref, ref).item() == oracle("lpips")["cases"]["alex"]["identical"]
+    assert score(lpips, ref, ref).item() == oracle("lpips")["cases"]["alex"]["identical"]
     assert not lpips.map(ref, ref).any()
 
 
@@ -105,8 +111,8 @@ def test_tiles_of_the_map_are_those_of_the_oracle(
 
 def test_every_image_of_a_batch_has_its_own_score(lpips: Lpips, ldr_pair: Pair) -> None:
     test, ref = ldr_pair
-    scores = lpips.score(torch.cat([test, ref]), torch.cat([ref, ref]))
-    assert scores[0].item() == pytest.approx(lpips.score(test, ref).item(), abs=1e-6)
+    scores = score(lpips, torch.cat([test, ref]), torch.cat([ref, ref]))
+    assert scores[0].item() == pytest.approx(score(lpips, test, ref).item(), abs=1e-6)
     assert scores[1].item() == 0.0
 
 
@@ -121,7 +127,7 @@ def test_threads_may_share_the_weights(lpips: Lpips, ldr_pair: Pair) -> None:
 def test_no_gradients_are_kept(lpips: Lpips, ldr_pair: Pair) -> None:
     test = ldr_pair[0].clone().requires_grad_()
     assert not lpips.map(test, ldr_pair[1]).requires_grad
-    assert not lpips.score(test, ldr_pair[1]).requires_grad
+    assert not score(lpips, test, ldr_pair[1]).requires_grad
 
 
 def test_the_installed_package_is_read_and_not_imported(lpips: Lpips) -> None:
@@ -140,7 +146,7 @@ def test_a_safetensors_file_of_the_same_weights_scores_alike(
     path = tmp_path / "alex.safetensors"
     save_file(tensors, path)
     copy = Lpips.load(path, device)
-    torch.testing.assert_close(copy.score(*ldr_pair), lpips.score(*ldr_pair))
+    torch.testing.assert_close(score(copy, *ldr_pair), score(lpips, *ldr_pair))
 
 
 def test_the_environment_names_a_file_and_an_argument_goes_before_it(
@@ -243,7 +249,7 @@ def random_lpips(tmp_path: Path, random_tensors: dict[str, Tensor]) -> Lpips:
 def test_images_below_32_pixels_are_refused(random_lpips: Lpips) -> None:
     small = torch.zeros(1, 3, 31, 64)
     with pytest.raises(MetricError, match="64 x 31 pixels are too few"):
-        random_lpips.score(small, small)
+        score(random_lpips, small, small)
     least = torch.zeros(1, 3, 32, 32)
     assert random_lpips.map(least, least).shape == (1, 32, 32)
 

@@ -14,14 +14,10 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs
+from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import (
-    FramePair,
-    PairInputs,
-    RealPairs,
-    open_real_pairs,
-    open_simulated_pairs,
-)
+from rtsr_cli.core.pairs.sources import FramePair, PairInputs
 
 Write = Callable[..., Path]
 Open = Callable[..., FrameReader]

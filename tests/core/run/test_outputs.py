@@ -13,15 +13,12 @@ from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.atomic_write import check_writable
 from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
 from rtsr_cli.core.files.provenance import STAMP
-from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.run.outputs import (
     OutputFrame,
     OutputState,
     name_output,
     read_output_state,
     refuse_foreign,
-    split_buffer,
-    to_half,
 )
 
 
@@ -87,12 +84,6 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(tmp_path: Path)
     assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-def test_values_beyond_half_become_its_largest_value_and_nan_stays() -> None:
-    stored = to_half(torch.tensor([1e9, -1e9, 65519.0, 0.5, float("nan")]))
-    assert stored[:4].tolist() == [65504.0, -65504.0, 65504.0, 0.5]
-    assert np.isnan(stored[4])
-
-
 def frame(path: Path, **fields: object) -> OutputFrame:
     defaults: dict[str, object] = {
         "color": torch.full((1, 3, 4, 6), 0.5),
@@ -129,15 +120,3 @@ def test_alpha_preview_and_debug_pictures_are_written_where_asked(tmp_path: Path
     debug = read_header(tmp_path / "debug" / "a.exr")
     assert debug.channels == {"mask.Y", "lighting.R", "lighting.G", "lighting.B"}
     assert (debug.data_window.width, debug.data_window.height) == (6, 4)
-
-
-def test_buffers_are_named_as_the_canonical_layout_has_them() -> None:
-    assert set(split_buffer(Buffer.NORMAL, torch.zeros(1, 3, 2, 2))) == {
-        "normal.X",
-        "normal.Y",
-        "normal.Z",
-    }
-    roughness = split_buffer(Buffer.ROUGHNESS, torch.zeros(1, 1, 2, 2), full=True)
-    assert {name: plane.dtype for name, plane in roughness.items()} == {
-        "roughness": np.dtype(np.float32)
-    }

@@ -19,7 +19,8 @@ from rtsr_cli.core.files.exr import read_channels, write_exr
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import Selection, Shard
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.pairs.sources import PairSource, open_real_pairs
+from rtsr_cli.core.pairs.real_pairs import open_real_pairs
+from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.events import Status
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX

@@ -20,8 +20,9 @@ from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 from rtsr_cli.core.pairs.opening import ReadOptions, open_pairs
+from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import PairSource, open_simulated_pairs
+from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.sliding_window import SlidingWindow
 from rtsr_cli.core.run.system_inputs import resolve_system_inputs
 from rtsr_cli.core.system import FrameWindow

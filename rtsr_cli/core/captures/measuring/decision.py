@@ -7,18 +7,23 @@ when capture.toml names it and declares its motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
-from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement, measure_storage
+from rtsr_cli.core.captures.measuring.measured_reader import (
+    MeasuredReader,
+    add_warning,
+    take_measurement,
+)
+from rtsr_cli.core.captures.measuring.measurement import measure_storage
 from rtsr_cli.core.captures.measuring.motion_choices import describe_undecided
-from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate
+from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import Conventions, NormalConvention
+from rtsr_cli.core.frames.conventions import NormalConvention
 from rtsr_cli.core.frames.motion import MotionConvention
 
 WIDE_MARGIN = 0.02
@@ -28,29 +33,6 @@ is contradicted."""
 
 WIDE_DEPTH_MARGIN = 0.5
 """A reading of depth is contradicted where another one has less than half its error."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeasuredReader:
-    """A reader that knows how its files are to be read.
-
-    Attributes:
-        reader: with the settled conventions.
-        measured: what they rest on.
-        warnings: contradictions, for the user.
-        notes: what was measured instead of presumed, for the user.
-        by_measurement: names of conventions that neither the preset nor a declaration gave.
-        undecided: why the frames cannot be read as anything, empty if they can.
-        motion_undecided: why vectors cannot be read, empty if they can; the rest may be.
-    """
-
-    reader: FrameReader
-    measured: StorageMeasurement
-    warnings: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    by_measurement: tuple[str, ...] = ()
-    undecided: str = ""
-    motion_undecided: str = ""
 
 
 def measure_and_decide(
@@ -143,13 +125,13 @@ def _check_plausible(settled: MeasuredReader, capture: CaptureDeclaration) -> Me
     poses = [reader.cameras[n].world_to_camera for n in settled.measured.frames]
     moves = any(a is not None and b is not None and not a.equal(b) for a, b in pairwise(poses))
     if finding.moving == 0.0 and moves:
-        return _add_warning(
+        return add_warning(
             settled,
             "motion is zero in every pixel though the camera moves: the motion pass is missing",
         )
     best = finding.candidates[0].error if finding.candidates else 0.0
     if best > UNFIT * finding.unmoved_error + WIDE_MARGIN:
-        return _add_warning(
+        return add_warning(
             settled,
             "the motion vectors say that things move, the frames do not follow them: the same "
             "frame several times, or vectors of another sequence?",
@@ -181,12 +163,12 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
                 f"motion is declared as {presumed}, but the frames fit {best.convention} better "
                 f"({proof}); the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
             )
-            return _add_warning(settled, text)
+            return add_warning(settled, text)
         note = f"motion measured: {chosen} (without measurement: {presumed})"
-        return _take_measurement(settled, "motion", note, motion=chosen)
+        return take_measurement(settled, "motion", note, motion=chosen)
     if agreed or not _is_unproven(settled, capture):
         doubt = "" if agreed else _describe_doubt(against, best, capture)
-        return _add_warning(settled, doubt) if doubt else settled
+        return add_warning(settled, doubt) if doubt else settled
     return replace(settled, motion_undecided=describe_undecided(reader, measured.motion))
 
 
@@ -218,7 +200,7 @@ def _describe_better_fits(settled: MeasuredReader, capture: CaptureDeclaration) 
         f"motion is declared as {settled.reader.conventions.motion}, but the frames fit others "
         f"better: {others}; the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
     )
-    return _add_warning(settled, text)
+    return add_warning(settled, text)
 
 
 def _is_plain(convention: MotionConvention) -> MotionConvention:
@@ -243,12 +225,12 @@ def _decide_jitter(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     ):
         changed = replace(convention, jittered=True, jitter_inverted=inverted)
         note = f"jitter measured: {finding.verdict}; it is taken out"
-        return _take_measurement(settled, "jitter", note, motion=changed)
+        return take_measurement(settled, "jitter", note, motion=changed)
     text = _JITTER_WARNINGS.get(finding.verdict, "")
     cameras = (settled.reader.cameras[n] for n in settled.measured.frames)
     if finding.verdict is JitterVerdict.UNDECLARED and any(any(c.jitter_px) for c in cameras):
         text = OTHER_JITTER
-    return _add_warning(settled, text.format(finding.spread_px)) if text else settled
+    return add_warning(settled, text.format(finding.spread_px)) if text else settled
 
 
 OTHER_JITTER = (
@@ -293,7 +275,7 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
     )
     given = capture.depth.declared()
     if {"kind", "unit", "reversed"} & set(given):
-        return _add_warning(
+        return add_warning(
             settled,
             f"depth is declared as {presumed.kind}, {presumed.unit_m:g} m a unit, but the camera "
             f"fits {text} ({best.error:.3g} against {against.error:.3g} {finding.measure}); "
@@ -304,7 +286,7 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
         f"depth measured: {text} ({best.error:.2g} against {against.error:.2g} {finding.measure}; "
         f"without measurement: {presumed.kind}, {presumed.unit_m:g} m a unit)"
     )
-    return _take_measurement(settled, "depth", note, depth=chosen)
+    return take_measurement(settled, "depth", note, depth=chosen)
 
 
 def _check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
@@ -314,13 +296,13 @@ def _check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> Mea
     if unit is None or unit == conventions.metres_per_position:
         return settled
     if capture.position.unit is not None:
-        return _add_warning(
+        return add_warning(
             settled,
             f"position is declared as {capture.position.unit:g} m a unit, but the camera fits "
             f"{unit:g}; the declaration is obeyed",
         )
     note = f"position measured: {unit:g} m a unit"
-    return _take_measurement(settled, "position", note, position_unit_m=unit)
+    return take_measurement(settled, "position", note, position_unit_m=unit)
 
 
 def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
@@ -335,29 +317,13 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         return settled
     text = f"{measured.space} space{', packed' if measured.packed else ''}"
     if capture.normal.declared():
-        return _add_warning(
+        return add_warning(
             settled,
             f"normals are declared as {presumed.space} space"
             f"{', packed' if presumed.packed else ''}, but they look like {text}; "
             "the declaration is obeyed",
         )
-    return _take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
-
-
-def _add_warning(settled: MeasuredReader, text: str) -> MeasuredReader:
-    return replace(settled, warnings=(*settled.warnings, text))
-
-
-def _take_measurement(
-    settled: MeasuredReader, name: str, note: str, **changes: object
-) -> MeasuredReader:
-    conventions: Conventions = replace(settled.reader.conventions, **changes)  # type: ignore[arg-type]
-    return replace(
-        settled,
-        reader=replace(settled.reader, conventions=conventions),
-        notes=(*settled.notes, note),
-        by_measurement=(*settled.by_measurement, name),
-    )
+    return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
 
 
 def _bind_forward_motion(reader: FrameReader) -> FrameReader:

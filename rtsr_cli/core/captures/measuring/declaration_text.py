@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.measuring.decision import MeasuredReader
+from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.frames.motion import MotionConvention

@@ -20,11 +20,8 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
     find_position_unit,
 )
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, find_jitter
-from rtsr_cli.core.captures.measuring.motion_finder import (
-    MotionCandidate,
-    MotionFinding,
-    find_motion,
-)
+from rtsr_cli.core.captures.measuring.motion_finder import find_motion
+from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, normalise_picture
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding, find_normals
 from rtsr_cli.core.captures.reader import FrameReader

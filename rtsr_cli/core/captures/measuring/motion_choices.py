@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
-from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.motion import MotionConvention, YAxis
 

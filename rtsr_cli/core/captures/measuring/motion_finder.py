@@ -19,6 +19,10 @@ from typing import Protocol, TypeVar
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.measuring.motion_finding import (
+    MotionCandidate,
+    MotionFinding,
+)
 from rtsr_cli.core.captures.measuring.motion_hypotheses import list_hypotheses
 from rtsr_cli.core.captures.measuring.motion_trials import (
     FrameTriple,
@@ -53,15 +57,9 @@ BLOCKS = 8
 
 LEAST_BLOCK_PIXELS = 8
 
-EXPLAINS = 0.9
-"""The winner's error is below this share of that of taking everything for still, or it is none."""
-
 SAME_VECTORS_PX = 0.2
 """Vectors of neighbouring files that are this close do not tell which file is meant: interpolation
 alone makes such a difference."""
-
-SIGNIFICANT_T = 3.0
-"""Standard errors by which a hypothesis must lie behind to be ruled out."""
 
 
 T = TypeVar("T")
@@ -73,78 +71,6 @@ class ParallelMap(Protocol):
 
     def __call__(self, work: Callable[[T], R], items: Iterable[T], /) -> Iterable[R]:
         """Return the results in the order of the items."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotionCandidate:
-    """One hypothesis and what speaks for it.
-
-    Attributes:
-        convention: how the vectors would be stored.
-        error: mean difference to the neighbour fetched along them; 0 equal, 1 unrelated.
-        margin: 1 - best error / this error; 0 for the best.
-        significance: that difference in standard errors.
-        offsets_px: constant offset that fits best, for each triple.
-        same_vectors: the winner's vectors to within `SAME_VECTORS_PX`, out of another file.
-    """
-
-    convention: MotionConvention
-    error: float
-    margin: float
-    significance: float
-    offsets_px: tuple[Jitter, ...]
-    same_vectors: bool = False
-
-    @property
-    def tied(self) -> bool:
-        """Tell whether the measurement cannot rule this hypothesis out."""
-        return self.significance < SIGNIFICANT_T
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotionFinding:
-    """The ranked hypotheses; none where nothing moves or the pictures do not tell.
-
-    Attributes:
-        candidates: best first.
-        unmoved_error: error of taking everything for still, on the same pixels.
-        moving: share of the pixels that move.
-        triples: frames that were compared with both neighbours.
-    """
-
-    candidates: tuple[MotionCandidate, ...]
-    unmoved_error: float
-    moving: float
-    triples: tuple[int, ...]
-
-    @property
-    def best(self) -> MotionCandidate | None:
-        """The winner, None if there is none or it explains little more than standing still.
-
-        Where the vectors of neighbouring files are alike, those of the frame's own file win.
-        """
-        if not self.candidates or self.candidates[0].error > EXPLAINS * self.unmoved_error:
-            return None
-        alike = [c for c in self.candidates if c is self.candidates[0] or c.same_vectors]
-        own = [c for c in alike if not c.convention.file_offset]
-        tied = [c for c in self.candidates if c.tied]
-        return (own or sorted(tied, key=lambda c: abs(c.convention.file_offset)))[0]
-
-    @property
-    def ties(self) -> tuple[MotionCandidate, ...]:
-        """The winner and those that cannot be told from it, but for those that say the same."""
-        best = self.best
-        if best is None:
-            return ()
-        first = self.candidates[0]
-        alike = {id(c) for c in self.candidates if c is first or c.same_vectors}
-        same = alike if id(best) in alike else set()
-        return (best, *(c for c in self.candidates if c.tied and id(c) not in {*same, id(best)}))
-
-    def of(self, convention: MotionConvention) -> MotionCandidate | None:
-        """Return what was measured about a convention; jitter is not part of the hypothesis."""
-        plain = replace(convention, jittered=False, jitter_inverted=False)
-        return next((c for c in self.candidates if c.convention == plain), None)
 
 
 def find_centre(stored: Tensor) -> float:

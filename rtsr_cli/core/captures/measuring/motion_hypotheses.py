@@ -12,9 +12,6 @@ PIXEL_SCALES = (1.0, 1 / 8, 1 / 6, 1 / 4, 1 / 3, 1 / 2, 2.0, 3.0, 4.0, 6.0, 8.0)
 UV_SCALES = (1.0, 2.0)
 """2: the encoding 0.5 + 0.5 v of a vector v that spans -1..1 over the whole screen."""
 
-CENTRES = (0.0, 0.5)
-"""Stored values that mean no motion."""
-
 
 def list_hypotheses(centre: float) -> list[MotionConvention]:
     """Every reading of vectors that have this centre."""

@@ -23,13 +23,11 @@ class NormalFinding:
         packed: whether (n + 1) / 2 is stored.
         space: axes.
         facing: share of surfaces that face the camera, for each space that could be tried.
-        unit_error: mean deviation of the length from 1, as chosen.
     """
 
     packed: bool | None = None
     space: NormalSpace | None = None
     facing: dict[str, float]
-    unit_error: float = 0.0
 
 
 def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalFinding:
@@ -45,7 +43,7 @@ def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalF
     packed = deviation[True] < deviation[False]
     nonzero = there[packed]
     if deviation[packed] > UNIT_TOLERANCE:
-        return NormalFinding(facing={}, unit_error=deviation[packed])
+        return NormalFinding(facing={})
     facing = {}
     for space in NormalSpace:
         convention = NormalConvention(space=space, packed=packed)
@@ -62,5 +60,4 @@ def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalF
         packed=packed,
         space=NormalSpace(best) if best is not None and clear else None,
         facing=facing,
-        unit_error=deviation[packed],
     )

@@ -11,15 +11,12 @@ import pytest
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.measuring import decision
-from rtsr_cli.core.captures.measuring.decision import (
-    MeasuredReader,
-    measure_and_decide,
-    require_decision,
-)
+from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthCandidate, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, JitterVerdict
+from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement
-from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import collect_frame_set

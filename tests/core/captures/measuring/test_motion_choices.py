@@ -9,7 +9,7 @@ import pytest
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.measuring.motion_choices import describe_undecided
-from rtsr_cli.core.captures.measuring.motion_finder import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
 

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict, find_jitter
-from rtsr_cli.core.captures.measuring.motion_finder import MotionFinding, find_centre, find_motion
+from rtsr_cli.core.captures.measuring.motion_finder import find_centre, find_motion
+from rtsr_cli.core.captures.measuring.motion_finding import MotionFinding
 from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, normalise_picture
 from rtsr_cli.core.frames.motion import Axes, MotionConvention, MotionDirection, MotionUnit, YAxis
 

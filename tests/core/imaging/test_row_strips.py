@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from rtsr_cli.core.network.row_strips import run_in_strips
+from rtsr_cli.core.imaging.row_strips import cut_pixels, cut_rows, run_in_strips
 
 LAYERS = nn.Sequential(*(nn.Conv2d(2, 2, 3, padding=1) for _ in range(3))).double().eval()
 
@@ -47,3 +47,15 @@ def test_no_strip_is_larger_than_its_rows_and_halo(images: dict[str, Tensor]) ->
 
     assert torch.equal(run_in_strips(seen, images, rows=8, halo=3), images["hr"])
     assert heights == [11, 14, 10]
+
+
+def test_strips_cover_every_row_once_and_in_order() -> None:
+    assert cut_rows(7, 3) == [range(3), range(3, 6), range(6, 7)]
+    assert cut_rows(2, 3) == [range(2)]
+
+
+def test_strips_hold_at_most_so_many_pixels_but_at_least_the_fewest_rows() -> None:
+    assert cut_pixels((5, 10), 29) == [range(2), range(2, 4), range(4, 5)]
+    assert cut_pixels((2, 10), 9) == [range(1), range(1, 2)]
+    assert cut_pixels((7, 10), 59, multiple=2) == [range(4), range(4, 7)]
+    assert cut_pixels((4, 10), 9, multiple=2) == [range(2), range(2, 4)]

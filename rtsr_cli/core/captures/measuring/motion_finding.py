@@ -1,0 +1,85 @@
+"""What was found of how vectors are stored: the readings, ranked, and which of them are tied."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from rtsr_cli.core.frames.motion import Jitter, MotionConvention
+
+EXPLAINS = 0.9
+"""The winner's error is below this share of that of taking everything for still, or it is none."""
+
+SIGNIFICANT_T = 3.0
+"""Standard errors by which a hypothesis must lie behind to be ruled out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionCandidate:
+    """One hypothesis and what speaks for it.
+
+    Attributes:
+        convention: how the vectors would be stored.
+        error: mean difference to the neighbour fetched along them; 0 equal, 1 unrelated.
+        margin: 1 - best error / this error; 0 for the best.
+        significance: that difference in standard errors.
+        offsets_px: constant offset that fits best, for each triple.
+        same_vectors: the winner's vectors as good as equal, out of another file.
+    """
+
+    convention: MotionConvention
+    error: float
+    margin: float
+    significance: float
+    offsets_px: tuple[Jitter, ...]
+    same_vectors: bool = False
+
+    @property
+    def tied(self) -> bool:
+        """Tell whether the measurement cannot rule this hypothesis out."""
+        return self.significance < SIGNIFICANT_T
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionFinding:
+    """The ranked hypotheses; none where nothing moves or the pictures do not tell.
+
+    Attributes:
+        candidates: best first.
+        unmoved_error: error of taking everything for still, on the same pixels.
+        moving: share of the pixels that move.
+        triples: frames that were compared with both neighbours.
+    """
+
+    candidates: tuple[MotionCandidate, ...]
+    unmoved_error: float
+    moving: float
+    triples: tuple[int, ...]
+
+    @property
+    def best(self) -> MotionCandidate | None:
+        """The winner, None if there is none or it explains little more than standing still.
+
+        Where the vectors of neighbouring files are alike, those of the frame's own file win.
+        """
+        if not self.candidates or self.candidates[0].error > EXPLAINS * self.unmoved_error:
+            return None
+        alike = [c for c in self.candidates if c is self.candidates[0] or c.same_vectors]
+        own = [c for c in alike if not c.convention.file_offset]
+        tied = [c for c in self.candidates if c.tied]
+        return (own or sorted(tied, key=lambda c: abs(c.convention.file_offset)))[0]
+
+    @property
+    def ties(self) -> tuple[MotionCandidate, ...]:
+        """The winner and those that cannot be told from it, but for those that say the same."""
+        best = self.best
+        if best is None:
+            return ()
+        first = self.candidates[0]
+        alike = {id(c) for c in self.candidates if c is first or c.same_vectors}
+        same = alike if id(best) in alike else set()
+        return (best, *(c for c in self.candidates if c.tied and id(c) not in {*same, id(best)}))
+
+    def of(self, convention: MotionConvention) -> MotionCandidate | None:
+        """Return what was measured about a convention; jitter is not part of the hypothesis."""
+        plain = replace(convention, jittered=False, jitter_inverted=False)
+        return next((c for c in self.candidates if c.convention == plain), None)

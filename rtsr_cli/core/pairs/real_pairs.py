@@ -1,0 +1,157 @@
+"""LR frames of one folder, and HR frames of another beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.exr import PixelWindow
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
+from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.pairs.nonfinite import apply_policy
+from rtsr_cli.core.pairs.sources import (
+    FramePair,
+    PairInputs,
+    PairReads,
+    describe_undeclared,
+    resolve_buffers,
+)
+from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr
+from rtsr_cli.core.shapes import Size
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealPairs:
+    """LR frames, and HR frames beside them (or none) of `scale` times their size."""
+
+    lr: FrameReader
+    hr: FrameReader | None
+    scale: int
+
+    @property
+    def reader(self) -> FrameReader:
+        """The LR reader."""
+        return self.lr
+
+    @property
+    def lr_size(self) -> Size:
+        """(height, width) of the LR frames."""
+        return self.lr.size
+
+    @property
+    def output_window(self) -> tuple[PixelWindow, PixelWindow]:
+        """Windows of the HR frames, or those of the LR frames enlarged."""
+        if self.hr is not None:
+            return self.hr.region, self.hr.display
+        return self.lr.region.at_scale(self.scale), self.lr.display.at_scale(self.scale)
+
+    @property
+    def readers(self) -> tuple[FrameReader, ...]:
+        """LR's and HR's."""
+        return (self.lr,) if self.hr is None else (self.lr, self.hr)
+
+    @property
+    def frame_bytes(self) -> int:
+        """Both resolutions."""
+        return self.lr.frame_bytes + (0 if self.hr is None else self.hr.frame_bytes)
+
+    @cached_property
+    def _resolved(self) -> dict[PairInputs, PairReads]:
+        """Of inputs that were asked for; nothing else about a source ever changes."""
+        return {}
+
+    def resolve(self, inputs: PairInputs) -> PairReads:
+        """Say what is read for a system; without HR frames nothing is read of them."""
+        if inputs not in self._resolved:
+            lr = resolve_buffers(inputs.lr, inputs.lr_optional, self.lr, inputs)
+            hr = Reads(stored=frozenset(), used=())
+            if self.hr is not None:
+                hr = resolve_buffers(inputs.hr, inputs.hr_optional, self.hr, inputs)
+            self._resolved[inputs] = PairReads(lr=lr, hr=hr)
+        return self._resolved[inputs]
+
+    def missing(self, inputs: PairInputs) -> tuple[str, ...]:
+        """Name what is missing, with the resolution it is missing at."""
+        reads = self.resolve(inputs)
+        lacking = [f"lr {m}" for m in reads.lr.missing]
+        if inputs.hr:
+            hr = [f"hr {m}" for m in reads.hr.missing]
+            lacking += ["hr frames"] if self.hr is None else hr
+        return describe_undeclared(lacking, self.lr)
+
+    def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
+        """Files of both resolutions."""
+        reads = self.resolve(inputs)
+        lr = self.lr.files(number, reads.lr.stored)
+        if self.hr is None or not inputs.hr + inputs.hr_optional:
+            return lr
+        return lr + self.hr.files(self.lr.held.get(number, number), reads.hr.stored)
+
+    def load(self, number: int, inputs: PairInputs) -> FramePair:
+        """Read both frames; HR radiance is never among what is asked for."""
+        reads = self.resolve(inputs)
+        lr, fixed = apply_policy(self.lr.read(number, reads.lr.stored), inputs.on_nonfinite)
+        lr = build_lr(lr, reads.lr, inputs.derivation)
+        if self.hr is None or not inputs.hr + inputs.hr_optional:
+            return FramePair(lr, None, fixed)
+        stored = reads.hr.stored - RADIANCE_BUFFERS
+        hr = self.hr.read(self.lr.held.get(number, number), stored)
+        hr, fixed_hr = apply_policy(hr, inputs.on_nonfinite)
+        return FramePair(lr, build_hr(hr, reads.hr, inputs.derivation), fixed + fixed_hr)
+
+
+def open_real_pairs(
+    lr: FrameReader, hr: FrameReader | None, scale: int | None, *, skip_missing: bool = False
+) -> RealPairs:
+    """Match LR and HR frames.
+
+    Args:
+        lr: the frames to enlarge.
+        hr: their G-buffers at the target size, or None.
+        scale: as asked for, or None to take it from the sizes.
+        skip_missing: leave out frames that HR lacks, instead of refusing.
+
+    Raises:
+        FrameFolderError: HR lacks a frame, is no multiple of LR, or contradicts `scale`.
+    """
+    if hr is None:
+        if scale is None:
+            raise FrameFolderError(
+                f"{lr.frames.root}: there are no HR frames to take the scale from; add "
+                "'hr/', name it with --hr, or give --scale (--simulate-lr makes LR frames)"
+            )
+        return RealPairs(lr=lr, hr=None, scale=scale)
+    (lr_h, lr_w), (hr_h, hr_w) = lr.size, hr.size
+    ratio = hr_w // lr_w
+    if ratio < 1 or (hr_h, hr_w) != (lr_h * ratio, lr_w * ratio):
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR is {hr_w} x {hr_h}, which is no whole multiple of LR "
+            f"{lr_w} x {lr_h} in {lr.frames.root}; render both with one ratio"
+        )
+    if scale is not None and scale != ratio:
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR is {ratio} times the size of LR, not {scale} times; "
+            f"leave --scale out, or give frames of that ratio"
+        )
+    _check_windows(lr, hr, ratio)
+    lacking = sorted(set(lr.numbers) - set(hr.numbers))
+    if lacking and not skip_missing:
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR lacks frames {format_ranges(lacking)} that LR has in "
+            f"{lr.frames.root}; render them, or use --on-missing skip"
+        )
+    lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
+    return RealPairs(lr=lr, hr=hr, scale=ratio)
+
+
+def _check_windows(lr: FrameReader, hr: FrameReader, scale: int) -> None:
+    """Raise where the pixels of both resolutions do not show the same part of the image plane."""
+    if lr.view.at_scale(scale) != hr.view:
+        raise FrameFolderError(
+            f"{hr.frames.root}: HR shows another part of the image plane than LR in "
+            f"{lr.frames.root} (data windows {hr.region} and {lr.region}, display windows "
+            f"{hr.display} and {lr.display}); render both with the same crop"
+        )

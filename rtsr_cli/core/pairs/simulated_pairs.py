@@ -1,0 +1,124 @@
+"""Both resolutions of a pair from one HR capture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.exr import PixelWindow
+from rtsr_cli.core.pairs.nonfinite import apply_policy
+from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
+from rtsr_cli.core.pairs.sources import (
+    FramePair,
+    PairInputs,
+    PairReads,
+    describe_undeclared,
+    resolve_buffers,
+)
+from rtsr_cli.core.pairs.window import build_hr, build_lr, select_hr
+from rtsr_cli.core.shapes import Size
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedPairs:
+    """Both resolutions from one HR capture."""
+
+    capture: FrameReader
+    simulation: Simulation
+
+    @property
+    def reader(self) -> FrameReader:
+        """The capture's reader."""
+        return self.capture
+
+    @property
+    def scale(self) -> int:
+        """Output pixels per LR pixel."""
+        return self.simulation.scale
+
+    @property
+    def lr_size(self) -> Size:
+        """(height, width) of the LR frames."""
+        height, width = self.capture.size
+        return height // self.simulation.block, width // self.simulation.block
+
+    @property
+    def output_window(self) -> tuple[PixelWindow, PixelWindow]:
+        """Windows of the capture, less the samples of a pixel."""
+        k = self.simulation.samples_per_pixel
+        return _shrink_window(self.capture.region, k), _shrink_window(self.capture.display, k)
+
+    @property
+    def readers(self) -> tuple[FrameReader, ...]:
+        """The capture's."""
+        return (self.capture,)
+
+    @property
+    def frame_bytes(self) -> int:
+        """The capture's."""
+        return self.capture.frame_bytes
+
+    @cached_property
+    def _resolved(self) -> dict[PairInputs, PairReads]:
+        """Of inputs that were asked for; nothing else about a source ever changes."""
+        return {}
+
+    def resolve(self, inputs: PairInputs) -> PairReads:
+        """Say what is read for a system."""
+        if inputs not in self._resolved:
+            self._resolved[inputs] = PairReads(
+                lr=resolve_buffers(inputs.lr, inputs.lr_optional, self.capture, inputs),
+                hr=resolve_buffers(inputs.hr, inputs.hr_optional, self.capture, inputs),
+            )
+        return self._resolved[inputs]
+
+    def missing(self, inputs: PairInputs) -> tuple[str, ...]:
+        """Name what the capture lacks."""
+        reads = self.resolve(inputs)
+        return describe_undeclared((*reads.lr.missing, *reads.hr.missing), self.capture)
+
+    def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
+        """Files of the capture."""
+        reads = self.resolve(inputs)
+        return self.capture.files(number, reads.lr.stored | reads.hr.stored)
+
+    def load(self, number: int, inputs: PairInputs) -> FramePair:
+        """Read the capture once; radiance goes to the LR frame only, and only its samples do."""
+        reads, derivation = self.resolve(inputs), inputs.derivation
+        full = self.capture.read(number, reads.lr.stored | reads.hr.stored)
+        small = decimate_frame(full, reads.lr.stored, self.simulation)
+        lr, fixed = apply_policy(small, inputs.on_nonfinite)
+        lr = build_lr(lr, reads.lr, derivation)
+        if not reads.hr.used:
+            return FramePair(lr, None, fixed)
+        hr, fixed_hr = apply_policy(select_hr(full, reads.hr), inputs.on_nonfinite)
+        hr = build_hr(hr, reads.hr, derivation, self.simulation.samples_per_pixel)
+        return FramePair(lr, hr, fixed + fixed_hr)
+
+
+def _shrink_window(window: PixelWindow, k: int) -> PixelWindow:
+    return PixelWindow(
+        left=window.left // k,
+        top=window.top // k,
+        width=window.width // k,
+        height=window.height // k,
+    )
+
+
+def open_simulated_pairs(capture: FrameReader, simulation: Simulation) -> SimulatedPairs:
+    """Check that a capture can be decimated.
+
+    Raises:
+        FrameFolderError: its size is not a multiple of the block.
+    """
+    height, width = capture.size
+    offsets = (capture.region.left, capture.region.top)
+    if any(v % simulation.block for v in (height, width, *offsets)):
+        raise FrameFolderError(
+            f"{capture.frames.root}: {width} x {height} pixels at {offsets} cannot be decimated "
+            f"by {simulation.block}; choose a scale that divides them, or crop the frames"
+        )
+    return SimulatedPairs(capture=capture, simulation=simulation)
