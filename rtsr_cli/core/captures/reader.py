@@ -87,10 +87,7 @@ class FrameReader:
     @cached_property
     def has_camera(self) -> bool:
         """Tell whether every frame has camera matrices."""
-        return all(
-            camera.world_to_camera is not None and camera.world_to_ndc is not None
-            for camera in self.cameras.values()
-        )
+        return all(camera.has_matrices for camera in self.cameras.values())
 
     @cached_property
     def resets(self) -> frozenset[int]:

@@ -58,6 +58,11 @@ class CameraMetadata:
     cut: bool = False
 
     @property
+    def has_matrices(self) -> bool:
+        """Tell whether both matrices are known."""
+        return self.world_to_camera is not None and self.world_to_ndc is not None
+
+    @property
     def position(self) -> Tensor | None:
         """Camera position in world space (3 values), None if unknown."""
         if self.world_to_camera is None:

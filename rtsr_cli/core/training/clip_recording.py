@@ -23,7 +23,6 @@ from rtsr_cli.core.imaging.derivation import (
     DerivationConfig,
     derive,
     derive_material,
-    has_matrices,
     resolve_needs,
 )
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance
@@ -333,7 +332,7 @@ def _stack_planes(planes: Iterator[Tensor]) -> Tensor:
 
 def _measure_scale(frame: Frame, derivation: DerivationConfig) -> float:
     """k of a whole LR frame; 1 where nothing is recorded that its radiance could be divided by."""
-    quotient, camera = (Buffer.LIGHTING, Buffer.LIGHTING_MASK), has_matrices(frame.camera)
+    quotient, camera = (Buffer.LIGHTING, Buffer.LIGHTING_MASK), frame.camera.has_matrices
     if resolve_needs(quotient, frame.gbuffer, has_camera=camera, config=derivation).missing:
         return 1.0
     lit = derive(frame, quotient, derivation)

@@ -149,7 +149,7 @@ def plan_prediction(
             folder=request.out_folder / name,
             command=COMMAND,
             pictures=pictures,
-            frame_bytes=reading.output_bytes(pictures=len(pictures)),
+            frame_bytes=reading.output_bytes(pictures=0),
         ),
         settings=[chosen.name, asdict(options), *weights, request.on_nonfinite],
         selection=request.selection,
