@@ -23,6 +23,7 @@ ATTRIBUTES = {"rtsr:stamp", "rtsr:configHash", "rtsr:version", "rtsr:revision", 
 """Header attributes that name the program and its settings, not the picture."""
 
 TEXT = (
+    (re.compile(r'"steps_per_s": [0-9.e+-]+'), '"steps_per_s": <speed>'),
     (re.compile(r"\b[0-9a-f]{16,64}\b"), "<hash>"),
     (re.compile(r"\b\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?\S*"), "<date>"),
     (re.compile(r"\b\d+(\.\d+)? ?(s|ms|seconds|frames/s)\b"), "<time>"),

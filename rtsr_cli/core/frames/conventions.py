@@ -141,9 +141,7 @@ def depth_to_metres(
         MissingBufferError: ray or device depth without camera matrices.
     """
     if convention.kind is DepthKind.DEVICE:
-        projection = camera.projection
-        if projection is None:
-            raise MissingBufferError(_needs_camera(where, "device depth"))
+        projection = _require_projection(camera, where)
         return device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
     metres = stored * convention.unit_m
     plain = convention.kind is DepthKind.PLANAR and convention.sky is None
@@ -156,11 +154,7 @@ def depth_to_metres(
     else:
         sky = (stored >= convention.sky) | torch.isinf(stored)
     if convention.kind is DepthKind.RAY:
-        size = (stored.shape[-2], stored.shape[-1])
-        axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
-        if axes is None:
-            raise MissingBufferError(_needs_camera(where, "ray distance"))
-        metres = metres / (1.0 + axes[0] ** 2 + axes[1] ** 2).sqrt()
+        metres = metres / _measure_rays(stored, camera, view, where)
     return torch.where(sky, torch.full_like(metres, SKY_DEPTH_M), metres.clamp(max=SKY_DEPTH_M))
 
 
@@ -173,19 +167,29 @@ def depth_from_metres(
         MissingBufferError: ray or device depth without camera matrices.
     """
     if convention.kind is DepthKind.DEVICE:
-        projection = camera.projection
-        if projection is None:
-            raise MissingBufferError(_needs_camera(where, "device depth"))
+        projection = _require_projection(camera, where)
         return planar_to_device_depth(depth_m, projection, reversed_depth=convention.reversed)
     stored = depth_m / convention.unit_m
     if convention.kind is DepthKind.RAY:
-        size = (depth_m.shape[-2], depth_m.shape[-1])
-        axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
-        if axes is None:
-            raise MissingBufferError(_needs_camera(where, "ray distance"))
-        stored = stored * (1.0 + axes[0] ** 2 + axes[1] ** 2).sqrt()
+        stored = stored * _measure_rays(depth_m, camera, view, where)
     sky = SKY_DEPTH_M if convention.sky is None else convention.sky
     return torch.where(depth_m >= SKY_DEPTH_M, torch.full_like(stored, sky), stored)
+
+
+def _require_projection(camera: CameraMetadata, where: str) -> Tensor:
+    projection = camera.projection
+    if projection is None:
+        raise MissingBufferError(_needs_camera(where, "device depth"))
+    return projection
+
+
+def _measure_rays(depth: Plane, camera: CameraMetadata, view: View, where: str) -> Plane:
+    """Length of every pixel's view ray from the camera to the plane one metre ahead."""
+    size = (depth.shape[-2], depth.shape[-1])
+    axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
+    if axes is None:
+        raise MissingBufferError(_needs_camera(where, "ray distance"))
+    return (1.0 + axes[0] ** 2 + axes[1] ** 2).sqrt()
 
 
 def normal_to_world(

@@ -14,7 +14,7 @@ from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
-from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
+from rtsr_cli.core.run.plan import check_selection, plan_shot
 from rtsr_cli.core.run.shot_runs import run_shots
 from rtsr_cli.core.run.system_inputs import check_inputs
 from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, list_captured_labels
@@ -76,12 +76,7 @@ def plan_labelling(
     pictures = (PREVIEW_SUFFIX,) if request.previews else ()
     plan = plan_shot(
         reading.of_shot(name),
-        FrameOutputs(
-            folder=request.out_folder / name,
-            command=COMMAND,
-            pictures=pictures,
-            frame_bytes=reading.output_bytes(pictures=len(pictures)),
-        ),
+        reading.plan_outputs(request.out_folder / name, COMMAND, pictures=pictures),
         settings=[asdict(config), policy],
         selection=request.selection,
         overwrite=request.overwrite,

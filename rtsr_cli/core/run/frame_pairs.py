@@ -21,7 +21,7 @@ from rtsr_cli.core.pairs.passthrough import PassedChannels
 from rtsr_cli.core.pairs.sources import FramePair, PairInputs, PairSource
 from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
-from rtsr_cli.core.run.plan import ShotPlan
+from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 from rtsr_cli.core.run.shot_inputs import ShotInputs
 from rtsr_cli.core.run.shot_runs import NONFINITE, ShotJob
@@ -61,13 +61,25 @@ class PairReading:
         height, width = self.source.lr_size
         return height * self.source.scale, width * self.source.scale
 
-    def output_bytes(self, *, pictures: int) -> int:
+    def _count_output_bytes(self, *, pictures: int) -> int:
         """Size of a picture at the target size with what is handed through, uncompressed."""
         height, width = self.output_size
         layers = len("RGBA" if Buffer.ALPHA in self.source.reader.stored else "RGB")
         passed = sum(len(part.channels) for part in self.passed)
         a_pixel = layers * HALF_BYTES + passed * FLOAT_BYTES + pictures * len("RGB")
         return height * width * a_pixel + HEADER_BYTES
+
+    def plan_outputs(
+        self, folder: Path, command: str, *, pictures: tuple[str, ...], debug: bool = False
+    ) -> FrameOutputs:
+        """Return what a command writes of pairs that are read so; arguments as its fields."""
+        return FrameOutputs(
+            folder=folder,
+            command=command,
+            pictures=pictures,
+            debug=debug,
+            frame_bytes=self._count_output_bytes(pictures=len(pictures)),
+        )
 
     def of_shot(self, name: str) -> ShotInputs:
         """Return what a run reads of the shot."""

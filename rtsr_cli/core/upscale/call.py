@@ -154,13 +154,8 @@ def collect_stamp_settings(
 
 def _name_outputs(name: str, reading: PairReading, request: UpscaleRequest) -> FrameOutputs:
     pictures = (PREVIEW_SUFFIX,) if request.previews else ()
-    return FrameOutputs(
-        folder=request.out_folder / name,
-        command=COMMAND,
-        pictures=pictures,
-        debug=request.debug_buffers,
-        frame_bytes=reading.output_bytes(pictures=len(pictures)),
-    )
+    folder = request.out_folder / name
+    return reading.plan_outputs(folder, COMMAND, pictures=pictures, debug=request.debug_buffers)
 
 
 def _describe_details(system: System, source: PairSource) -> dict[str, object]:

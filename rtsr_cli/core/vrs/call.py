@@ -16,7 +16,7 @@ from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import FrameInTurn, PairJob, PairReading, read_options
-from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan, check_selection, plan_shot
+from rtsr_cli.core.run.plan import ShotPlan, check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun, Predictor
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.run.shot_runs import run_shots
@@ -142,14 +142,12 @@ def plan_prediction(
     else:
         check_system(system, source, inputs)
     reading = PairReading(source=source, inputs=inputs, passed=captured)
-    pictures = _list_picture_suffixes(source, chosen, overlays=request.overlays)
     plan = plan_shot(
         reading.of_shot(name),
-        FrameOutputs(
-            folder=request.out_folder / name,
-            command=COMMAND,
-            pictures=pictures,
-            frame_bytes=reading.output_bytes(pictures=0),
+        # images of codes are a pixel a tile: they do not count
+        replace(
+            reading.plan_outputs(request.out_folder / name, COMMAND, pictures=()),
+            pictures=_list_picture_suffixes(source, chosen, overlays=request.overlays),
         ),
         settings=[chosen.name, asdict(options), *weights, request.on_nonfinite],
         selection=request.selection,
