@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import torch
 
@@ -47,7 +47,7 @@ class DerivationConfig:
     lut: LutConvention = LutConvention.KARIS
     epsilon: float = MATERIAL_EPSILON
 
-    @property
+    @cached_property
     def has_emission(self) -> bool:
         """Tell whether emission is taken out of the radiance before it is divided."""
         return self.mode not in (DemodulationMode.SOFTPLUS, DemodulationMode.NONE)

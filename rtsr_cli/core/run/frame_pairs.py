@@ -126,7 +126,7 @@ class FrameInTurn:
     @property
     def path(self) -> Path:
         """The output's."""
-        return self.plan.path(self.number)
+        return self.plan.paths[self.number]
 
     def provenance(self, extra: Mapping[str, Any]) -> dict[str, Any]:
         """Header attributes of the output; `extra` are those of the kind of run."""

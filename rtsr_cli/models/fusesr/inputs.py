@@ -8,6 +8,7 @@ between samples, jitter included. History that is missing is the current frame.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -61,6 +62,7 @@ def surroundings_of(config: FuseSRConfig) -> FuseSRSurroundings:
     return SURROUNDINGS[config.preset]
 
 
+@cache
 def derivation(config: FuseSRConfig) -> DerivationConfig:
     """What divides the radiance of a config."""
     mode = config.demodulation
