@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rtsr_cli.core.choices import MetricName as MetricName
     from rtsr_cli.core.choices import MissingPolicy as MissingPolicy
     from rtsr_cli.core.choices import NonfinitePolicy as NonfinitePolicy
+    from rtsr_cli.core.choices import PixelFilter as PixelFilter
     from rtsr_cli.core.choices import Pool as Pool
     from rtsr_cli.core.choices import Precision as Precision
     from rtsr_cli.core.choices import ProtocolName as ProtocolName
@@ -57,6 +58,7 @@ PLACES = {
     "MetricName": "rtsr_cli.core.choices",
     "MissingPolicy": "rtsr_cli.core.choices",
     "NonfinitePolicy": "rtsr_cli.core.choices",
+    "PixelFilter": "rtsr_cli.core.choices",
     "Pool": "rtsr_cli.core.choices",
     "Precision": "rtsr_cli.core.choices",
     "PrecomputeLutRequest": "rtsr_cli.core.lut.request",
