@@ -19,18 +19,10 @@ from rtsr_cli.core.imaging.resampling import (
     upsample_masked_bicubic,
     upsample_nearest,
 )
-from rtsr_cli.core.imaging.row_strips import cut_pixels
 from rtsr_cli.core.shapes import Color, Image, Mask
-from rtsr_cli.core.threads import share_among_threads
 
 HIGHLIGHT = 0.5
 """Tone-mapped value (radiance 1) from which overshoot is bounded."""
-
-STRIP_PIXELS = 1 << 18
-"""Output pixels of a strip: few enough to stay near, enough that its halo costs little."""
-
-STRIP_HALO_PX = BICUBIC_SUPPORT_PX + 1
-"""LR rows around a strip that it depends on: the kernel's, and a jitter's."""
 
 AVERAGE_LOG_LIGHTING = math.log(2.0)
 """log(1 + lighting / k) of lighting that is k, the frame's mean."""
@@ -81,26 +73,13 @@ def enlarge_log_lighting(
         jitter_px: of the samples.
         grow_px: 3x3 steps by which valid lighting is spread.
     """
-    if bool((mask > 0).all()):
-        return upsample_bicubic(encoded, scale, jitter_px)
+    smooth, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
+    if bool(supported.all()):
+        return smooth
     grown, reached = grow_valid(encoded, mask, grow_px)
-    nearest = torch.where(reached > 0, grown, torch.full_like(encoded, AVERAGE_LOG_LIGHTING))
-    count, channels, height, width = encoded.shape
-    enlarged = encoded.new_empty(count, channels, height * scale, width * scale)
-
-    def enlarge_strip(rows: range) -> None:
-        first, last = max(0, rows.start - STRIP_HALO_PX), min(height, rows.stop + STRIP_HALO_PX)
-        around = (encoded[:, :, first:last], mask[:, :, first:last])
-        inner = slice((rows.start - first) * scale, (rows.stop - first) * scale)
-        smooth, supported = (
-            image[:, :, inner] for image in upsample_masked_bicubic(*around, scale, jitter_px)
-        )
-        near = upsample_nearest(nearest[:, :, rows.start : rows.stop], scale)
-        here = slice(rows.start * scale, rows.stop * scale)
-        torch.where(supported > 0, smooth, near, out=enlarged[:, :, here])
-
-    share_among_threads(enlarge_strip, cut_pixels((height, width), STRIP_PIXELS // scale**2))
-    return enlarged
+    average = torch.full_like(encoded, AVERAGE_LOG_LIGHTING)
+    nearest = upsample_nearest(torch.where(reached > 0, grown, average), scale)
+    return torch.where(supported > 0, smooth, nearest)
 
 
 def enlarge_masked_radiance(
