@@ -40,10 +40,10 @@ from network_speed import seconds
 from results import rtsr
 
 from rtsr_cli.core.choices import Precision
-from rtsr_cli.core.network import tiling
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.network.precision import resolve_precision
 from rtsr_cli.core.network.weights import save_weights
+from rtsr_cli.core.run import prediction
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.models import load_system
 
@@ -125,18 +125,18 @@ def upscaled(work: Work, frames: int, *more: str) -> float:
 def network_run(work: Work, precision: Precision) -> Callable[[], Any]:
     """Return the prediction of the last frame of a run in this process, to be made again."""
     calls: list[tuple[Any, ...]] = []
-    predict = tiling.predict_in_tiles
+    predict = prediction.predict_in_tiles
 
     def record(*given: Any) -> Any:
         calls.append(given)
         return predict(*given)
 
     shutil.rmtree(work.out, ignore_errors=True)
-    tiling.predict_in_tiles = record
+    prediction.predict_in_tiles = record
     try:
         rtsr(*arguments(work, FIRST + 1))
     finally:
-        tiling.predict_in_tiles = predict
+        prediction.predict_in_tiles = predict
     half = precision is Precision.BF16 and any(True for _ in calls[-1][1].parameters())
 
     def run() -> Any:
