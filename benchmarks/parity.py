@@ -307,7 +307,9 @@ def verdicts(
 @click.option("--only", multiple=True, help="Cases whose names begin so. Repeatable.")
 @click.option("--quick", is_flag=True, help="A fifth of the cases.")
 @click.option("--exact", is_flag=True, help="No tolerance for any case.")
-@click.option("--cache", type=click.Path(path_type=Path), default=Path("/tmp/rtsr-parity"))
+@click.option(
+    "--cache", type=click.Path(path_type=Path), default=Path(tempfile.gettempdir()) / "rtsr-parity"
+)
 @click.option("--jobs", default=2, show_default=True, help="Cases at a time.")
 @click.option("--threads", default=1, show_default=True, help="Threads of each command.")
 @click.option("--fresh", is_flag=True, help="Start every command from nothing.")
