@@ -8,7 +8,7 @@ from dataclasses import fields
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from rtsr_cli.core.errors import RequestError, did_you_mean
 
@@ -44,7 +44,7 @@ def check_shard(shard: tuple[int, int] | None) -> None:
 
 
 def accept_words(request: Any) -> None:
-    """Turn words into the paths and members of enums that fields are declared to hold.
+    """Turn words into the paths and enum members that fields hold, collections into sets.
 
     A notebook may say `jitter="halton"`; compared with members, a word would be none of them.
 
@@ -58,6 +58,8 @@ def accept_words(request: Any) -> None:
     kinds = _word_kinds(declared)
     for field in fields(request):
         value, kind = getattr(request, field.name), kinds.get(field.name)
+        if field.name in _set_fields(declared) and value is not None:
+            object.__setattr__(request, field.name, frozenset(value))
         if kind is None or value is None:
             continue
         if isinstance(value, (tuple, list)):
@@ -87,6 +89,16 @@ def _word_kinds(request: type) -> Mapping[str, type[StrEnum] | type[Path]]:
         for kind in _leaves(hint)
         if isinstance(kind, type) and issubclass(kind, (StrEnum, Path))
     }
+
+
+@cache
+def _set_fields(request: type) -> frozenset[str]:
+    """Fields that hold a frozen set, or None: frame numbers, given as any collection."""
+    return frozenset(
+        name
+        for name, hint in get_type_hints(request).items()
+        if any(get_origin(part) is frozenset for part in (hint, *get_args(hint)))
+    )
 
 
 def _leaves(hint: object) -> Iterator[object]:

@@ -114,3 +114,9 @@ def test_a_word_that_is_no_member_is_refused_with_the_nearest(tmp_path: Path) ->
 def test_numbers_beyond_their_range_are_refused(tmp_path: Path, values: dict[str, Any]) -> None:
     with pytest.raises(RequestError, match=next(iter(values))):
         UpscaleRequest(in_folder=tmp_path, out_folder=tmp_path, **values)
+
+
+def test_frame_numbers_may_be_any_collection(tmp_path: Path) -> None:
+    for numbers in ([1, 2], (1, 2), range(1, 3)):
+        request = UpscaleRequest(in_folder=tmp_path, out_folder=tmp_path, frames=numbers)  # type: ignore[arg-type]
+        assert request.frames == frozenset({1, 2})
