@@ -158,11 +158,23 @@ class FrameReader:
     def files(self, number: int, buffers: Iterable[Buffer]) -> tuple[Path, ...]:
         """Files that hold the named buffers of a frame."""
         needed = self._needed(tuple(b for b in buffers if b in self.binding))
-        paths = {self.path(number, c.stream) for b in needed for c in self.binding[b]}
+        paths = {self.path(number, stream) for stream in self._streams_of(needed)}
         other = self._motion_number(number)
         if Buffer.MOTION in needed and other not in {None, number}:
-            paths |= {self.path(int(other or 0), c.stream) for c in self.binding[Buffer.MOTION]}
+            moved = self._streams_of((Buffer.MOTION,))
+            paths |= {self.path(int(other or 0), stream) for stream in moved}
         return tuple(sorted(paths))
+
+    def _streams_of(self, buffers: tuple[Buffer, ...]) -> frozenset[str]:
+        """File sequences that hold some buffers; asked for again for every frame."""
+        if buffers not in self._known_streams:
+            streams = frozenset(c.stream for b in buffers for c in self.binding[b])
+            self._known_streams[buffers] = streams
+        return self._known_streams[buffers]
+
+    @cached_property
+    def _known_streams(self) -> dict[tuple[Buffer, ...], frozenset[str]]:
+        return {}
 
     def read(self, number: int, buffers: Collection[Buffer]) -> Frame:
         """Read the named buffers of a frame, converted to memory's convention.

@@ -69,7 +69,7 @@ class Shot:
 
 def _list_streams(folder: Path, prefix: str = "") -> dict[str, FileSequence]:
     """Return the numbered EXR sequences directly in a folder."""
-    files_by_key: dict[str, dict[int, Path]] = {}
+    files_by_key: dict[str, dict[int, str]] = {}
     bases: dict[str, str] = {}
     for sequence in fileseq.findSequencesOnDisk(str(folder)):
         frames = sequence.frameSet()
@@ -77,26 +77,28 @@ def _list_streams(folder: Path, prefix: str = "") -> dict[str, FileSequence]:
             continue
         base = sequence.basename().rstrip("._- ")
         key = f"{prefix}{base}"
+        files = files_by_key.setdefault(key, {})
         for index, number in enumerate(frames):
-            path = Path(str(sequence[index]))
-            other = files_by_key.setdefault(key, {}).setdefault(int(number), path)
-            if other != path:
+            file = os.path.basename(str(sequence[index]))  # noqa: PTH119
+            other = files.setdefault(int(number), file)
+            if other != file:
                 raise FrameFolderError(
-                    f"{folder}: frame {number} is there twice ({other.name} and {path.name}); "
+                    f"{folder}: frame {number} is there twice ({other} and {file}); "
                     "remove one of them"
                 )
         bases[key] = base
     return {
-        key: FileSequence(key=key, base=bases[key], files=_sort_files(files, bases[key]))
+        key: FileSequence(key=key, base=bases[key], files=_sort_files(folder, files, bases[key]))
         for key, files in files_by_key.items()
     }
 
 
-def _sort_files(files: Mapping[int, Path], base: str) -> dict[int, Path]:
+def _sort_files(folder: Path, files: Mapping[int, str], base: str) -> dict[int, Path]:
     """Sort by number; a dash that follows the name in every file separates, it is no sign."""
-    after = [path.name[len(base) : len(base) + 2] for path in files.values()]
+    after = [name[len(base) : len(base) + 2] for name in files.values()]
     separated = base and all(text[:1] == "-" and text[1:].isdigit() for text in after)
-    return dict(sorted((-n if separated else n, path) for n, path in files.items()))
+    numbered = sorted((-n if separated else n, name) for n, name in files.items())
+    return {number: folder / name for number, name in numbered}
 
 
 def _list_buffer_folders(folder: Path, buffer_folders: Iterable[str]) -> list[Path]:

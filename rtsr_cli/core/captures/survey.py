@@ -22,7 +22,8 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
-from rtsr_cli.core.files.exr import ExrHeader, PixelWindow, read_header
+from rtsr_cli.core.files.exr import ExrHeader, PixelWindow
+from rtsr_cli.core.files.header_cache import HeaderCache
 from rtsr_cli.core.files.library_output import silence_library
 from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
@@ -38,6 +39,9 @@ MATRIX_RANK = 4
 
 SURVEY_THREADS = 4
 """Headers are small: a few threads hide the latency of a network drive."""
+
+SURVEY_BLOCK = 32
+"""Files that a thread takes at once: handing over one costs as much as reading its header."""
 
 
 Headers = Mapping[str, Mapping[int, ExrHeader]]
@@ -111,8 +115,9 @@ def _read_cameras(
     """Camera of every frame; one that stands in brings its own camera and jitter along."""
     frames = reader.frames
     sources = {n: reader.held.get(n, n) for n in reader.numbers}
-    bare = {n for n in sources.values() if _read_matrix(main[n], WORLD_TO_CAMERA) is None}
-    _check_table(frames, "camera", side_car or None, bare)
+    if side_car:
+        bare = {n for n in sources.values() if _read_matrix(main[n], WORLD_TO_CAMERA) is None}
+        _check_table(frames, "camera", side_car, bare)
     _check_table(frames, "jitter_px", capture.jitter_px, set(sources.values()))
     cameras = {
         n: _read_camera(source, main[source], capture, side_car, jittered=jittered)
@@ -128,6 +133,7 @@ class HeaderFiles:
     def __init__(self) -> None:
         """Start with nothing read."""
         self._known: dict[Path, ExrHeader] = {}
+        self._cache = HeaderCache()
         self._names: dict[frozenset[str], frozenset[str]] = {}
 
     def of(self, path: Path) -> ExrHeader:
@@ -138,7 +144,7 @@ class HeaderFiles:
         """
         header = self._known.get(path)
         if header is None:
-            header = read_header(path)
+            header = self._cache.read(path)
             # the files of a sequence have the same channels: the names are held once
             names = self._names.setdefault(header.channels, header.channels)
             header = self._known[path] = replace(header, channels=names)
@@ -157,8 +163,14 @@ class HeaderFiles:
 
     def try_all(self, paths: Iterable[Path]) -> list[ExrHeader | RtsrError]:
         """Return the header of every file, or what is wrong with the file."""
-        with ThreadPoolExecutor(SURVEY_THREADS) as pool, silence_library():
-            return list(pool.map(self._try, paths))
+        remaining = iter(paths)
+        blocks = iter(lambda: list(itertools.islice(remaining, SURVEY_BLOCK)), [])
+        with ThreadPoolExecutor(SURVEY_THREADS) as pool:
+            return list(itertools.chain.from_iterable(pool.map(self._try_block, blocks)))
+
+    def _try_block(self, paths: list[Path]) -> list[ExrHeader | RtsrError]:
+        with silence_library():
+            return [self._try(path) for path in paths]
 
     def _try(self, path: Path) -> ExrHeader | RtsrError:
         try:
@@ -289,18 +301,18 @@ def _read_camera(
     *,
     jittered: bool,
 ) -> CameraMetadata:
-    camera = side_car[number].metadata() if number in side_car else CameraMetadata()
-    if camera.world_to_camera is None and camera.world_to_ndc is None:
-        camera = replace(
-            camera,
-            world_to_camera=_read_matrix(header, WORLD_TO_CAMERA),
-            world_to_ndc=_read_matrix(header, WORLD_TO_NDC),
-        )
-    jitter = capture.jitter(number) if capture.jitter(number) is not None else camera.jitter_px
-    return replace(
-        camera,
-        jitter_px=jitter if jittered and jitter is not None else (0.0, 0.0),
-        cut=camera.cut or number in capture.camera_cuts,
+    row = side_car[number].metadata() if number in side_car else CameraMetadata()
+    matrices = row.world_to_camera, row.world_to_ndc
+    if matrices == (None, None):
+        matrices = _read_matrix(header, WORLD_TO_CAMERA), _read_matrix(header, WORLD_TO_NDC)
+    declared = capture.jitter(number)
+    jitter = row.jitter_px if declared is None else declared
+    return CameraMetadata(
+        world_to_camera=matrices[0],
+        world_to_ndc=matrices[1],
+        jitter_px=jitter if jittered else (0.0, 0.0),
+        pre_exposure=row.pre_exposure,
+        cut=row.cut or number in capture.camera_cuts,
     )
 
 

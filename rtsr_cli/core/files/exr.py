@@ -102,6 +102,7 @@ class ExrHeader:
         display_window: pixels of the image plane.
         attributes: everything else, of the first part.
         subsampled: channels with fewer samples than pixels, which rtsr does not read.
+        chunks: number of chunks of pixels, over all parts; 0 where it is not known.
     """
 
     channels: frozenset[str]
@@ -109,10 +110,11 @@ class ExrHeader:
     display_window: PixelWindow
     attributes: Mapping[str, Any]
     subsampled: frozenset[str] = frozenset()
+    chunks: int = 0
 
 
 def _read_box(box: tuple[NDArray[Any], NDArray[Any]]) -> PixelWindow:
-    (left, top), (right, bottom) = (map(int, corner) for corner in box)
+    (left, top), (right, bottom) = box[0].tolist(), box[1].tolist()
     return PixelWindow(left=left, top=top, width=right - left + 1, height=bottom - top + 1)
 
 
@@ -190,7 +192,9 @@ def read_header(path: Path) -> ExrHeader:
         names = [(str(h.get("name", "")), [c.name for c in h["channels"]]) for h in headers]
     except UnicodeDecodeError as error:
         raise _make_unreadable_error(path, "the name of a channel is not UTF-8") from error
-    _check_end(path, headers)
+    chunks = _count_all_chunks(headers)
+    if chunks and _ask_file_system(path, lambda: ends_too_early(path, chunks)):
+        raise _make_unreadable_error(path, "the file ends too early")
     renamed = _name_for_users(names)
     return ExrHeader(
         channels=frozenset(name for part in renamed for name in part.values()),
@@ -203,6 +207,7 @@ def read_header(path: Path) -> ExrHeader:
             for c in header["channels"]
             if (c.xSampling, c.ySampling) != (1, 1)
         ),
+        chunks=chunks,
     )
 
 
@@ -218,7 +223,7 @@ def _check_windows(path: Path, headers: list[dict[str, Any]]) -> tuple[PixelWind
     """Return data and display window; nothing has been allocated for the pixels yet."""
     try:
         windows = [(_read_box(h["dataWindow"]), _read_box(h["displayWindow"])) for h in headers]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _make_unreadable_error(path, "its windows are damaged") from error
     for window in (w for pair in windows for w in pair):
         if window.width < 1 or window.height < 1 or window.width * window.height > MAX_PIXELS:
@@ -247,10 +252,10 @@ def _check_size(path: Path, headers: list[dict[str, Any]], data: PixelWindow) ->
         )
 
 
-def _check_end(path: Path, headers: list[dict[str, Any]]) -> None:
+def _count_all_chunks(headers: list[dict[str, Any]]) -> int:
+    """Number of chunks of all parts; 0 where that of one is not known."""
     counts = [_count_chunks(header) for header in headers]
-    if all(counts) and _ask_file_system(path, lambda: ends_too_early(path, sum(counts))):
-        raise _make_unreadable_error(path, "the file ends too early")
+    return sum(counts) if all(counts) else 0
 
 
 def _count_chunks(header: dict[str, Any]) -> int:
@@ -258,7 +263,10 @@ def _count_chunks(header: dict[str, Any]) -> int:
     if "chunkCount" in header:
         return max(0, int(header["chunkCount"]))
     lines = 0 if "tiles" in header else CHUNK_LINES.get(header["compression"], 0)
-    return -(-_read_box(header["dataWindow"]).height // lines) if lines else 0
+    if not lines:
+        return 0
+    (_, top), (_, bottom) = header["dataWindow"]
+    return -(-(int(bottom) - int(top) + 1) // lines)
 
 
 def read_channels(path: Path, wanted: Collection[str]) -> dict[str, Plane]:

@@ -1,4 +1,4 @@
-"""Does an OpenEXR file reach as far as its own table of chunks says?
+"""OpenEXR's file layout as bytes: headers, and the table of chunks that follows them.
 
 A frame that is still being rendered or copied, or that was cut off, has an intact header. After
 the headers a file lists where each chunk of pixels begins, 8 bytes a chunk [OpenEXR file layout];
@@ -8,9 +8,9 @@ a chunk that begins behind the file's end shows the cut without a pixel being re
 from __future__ import annotations
 
 import os
-import struct
 from io import FileIO
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ FIXED_BYTES = 8
 """Magic number and version field."""
 
 OFFSET_BYTES = 8
+SIZE_BYTES = 4
 NAME_BYTES = 256
 """Longer than any name may be."""
 
@@ -29,6 +30,50 @@ FIRST_BYTES = 1 << 13
 
 MAX_HEADER_BYTES = 64 << 20
 """Headers hold previews and manifests; one larger than this is not looked into."""
+
+
+class RawAttribute(NamedTuple):
+    """An attribute of a header: its name, the name of its type, where its value's bytes are."""
+
+    name: bytes
+    kind: bytes
+    position: int
+    size: int
+
+
+class FileBytes:
+    """Bytes of a file by their place; the first ones, where most headers end, are read at once."""
+
+    def __init__(self, file: FileIO) -> None:
+        """Read the first bytes."""
+        self._file = file
+        self._first = file.read(FIRST_BYTES) or b""
+        self.size = os.fstat(file.fileno()).st_size
+
+    def around(self, position: int, count: int) -> tuple[bytes, int]:
+        """Return bytes that hold those at a position, and where in them they begin."""
+        if position + count <= len(self._first):
+            return self._first, position
+        return self.at(position, count), 0
+
+    def at(self, position: int, count: int) -> bytes:
+        """Return the bytes at a position; fewer where the file ends."""
+        if position + count <= len(self._first):
+            return self._first[position : position + count]
+        self._file.seek(position)
+        return self._file.read(count) or b""
+
+    @property
+    def flags(self) -> int:
+        """Version field of the file."""
+        return int.from_bytes(self.at(0, FIXED_BYTES)[4:], "little")
+
+    def chunk_lies_behind(self, table_start: int, chunks: int) -> bool:
+        """Tell whether a chunk of a table begins at or behind the end of the file."""
+        if table_start + chunks * OFFSET_BYTES > self.size:
+            return True
+        table = np.frombuffer(self.at(table_start, chunks * OFFSET_BYTES), "<u8")
+        return bool((table >= self.size).any())
 
 
 def ends_too_early(path: Path, chunks: int) -> bool:
@@ -42,58 +87,45 @@ def ends_too_early(path: Path, chunks: int) -> bool:
         OSError: the file cannot be read.
     """
     with path.open("rb", buffering=0) as file:
-        size = os.fstat(file.fileno()).st_size
-        bytes_of = _Bytes(file)
-        start = _find_table_start(bytes_of)
-        if start is None:
-            return False
-        if start + chunks * OFFSET_BYTES > size:
-            return True
-        table = np.frombuffer(bytes_of.at(start, chunks * OFFSET_BYTES), "<u8")
-    return bool((table >= size).any())
+        content = FileBytes(file)
+        start = _find_table_start(content)
+        return start is not None and content.chunk_lies_behind(start, chunks)
 
 
-class _Bytes:
-    """Bytes of a file by their place; the first ones, where most headers end, are read at once."""
-
-    def __init__(self, file: FileIO) -> None:
-        self._file = file
-        self._first = file.read(FIRST_BYTES) or b""
-
-    def at(self, position: int, count: int) -> bytes:
-        """Return the bytes at a position; fewer where the file ends."""
-        if position + count <= len(self._first):
-            return self._first[position : position + count]
-        self._file.seek(position)
-        return self._file.read(count) or b""
-
-
-def _find_table_start(file: _Bytes) -> int | None:
+def _find_table_start(file: FileBytes) -> int | None:
     """Skip the headers; None where they are not laid out as expected."""
-    (flags,) = struct.unpack("<4xI", file.at(0, FIXED_BYTES).ljust(FIXED_BYTES, b"\0"))
     position = FIXED_BYTES
     while True:
-        end = _find_header_end(file, position)
+        _, end = list_attributes(file, position)
         if end is None:
             return None
-        if not flags & MULTIPART:
-            return end
-        if end == position + 1:
+        if not file.flags & MULTIPART or end == position + 1:
             return end
         position = end
 
 
-def _find_header_end(file: _Bytes, position: int) -> int | None:
-    """Return the position behind the empty name that ends one header's attributes."""
+def list_attributes(file: FileBytes, position: int) -> tuple[list[RawAttribute], int | None]:
+    """Read the attributes of one header.
+
+    Returns:
+        Them, and the position behind the empty name that ends the header; None in place of the
+        position where it is not laid out as expected.
+    """
+    attributes: list[RawAttribute] = []
     while position < MAX_HEADER_BYTES:
         # name, type, and 4 bytes that tell the value's size
-        names = file.at(position, 2 * NAME_BYTES + 4).split(b"\0", 2)
-        if not names[0]:
-            return position + 1
-        if len(names) < 3 or len(names[2]) < 4:
-            return None
-        (size,) = struct.unpack_from("<i", names[2])
+        block, start = file.around(position, 2 * NAME_BYTES + SIZE_BYTES)
+        if block[start : start + 1] in (b"\0", b""):
+            return attributes, position + 1
+        name = block.find(b"\0", start, start + NAME_BYTES)
+        kind = block.find(b"\0", name + 1, name + 1 + NAME_BYTES)
+        value = kind + 1 + SIZE_BYTES
+        if name < 0 or kind < 0 or value > len(block):
+            break
+        size = int.from_bytes(block[kind + 1 : value], "little", signed=True)
         if size < 0:
-            return None
-        position += len(names[0]) + len(names[1]) + 2 + 4 + size
-    return None
+            break
+        position += value - start
+        attributes.append(RawAttribute(block[start:name], block[name + 1 : kind], position, size))
+        position += size
+    return attributes, None

@@ -56,6 +56,10 @@ class _Silencer:
         self._python: TextIO | None = None
         self._direct: TextIO | None = None
 
+    def is_silenced(self) -> bool:
+        """Tell whether the present thread is inside."""
+        return threading.get_ident() in self._silenced
+
     def enter(self) -> None:
         """Silence the present thread."""
         with self._lock:
@@ -133,7 +137,13 @@ _SILENCER = _Silencer()
 
 @contextmanager
 def silence_library() -> Iterator[None]:
-    """Swallow what OpenEXR writes to the terminal inside; any number of threads may be inside."""
+    """Swallow what OpenEXR writes to the terminal inside; any number of threads may be inside.
+
+    A thread that is inside already may come in again, which costs nothing.
+    """
+    if _SILENCER.is_silenced():
+        yield
+        return
     _SILENCER.enter()
     try:
         yield
