@@ -156,12 +156,14 @@ def _describe_frames(frame_set: SetInspection, reader: FrameReader) -> str:
 
 
 def _describe_windows(reader: FrameReader) -> str:
-    region, display = reader.region, reader.display
-    if region == display:
+    display = reader.display
+    plane = display.seen_from(display)
+    held = {place for file in reader.places for place in file.places}
+    if held == {plane}:
         return ""
-    return (
-        f" at ({region.left}, {region.top}) of an image plane of {display.width} x {display.height}"
-    )
+    windows = next(iter(held)) if len(held) == 1 else f"{len(held)} data windows"
+    read = "" if reader.region == plane else f", {reader.region} is read"
+    return f"; files hold {windows} of an image plane of {display.width} x {display.height}{read}"
 
 
 def _list_buffer_lines(frame_set: SetInspection, reader: FrameReader) -> Iterator[str]:

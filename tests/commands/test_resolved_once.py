@@ -47,7 +47,7 @@ class Calls:
         self._inside = threading.local()
         for name in ("read_capture", "load_layout", "read_side_car"):
             patch.setattr(declarations, name, self._counted(name, getattr(declarations, name)))
-        loads, opened, window = tomllib.loads, exr._open, reader.read_window
+        loads, opened, window = tomllib.loads, exr._open, reader.read_pixels
 
         def load(text: str, **options: Any) -> dict[str, Any]:
             self.toml[text] += 1
@@ -67,7 +67,7 @@ class Calls:
 
         patch.setattr(tomllib, "loads", load)
         patch.setattr(exr, "_open", open_file)
-        patch.setattr(reader, "read_window", read)
+        patch.setattr(reader, "read_pixels", read)
 
     def _counted(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(argument: object) -> Any:

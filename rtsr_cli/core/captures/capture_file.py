@@ -27,6 +27,7 @@ from pydantic import (
 from rtsr_cli.core.captures.channel_tables import BufferTable
 from rtsr_cli.core.captures.field_errors import describe_field_error
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
+from rtsr_cli.core.captures.regions import RegionRule
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import (
@@ -194,6 +195,7 @@ class CaptureDeclaration(ConventionTables):
     """
 
     layout: str | None = None
+    region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None
     scale: int | None = Field(default=None, ge=1)

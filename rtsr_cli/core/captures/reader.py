@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,14 +14,22 @@ from torch import Tensor
 
 from rtsr_cli.core.captures.channel_matching import Binding, BoundComponent
 from rtsr_cli.core.captures.layouts import Layout
+from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
+from rtsr_cli.core.captures.regions import FilePlaces
 from rtsr_cli.core.captures.shots import FrameSet
-from rtsr_cli.core.files.exr import PixelWindow, Plane, read_window
+from rtsr_cli.core.files.exr import PixelWindow, Plane, read_pixels
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 
 FLOAT_BYTES = 4
+
+_Place = tuple[str, str]
+"""A file sequence and a channel of it."""
+
+_NOTHING = {Buffer.DEPTH: SKY_DEPTH_M}
+"""What a buffer is in memory where no file has pixels; 0 if it is not named here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +41,8 @@ class FrameReader:
         layout: how they are named.
         binding: where each buffer is.
         conventions: what is stored in them.
-        region: pixels that are read, in the image plane `display`.
-        display: the image plane.
+        region: pixels that are read, seen from the image plane's first pixel.
+        places: where in the image plane the files' pixels lie.
         numbers: frames that can be read, ascending.
         held: number -> number of the frame that stands in for it.
         cameras: per frame, header and side-car and capture.toml together.
@@ -51,7 +59,7 @@ class FrameReader:
     binding: Binding
     conventions: conv.Conventions
     region: PixelWindow
-    display: PixelWindow
+    places: tuple[FilePlaces, ...]
     numbers: tuple[int, ...]
     held: Mapping[int, int]
     cameras: Mapping[int, CameraMetadata]
@@ -62,6 +70,16 @@ class FrameReader:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
+
+    @property
+    def display(self) -> PixelWindow:
+        """The image plane, as the first file has it."""
+        return self.places[0].display
+
+    def narrowed(self) -> FrameReader:
+        """Return a reader of what all files have pixels for, if there is anything such."""
+        common = find_common(self.region, (place for file in self.places for place in file.places))
+        return self if common is None else replace(self, region=common)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -127,8 +145,8 @@ class FrameReader:
         """Where the frames lie in the image plane."""
         return View(
             display=(self.display.height, self.display.width),
-            top=self.region.top - self.display.top,
-            left=self.region.left - self.display.left,
+            top=self.region.top,
+            left=self.region.left,
         )
 
     def where(self, number: int) -> str:
@@ -144,11 +162,20 @@ class FrameReader:
         """Names of the channels that a frame has in a file sequence; none without a file."""
         return self.channels[stream].get(self.held.get(number, number), frozenset())
 
-    @cached_property
+    @property
     def main_stream(self) -> str:
         """The stream whose names and attributes outputs take: colour's, or the first bound."""
+        return self._main_component.stream
+
+    @property
+    def main_channel(self) -> str:
+        """Its first channel of colour, or of what is bound first."""
+        return self._main_component.channel
+
+    @cached_property
+    def _main_component(self) -> BoundComponent:
         first = next(iter(self.binding.values()))
-        return self.binding.get(Buffer.COLOR, first)[0].stream
+        return self.binding.get(Buffer.COLOR, first)[0]
 
     @property
     def base(self) -> str:
@@ -183,9 +210,10 @@ class FrameReader:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
         needed = self._needed(tuple(buffers))
-        planes = self._read_planes(number, needed)
+        planes, places = self._read_planes(number, needed)
         if Buffer.MOTION in needed and self._motion_number(number) != number:
-            planes |= self._moved_planes(number)
+            moved, moved_places = self._moved_planes(number)
+            planes, places = planes | moved, places | moved_places
         camera = self.cameras[number]
         stored = conv.StoredFrame(
             conventions=self.conventions,
@@ -202,7 +230,9 @@ class FrameReader:
             # a number that is none would turn into some number: it stays, and is counted as bad
             is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
             spoilt = is_number and not bool(torch.isfinite(image).all())
-            tensors[buffer] = image if spoilt else conv.to_memory(buffer, image, stored)
+            held = find_common(self.region, [places[c.stream, c.channel] for c in components])
+            known = image if spoilt else conv.to_memory(buffer, image, stored)
+            tensors[buffer] = clear_outside(known, held, self.region, _NOTHING.get(buffer, 0))
             # what is converted is let go, so that a frame is in memory once and a half, not twice
             uses.subtract((c.stream, c.channel) for c in components)
             for key in [k for k in planes if uses[k] <= 0]:
@@ -223,16 +253,17 @@ class FrameReader:
         Raises:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
-        planes = self._read_planes(number, buffers)
+        planes, _ = self._read_planes(number, buffers)
         return {buffer: _stack_components(self.binding[buffer], planes) for buffer in buffers}
 
-    def _moved_planes(self, number: int) -> dict[tuple[str, str], Plane]:
+    def _moved_planes(self, number: int) -> tuple[dict[_Place, Plane], dict[_Place, PixelWindow]]:
         """Vectors of a frame that lie in another frame's file; none where there is no such file."""
         other = self._motion_number(number)
         if other is not None:
             return self._read_planes(other, (Buffer.MOTION,))
         still = np.full(self.size, self.conventions.motion.zero, np.float32)
-        return {(c.stream, c.channel): still for c in self.binding[Buffer.MOTION]}
+        keys = [(c.stream, c.channel) for c in self.binding[Buffer.MOTION]]
+        return dict.fromkeys(keys, still), dict.fromkeys(keys, self.region)
 
     @property
     def _sky_in_normals(self) -> bool:
@@ -246,44 +277,33 @@ class FrameReader:
 
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]
-    ) -> dict[tuple[str, str], Plane]:
+    ) -> tuple[dict[_Place, Plane], dict[_Place, PixelWindow]]:
         wanted = {(c.stream, c.channel) for buffer in buffers for c in self.binding[buffer]}
-        return self.read_stored(number, wanted)
+        return self._read_placed(number, wanted)
 
-    def read_stored(
-        self, number: int, wanted: Iterable[tuple[str, str]]
-    ) -> dict[tuple[str, str], Plane]:
+    def read_stored(self, number: int, wanted: Iterable[_Place]) -> dict[_Place, Plane]:
         """Read channels, named with the stream that holds them, as they are stored.
 
         Raises:
             FrameFolderError: a file is damaged, or lacks a channel.
         """
+        return self._read_placed(number, wanted)[0]
+
+    def _read_placed(
+        self, number: int, wanted: Iterable[_Place]
+    ) -> tuple[dict[_Place, Plane], dict[_Place, PixelWindow]]:
+        """Channels in the region that is read, 0 where a file has no pixels; and where it has."""
         streams: dict[str, set[str]] = defaultdict(set)
         for stream, channel in wanted:
             streams[stream].add(channel)
-        depths = {(c.stream, c.channel) for c in self.binding.get(Buffer.DEPTH, ())}
-        planes: dict[tuple[str, str], Plane] = {}
+        planes: dict[_Place, Plane] = {}
+        places: dict[_Place, PixelWindow] = {}
         for stream, channels in streams.items():
-            stored, window = read_window(self.path(number, stream), channels)
+            stored, header = read_pixels(self.path(number, stream), channels)
             for channel, plane in stored.items():
-                fill = np.inf if (stream, channel) in depths else 0
-                planes[stream, channel] = _place_pixels(plane, window, self.region, fill)
-        return planes
-
-
-def _place_pixels(plane: Plane, window: PixelWindow, region: PixelWindow, fill: float) -> Plane:
-    """Move pixels from a file's data window to the region that is read; `fill` where none are."""
-    if window == region:
-        return plane
-    placed = np.full((region.height, region.width), fill, plane.dtype)
-    top, left = max(window.top, region.top), max(window.left, region.left)
-    bottom = min(window.top + window.height, region.top + region.height)
-    right = min(window.left + window.width, region.left + region.width)
-    if bottom > top and right > left:
-        placed[top - region.top : bottom - region.top, left - region.left : right - region.left] = (
-            plane[top - window.top : bottom - window.top, left - window.left : right - window.left]
-        )
-    return placed
+                place = places[stream, channel] = header.place_of(channel)
+                planes[stream, channel] = place_pixels(plane, place, self.region)
+        return planes, places
 
 
 def _stack_components(

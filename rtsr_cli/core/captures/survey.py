@@ -15,20 +15,22 @@ from torch import Tensor
 from rtsr_cli.core.captures.cameras import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_matching import Binding
+from rtsr_cli.core.captures.color_tags import describe_contradictions, read_color_space
 from rtsr_cli.core.captures.layout_files import choose_layout
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import find_region, list_places
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
-from rtsr_cli.core.files.exr import ExrHeader, PixelWindow
+from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.files.header_cache import HeaderCache
 from rtsr_cli.core.files.library_output import silence_library
 from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
-from rtsr_cli.core.frames.conventions import SpecularWorkflow
+from rtsr_cli.core.frames.conventions import Conventions, SpecularWorkflow
 from rtsr_cli.core.frames.selection import format_ranges
 
 WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
@@ -83,14 +85,17 @@ def open_frames(
     used = sorted({c.stream for components in binding.values() for c in components})
     _check_channels(frames, headers, binding)
     numbers, held = _choose_numbers(frames, used, capture.frame_step, on_missing)
-    region, display = _find_regions(frames, {key: headers[key] for key in used})
+    places = list_places({key: headers[key] for key in used}, binding)
+    region = find_region(places, str(frames.root), capture.region)
+    conventions, contradictions = _settle_colors(frames, headers, binding, capture, chosen)
     reader = FrameReader(
         frames=frames,
         layout=chosen,
         binding=binding,
-        conventions=capture.conventions(chosen.conventions),
+        conventions=conventions,
+        warnings=contradictions,
         region=region,
-        display=display,
+        places=tuple(places),
         numbers=numbers,
         held=held,
         cameras={},
@@ -102,6 +107,27 @@ def open_frames(
     cameras = _read_cameras(reader, main, capture, side_car, jittered=jittered)
     predicted = {n for n in numbers if is_predicted(main[held.get(n, n)].attributes)}
     return replace(reader, cameras=cameras, predicted=frozenset(predicted))
+
+
+def _settle_colors(
+    frames: FrameSet,
+    headers: Headers,
+    binding: Binding,
+    capture: CaptureDeclaration,
+    layout: Layout,
+) -> tuple[Conventions, tuple[str, ...]]:
+    """Conventions with the primaries that files name, and what contradicts how they are read."""
+    conventions = capture.conventions(layout.conventions)
+    if Buffer.COLOR not in binding:
+        return conventions, ()
+    by_number = headers[binding[Buffer.COLOR][0].stream]
+    attributes = [header.attributes for header in by_number.values()]
+    declared = conventions.colorspace is not None
+    if not declared:
+        space = read_color_space(attributes, str(frames.root))
+        conventions = replace(conventions, colorspace=space)
+    contradictions = describe_contradictions(attributes, conventions.colorspace, declared=declared)
+    return conventions, contradictions
 
 
 def _read_cameras(
@@ -272,25 +298,6 @@ def list_missing_frames(frames: FrameSet, used: Collection[str], step: int) -> d
     expected = _list_expected(frames, used, step)
     lacking = {key: sorted(set(expected) - set(frames.streams[key].files)) for key in used}
     return {key: numbers for key, numbers in lacking.items() if numbers}
-
-
-def _find_regions(frames: FrameSet, headers: Headers) -> tuple[PixelWindow, PixelWindow]:
-    """Return the pixels to read and the image plane, the same for every frame and stream."""
-    displays: dict[PixelWindow, str] = {}
-    data: set[PixelWindow] = set()
-    for key, by_number in headers.items():
-        for number, header in by_number.items():
-            displays.setdefault(header.display_window, f"'{key}' frame {number}")
-            data.add(header.data_window)
-    if len({(w.width, w.height) for w in displays}) > 1:
-        listed = ", ".join(f"{who} is {w.width} x {w.height}" for w, who in displays.items())
-        raise FrameFolderError(
-            f"{frames.root}: sizes differ: {listed}; all buffers and frames of one resolution "
-            "need one size"
-        )
-    display = next(iter(displays))
-    region = next(iter(data)) if len(data) == 1 else display
-    return region, display
 
 
 def _read_camera(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import place_output
 from rtsr_cli.core.demodulate.frame_parts import demodulate_frame, recompose_frame
 from rtsr_cli.core.demodulate.request import DemodulateRequest
 from rtsr_cli.core.errors import FrameFolderError
@@ -204,7 +206,7 @@ class DivisionJob(ShotJob[Product]):
         source = reader.path(key)
         with plan.digests.hold_unchanged(plan.inputs.files(key)):
             stamp = plan.stamps.of_output(key)
-            attributes = read_header(source).attributes
+            header = read_header(source)
             frame = reader.read(key, self._read)
         frame, fixed = apply_policy(frame, request.on_nonfinite)
         transform = recompose_frame if request.inverse else demodulate_frame
@@ -217,13 +219,15 @@ class DivisionJob(ShotJob[Product]):
             extra={"rtsr:nonfinite": fixed, **name_color_space(reader.conventions)},
         )
 
+        windows = place_output(header, reader.main_channel, reader.region, Fraction(1))
+
         def write() -> None:
             write_exr(
                 plan.path(key),
-                parts.channels,
-                attributes={**attributes, **known},
-                data_window=reader.region,
-                display_window=reader.display,
+                windows.crop(parts.channels),
+                attributes={**header.attributes, **known},
+                data_window=windows.kept,
+                display_window=windows.display,
             )
 
         facts = {NONFINITE: fixed, "error": parts.error, "undivided": parts.undivided}

@@ -11,12 +11,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import check_origins
 from rtsr_cli.core.captures.shots import Shot, collect_frame_set
 from rtsr_cli.core.captures.survey import HeaderFiles
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.selection import Selection, format_ranges
 from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, open_set, open_shot, survey_set
 from rtsr_cli.core.shapes import Size
@@ -156,6 +159,7 @@ def _open_comparison(
     gbuffer = _open_gbuffer(name, reference, truth, options, headers)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
+        _check_color_space(reader, truth, method)
     there = _list_frames(tests, truth)
     numbers, available = _choose_numbers(tests, truth, there, options)
     return Comparison(
@@ -253,16 +257,29 @@ def _show_size(size: Size) -> str:
 
 
 def _describe_pixels(reader: FrameReader) -> str:
-    """A reader's size, and where it comes from if its files hold a part of the image plane."""
+    """A reader's size, and its windows if more or less than the image plane is read."""
     plane = (reader.display.height, reader.display.width)
     if reader.size == plane:
         return _show_size(reader.size)
-    return f"{_show_size(reader.size)} (the data window; the display window is {_show_size(plane)})"
+    return f"{_show_size(reader.size)} ({reader.places[0].describe()})"
 
 
 def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: str) -> None:
+    """Raise where frames of two folders do not show one picture.
+
+    Raises:
+        FrameFolderError: names both folders, their sizes and windows.
+    """
     height, width = (side // samples for side in truth.size)
     if reader.size == (height, width):
+        if reader.view.at_scale(samples) != truth.view:
+            raise FrameFolderError(
+                f"{reader.frames.root}: frames of '{method}' show another part of the image plane "
+                f"than the reference {truth.frames.root}: {reader.places[0].describe()}, "
+                f"{truth.places[0].describe()}; compare frames of one crop"
+            )
+        places = (place.at_scale(samples) for place in reader.places)
+        check_origins((*places, *truth.places), str(reader.frames.root))
         return
     ratio = truth.size[0] // reader.size[0]
     whole = ratio > 1 and (reader.size[0] * ratio, reader.size[1] * ratio) == truth.size
@@ -272,6 +289,22 @@ def _check_size(reader: FrameReader, truth: FrameReader, samples: int, method: s
         f"{truth.frames.root} is {_describe_pixels(truth)} and asks for "
         f"{_show_size((height, width))}; compare frames of one size{hint}"
     )
+
+
+def _check_color_space(reader: FrameReader, truth: FrameReader, method: str) -> None:
+    """Raise where one of two pictures names its primaries, and what the other's are is open.
+
+    Raises:
+        FrameFolderError: names both folders, and what to declare.
+    """
+    named, bare = (reader, truth) if truth.conventions.colorspace is None else (truth, reader)
+    space = named.conventions.colorspace
+    if bare.conventions.colorspace is None and space not in {None, ColorSpace.REC709}:
+        raise FrameFolderError(
+            f"{bare.frames.root}: nothing says what primaries these frames have, those of "
+            f"{named.frames.root} are '{space}' (comparing '{method}'); declare them in "
+            f'{bare.frames.root / CAPTURE_FILE}: colorspace = "{space}", or "lin_rec709"'
+        )
 
 
 def _list_frames(tests: Mapping[str, FrameReader], truth: FrameReader) -> dict[str, set[int]]:

@@ -7,9 +7,11 @@ channel's type in the file. Writes go to a hidden file beside the target and are
 from __future__ import annotations
 
 import io
+import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -82,14 +84,49 @@ class PixelWindow:
     width: int
     height: int
 
-    def at_scale(self, scale: int) -> PixelWindow:
-        """Return the same rectangle at `scale` times the resolution."""
-        return PixelWindow(
-            left=self.left * scale,
-            top=self.top * scale,
-            width=self.width * scale,
-            height=self.height * scale,
+    def seen_from(self, display: PixelWindow) -> PixelWindow:
+        """Return where it lies in an image plane, whatever that one's origin."""
+        return self.moved(-display.left, -display.top)
+
+    def moved(self, right: int, down: int) -> PixelWindow:
+        """Return the same rectangle elsewhere."""
+        return replace(self, left=self.left + right, top=self.top + down)
+
+    def holds(self, other: PixelWindow) -> bool:
+        """Tell whether another rectangle lies inside."""
+        return (
+            self.left <= other.left
+            and self.top <= other.top
+            and self.left + self.width >= other.left + other.width
+            and self.top + self.height >= other.top + other.height
         )
+
+    def joined(self, other: PixelWindow) -> PixelWindow:
+        """Return the smallest rectangle around this and another."""
+        left, top = min(self.left, other.left), min(self.top, other.top)
+        right = max(self.left + self.width, other.left + other.width)
+        bottom = max(self.top + self.height, other.top + other.height)
+        return PixelWindow(left=left, top=top, width=right - left, height=bottom - top)
+
+    def __str__(self) -> str:
+        """As users write it: 64 x 48 at (0, 0)."""
+        return f"{self.width} x {self.height} at ({self.left}, {self.top})"
+
+    def common(self, other: PixelWindow) -> PixelWindow | None:
+        """Return the rectangle that lies in this and in another; None if there is none."""
+        left, top = max(self.left, other.left), max(self.top, other.top)
+        width = min(self.left + self.width, other.left + other.width) - left
+        height = min(self.top + self.height, other.top + other.height) - top
+        if width < 1 or height < 1:
+            return None
+        return PixelWindow(left=left, top=top, width=width, height=height)
+
+    def at_ratio(self, ratio: Fraction) -> PixelWindow:
+        """Return the pixels that the rectangle touches at `ratio` times the resolution."""
+        left, top = math.floor(self.left * ratio), math.floor(self.top * ratio)
+        right = math.ceil((self.left + self.width) * ratio)
+        bottom = math.ceil((self.top + self.height) * ratio)
+        return PixelWindow(left=left, top=top, width=right - left, height=bottom - top)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,11 +135,12 @@ class ExrHeader:
 
     Attributes:
         channels: names as `read_channels` takes them, over all parts.
-        data_window: pixels that the file holds.
+        data_window: pixels that the file holds; of several parts, the first.
         display_window: pixels of the image plane.
         attributes: everything else, of the first part.
         subsampled: channels with fewer samples than pixels, which rtsr does not read.
         chunks: number of chunks of pixels, over all parts; 0 where it is not known.
+        part_windows: data windows of the channels of parts whose window is not the first one's.
     """
 
     channels: frozenset[str]
@@ -111,6 +149,12 @@ class ExrHeader:
     attributes: Mapping[str, Any]
     subsampled: frozenset[str] = frozenset()
     chunks: int = 0
+    part_windows: Mapping[str, PixelWindow] = field(default_factory=dict)
+
+    def place_of(self, channel: str) -> PixelWindow:
+        """Where a channel's pixels lie in the image plane, whose first pixel is (0, 0)."""
+        window = self.part_windows.get(channel, self.data_window)
+        return window.seen_from(self.display_window)
 
 
 def _read_box(box: tuple[NDArray[Any], NDArray[Any]]) -> PixelWindow:
@@ -187,7 +231,7 @@ def read_header(path: Path) -> ExrHeader:
     if not headers or not headers[0].get("channels"):
         raise _make_unreadable_error(path, "it has no channels")
     _check_parts(path, headers)
-    data_window, display_window = _check_windows(path, headers)
+    data_windows, display_window = _check_windows(path, headers)
     try:
         names = [(str(h.get("name", "")), [c.name for c in h["channels"]]) for h in headers]
     except UnicodeDecodeError as error:
@@ -198,7 +242,7 @@ def read_header(path: Path) -> ExrHeader:
     renamed = _name_for_users(names)
     return ExrHeader(
         channels=frozenset(name for part in renamed for name in part.values()),
-        data_window=data_window,
+        data_window=data_windows[0],
         display_window=display_window,
         attributes={k: v for k, v in headers[0].items() if k not in STRUCTURAL_ATTRIBUTES},
         subsampled=frozenset(
@@ -208,6 +252,12 @@ def read_header(path: Path) -> ExrHeader:
             if (c.xSampling, c.ySampling) != (1, 1)
         ),
         chunks=chunks,
+        part_windows={
+            name: window
+            for part, window in zip(renamed, data_windows, strict=True)
+            for name in part.values()
+            if window != data_windows[0]
+        },
     )
 
 
@@ -219,28 +269,34 @@ def _check_parts(path: Path, headers: list[dict[str, Any]]) -> None:
         raise FrameFolderError(f"{path}: holds the views {', '.join(views)}; write one view a file")
 
 
-def _check_windows(path: Path, headers: list[dict[str, Any]]) -> tuple[PixelWindow, PixelWindow]:
-    """Return data and display window; nothing has been allocated for the pixels yet."""
+def _check_windows(
+    path: Path, headers: list[dict[str, Any]]
+) -> tuple[list[PixelWindow], PixelWindow]:
+    """Return each part's data window, and the display window; no pixel has been allocated yet."""
     try:
-        windows = [(_read_box(h["dataWindow"]), _read_box(h["displayWindow"])) for h in headers]
+        data = [_read_box(h["dataWindow"]) for h in headers]
+        displays = [_read_box(h["displayWindow"]) for h in headers]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _make_unreadable_error(path, "its windows are damaged") from error
-    for window in (w for pair in windows for w in pair):
+    for window in (*data, *displays):
         if window.width < 1 or window.height < 1 or window.width * window.height > MAX_PIXELS:
             raise _make_unreadable_error(
                 path, f"its window is {window.width} x {window.height} pixels"
             )
-    if any(data != windows[0][0] for data, _ in windows):
-        raise _make_unreadable_error(path, "its parts have different data windows")
-    _check_size(path, headers, windows[0][0])
-    return windows[0]
+    if any(display != displays[0] for display in displays):
+        other = next(display for display in displays if display != displays[0])
+        raise FrameFolderError(
+            f"{path}: its parts have different display windows ({displays[0]} and {other}); write "
+            "them into one image plane"
+        )
+    _check_size(path, headers, data)
+    return data, displays[0]
 
 
-def _check_size(path: Path, headers: list[dict[str, Any]], data: PixelWindow) -> None:
-    # a tile is decoded whole, however little of it lies in the window
-    tiles = [h["tiles"].xSize * h["tiles"].ySize for h in headers if "tiles" in h]
-    pixels = max(data.width * data.height, *tiles, 0)
-    samples = pixels * sum(len(h["channels"]) for h in headers)
+def _check_size(path: Path, headers: list[dict[str, Any]], data: list[PixelWindow]) -> None:
+    samples = sum(
+        _count_samples(header, window) for header, window in zip(headers, data, strict=True)
+    )
     known = all(h.get("compression") in CHUNK_LINES for h in headers)
     small, ratio = (SMALL_BYTES, MAX_RATIO) if known else (SMALL_BYTES_BLOCKS, MAX_RATIO_BLOCKS)
     size = _ask_file_system(path, path.stat).st_size
@@ -250,6 +306,12 @@ def _check_size(path: Path, headers: list[dict[str, Any]], data: PixelWindow) ->
         raise _make_unreadable_error(
             path, f"its header promises {promised} MiB of pixels in {size} bytes"
         )
+
+
+def _count_samples(header: dict[str, Any], data: PixelWindow) -> int:
+    """Samples of a part; a tile is decoded whole, however little of it lies in the window."""
+    tile = header["tiles"].xSize * header["tiles"].ySize if "tiles" in header else 0
+    return max(data.width * data.height, tile) * len(header["channels"])
 
 
 def _count_all_chunks(headers: list[dict[str, Any]]) -> int:
@@ -279,11 +341,11 @@ def read_channels(path: Path, wanted: Collection[str]) -> dict[str, Plane]:
     Raises:
         FrameFolderError: the file cannot be read, or lacks a channel; names file and channel.
     """
-    return read_window(path, wanted)[0]
+    return read_pixels(path, wanted)[0]
 
 
-def read_window(path: Path, wanted: Collection[str]) -> tuple[dict[str, Plane], PixelWindow]:
-    """`read_channels`, and the data window that the pixels lie in."""
+def read_pixels(path: Path, wanted: Collection[str]) -> tuple[dict[str, Plane], ExrHeader]:
+    """`read_channels`, and the header that tells where in the image plane the pixels lie."""
     header = read_header(path)
     lacking = sorted(set(wanted) - header.channels)
     if lacking:
@@ -300,11 +362,12 @@ def read_window(path: Path, wanted: Collection[str]) -> tuple[dict[str, Plane], 
         for stored, user in names.items()
         if user in wanted
     }
-    shape = (header.data_window.height, header.data_window.width)
+    windows = {name: header.part_windows.get(name, header.data_window) for name in planes}
+    whole = all(planes[name].shape == (w.height, w.width) for name, w in windows.items())
     # pixels that cannot be decoded end in a part without any, and in no exception
-    if len(planes) < len(set(wanted)) or any(plane.shape != shape for plane in planes.values()):
+    if len(planes) < len(set(wanted)) or not whole:
         raise _make_unreadable_error(path, "its pixels are damaged, or the file ends too early")
-    return planes, header.data_window
+    return planes, header
 
 
 def write_exr(

@@ -15,6 +15,9 @@ from rtsr_cli.core.errors import FrameFolderError, InputChangedError, RtsrError
 from rtsr_cli.core.files.exr import read_header
 from rtsr_cli.core.frames.conventions import Conventions
 
+COLOR_TAG, SCENE_SUFFIX = "colorInteropID", "_scene"
+"""Attribute that names the primaries of radiance, and how its values end [ASWF colour interop]."""
+
 STAMP = "rtsr:stamp"
 """Header attribute: hash of config, weights and inputs; no dates, no absolute paths."""
 
@@ -149,9 +152,9 @@ def is_predicted(attributes: Mapping[str, Any]) -> bool:
 
 
 def name_color_space(conventions: Conventions) -> dict[str, str]:
-    """`colorInteropID` of the radiance, where the user declared its primaries; never a guess."""
+    """`colorInteropID` of the radiance, where its primaries are declared or named; no guess."""
     space = conventions.colorspace
-    return {} if space is None else {"colorInteropID": f"{space.value}_scene"}
+    return {} if space is None else {COLOR_TAG: f"{space.value}{SCENE_SUFFIX}"}
 
 
 def read_stamp(path: Path) -> str | None:

@@ -75,6 +75,7 @@ def measure_statistics(
     reader: FrameReader, numbers: Sequence[int]
 ) -> tuple[dict[Buffer, PixelStatistics], list[str]]:
     """Look at the pixels; frames that cannot be read are problems."""
+    reader = reader.narrowed()
     running = {buffer: _RunningStatistics() for buffer in sorted(reader.stored)}
     damaged = []
     for number in numbers:

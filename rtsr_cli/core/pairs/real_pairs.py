@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.exr import PixelWindow
+from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs.nonfinite import apply_policy
@@ -41,12 +43,12 @@ class RealPairs:
         """(height, width) of the LR frames."""
         return self.lr.size
 
-    @property
-    def output_window(self) -> tuple[PixelWindow, PixelWindow]:
-        """Windows of the HR frames, or those of the LR frames enlarged."""
-        if self.hr is not None:
-            return self.hr.region, self.hr.display
-        return self.lr.region.at_scale(self.scale), self.lr.display.at_scale(self.scale)
+    def place_output(self, header: ExrHeader) -> OutputWindows:
+        """In the display window of the HR frames, or in that of the LR frame enlarged."""
+        plane = None if self.hr is None else self.hr.display
+        return place_output(
+            header, self.lr.main_channel, self.lr.region, Fraction(self.scale), plane
+        )
 
     @property
     def readers(self) -> tuple[FrameReader, ...]:
@@ -152,6 +154,9 @@ def _check_windows(lr: FrameReader, hr: FrameReader, scale: int) -> None:
     if lr.view.at_scale(scale) != hr.view:
         raise FrameFolderError(
             f"{hr.frames.root}: HR shows another part of the image plane than LR in "
-            f"{lr.frames.root} (data windows {hr.region} and {lr.region}, display windows "
-            f"{hr.display} and {lr.display}); render both with the same crop"
+            f"{lr.frames.root}: {hr.places[0].describe()}, {lr.places[0].describe()}; render both "
+            "with the same crop and overscan"
         )
+    check_origins(
+        (*(place.at_scale(scale) for place in lr.places), *hr.places), str(hr.frames.root)
+    )

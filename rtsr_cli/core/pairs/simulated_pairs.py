@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import OutputWindows, place_output
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.exr import PixelWindow
+from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
 from rtsr_cli.core.pairs.sources import (
@@ -45,11 +47,10 @@ class SimulatedPairs:
         height, width = self.capture.size
         return height // self.simulation.block, width // self.simulation.block
 
-    @property
-    def output_window(self) -> tuple[PixelWindow, PixelWindow]:
-        """Windows of the capture, less the samples of a pixel."""
-        k = self.simulation.samples_per_pixel
-        return _shrink_window(self.capture.region, k), _shrink_window(self.capture.display, k)
+    def place_output(self, header: ExrHeader) -> OutputWindows:
+        """In the capture's windows, less the samples of a pixel."""
+        ratio = Fraction(1, self.simulation.samples_per_pixel)
+        return place_output(header, self.capture.main_channel, self.capture.region, ratio)
 
     @property
     def readers(self) -> tuple[FrameReader, ...]:
@@ -97,15 +98,6 @@ class SimulatedPairs:
         hr, fixed_hr = apply_policy(select_hr(full, reads.hr), inputs.on_nonfinite)
         hr = build_hr(hr, reads.hr, derivation, self.simulation.samples_per_pixel)
         return FramePair(lr, hr, fixed + fixed_hr)
-
-
-def _shrink_window(window: PixelWindow, k: int) -> PixelWindow:
-    return PixelWindow(
-        left=window.left // k,
-        top=window.top // k,
-        width=window.width // k,
-        height=window.height // k,
-    )
 
 
 def open_simulated_pairs(capture: FrameReader, simulation: Simulation) -> SimulatedPairs:

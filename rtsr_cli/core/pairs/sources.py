@@ -13,8 +13,9 @@ from typing import Protocol
 import torch
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.choices import NonfinitePolicy
-from rtsr_cli.core.files.exr import PixelWindow
+from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.derivation import DerivationConfig
@@ -72,9 +73,8 @@ class PairSource(Protocol):
     def lr_size(self) -> Size:
         """(height, width) of the LR frames."""
 
-    @property
-    def output_window(self) -> tuple[PixelWindow, PixelWindow]:
-        """Data and display window of the outputs."""
+    def place_output(self, header: ExrHeader) -> OutputWindows:
+        """Say where the output of a frame lies, whose file of the `reader` has this header."""
 
     @property
     def readers(self) -> tuple[FrameReader, ...]:

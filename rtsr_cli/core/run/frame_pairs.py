@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.errors import InputChangedError, RtsrError
 from rtsr_cli.core.files.exr import Plane, read_header
 from rtsr_cli.core.files.provenance import describe_provenance
@@ -105,6 +106,7 @@ class FrameInTurn:
         passed: channels that are handed through, by name.
         source: the file that names the frame.
         attributes: of its header.
+        windows: where the output's pixels lie.
         begins: True where there is no history: at the start, after a cut, a gap or a failure.
         wanted: True if an output is to be made; else the frame is history of others.
     """
@@ -115,6 +117,7 @@ class FrameInTurn:
     passed: Mapping[str, Plane]
     source: Path
     attributes: Mapping[str, Any]
+    windows: OutputWindows
     begins: bool
     wanted: bool
 
@@ -158,6 +161,7 @@ class _Loaded:
     passed: Mapping[str, Plane]
     source: Path
     attributes: Mapping[str, Any]
+    windows: OutputWindows
 
 
 class PairJob(ShotJob[_Loaded]):
@@ -205,8 +209,9 @@ class PairJob(ShotJob[_Loaded]):
                 for name, plane in part.read(key, size).items()
             }
             source = plan.inputs.reader.path(key)
-            attributes = read_header(source).attributes
-        return _Loaded(pair, passed, source, attributes)
+            header = read_header(source)
+        windows = reading.source.place_output(header)
+        return _Loaded(pair, passed, source, header.attributes, windows)
 
     def compute(self, key: int, loaded: _Loaded) -> Product | None:
         """Do the work on a frame."""
@@ -219,6 +224,7 @@ class PairJob(ShotJob[_Loaded]):
             passed=loaded.passed,
             source=loaded.source,
             attributes=loaded.attributes,
+            windows=loaded.windows,
             begins=begins,
             wanted=key in self.plan.pending,
         )

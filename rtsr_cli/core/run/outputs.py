@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.exr import PixelWindow, Plane, write_exr
 from rtsr_cli.core.files.png import write_png
@@ -116,7 +117,7 @@ class OutputFrame:
         alpha: coverage, written as `A`, or None.
         passed: channels written as they are.
         attributes: of the header.
-        windows: data and display window.
+        windows: where the pixels lie.
         colorspace: primaries of `color`, for pictures.
         previews: also write a PNG.
         debug: named pictures for a second EXR in `debug/`.
@@ -127,7 +128,7 @@ class OutputFrame:
     alpha: Image | None
     passed: Mapping[str, Plane] = field(default_factory=dict)
     attributes: Mapping[str, Any]
-    windows: tuple[PixelWindow, PixelWindow]
+    windows: OutputWindows
     colorspace: ColorSpace | None = None
     previews: bool = False
     debug: Mapping[str, Image] | None = None
@@ -143,17 +144,25 @@ class OutputFrame:
                 self.path.with_suffix(PREVIEW_SUFFIX), encode_preview(self.color, self.colorspace)
             )
         if self.debug:
-            self._write(name_debug_file(self.path), split_debug_pictures(self.debug))
+            self._write_debug(split_debug_pictures(self.debug))
         channels = split_image("", self.color, "RGB")
         if self.alpha is not None:
             channels |= split_image("", self.alpha, "A")
-        self._write(self.path, {**channels, **self.passed})
+        write_exr(
+            self.path,
+            self.windows.crop({**channels, **self.passed}),
+            attributes=self.attributes,
+            data_window=self.windows.kept,
+            display_window=self.windows.display,
+        )
 
-    def _write(self, path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
+    def _write_debug(self, channels: Mapping[str, NDArray[Any]]) -> None:
+        """Write pictures of all that was computed; those of another size are a picture alone."""
         height, width = next(iter(channels.values())).shape
-        data, display = self.windows
+        data, display = self.windows.region, self.windows.display
         if (height, width) != (data.height, data.width):
             data = display = PixelWindow(left=0, top=0, width=width, height=height)
+        path = name_debug_file(self.path)
         write_exr(
             path, channels, attributes=self.attributes, data_window=data, display_window=display
         )

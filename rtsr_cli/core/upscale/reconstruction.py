@@ -30,7 +30,7 @@ class Reconstruction:
             debug: an EXR of what the system saw and decided.
         """
         self._predictor = Predictor(run)
-        self._system, self._windows = run.system, source.output_window
+        self._system = run.system
         self._colorspace = source.reader.conventions.colorspace
         self._tag = name_color_space(source.reader.conventions)
         self._previews, self._debug = previews, debug
@@ -56,7 +56,7 @@ class Reconstruction:
             color=prediction.image,
             alpha=enlarge_alpha(moment),
             attributes={**moment.attributes, **known},
-            windows=self._windows,
+            windows=moment.windows,
             colorspace=self._colorspace,
             passed=moment.passed,
             previews=self._previews,

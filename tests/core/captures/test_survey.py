@@ -154,15 +154,23 @@ def test_data_windows_that_change_are_read_into_the_display_window(
     assert gbuffer[Buffer.DEPTH][0, 0].tolist() == [[sky] * 4, [sky, sky, 7, 7], [sky, sky, 7, 7]]
 
 
-def test_one_data_window_for_all_frames_is_read_as_it_is_and_remembered_as_the_view(
-    tmp_path: Path, write_frames: Write, open_folder: Open
+@pytest.mark.parametrize(
+    ("rule", "size", "corner"), [(None, (10, 20), (0, 0)), ("data", (6, 8), (2, 4))]
+)
+def test_a_crop_is_read_in_its_image_plane_or_alone_where_that_is_declared(
+    tmp_path: Path,
+    write_frames: Write,
+    open_folder: Open,
+    rule: str | None,
+    size: tuple[int, int],
+    corner: tuple[int, int],
 ) -> None:
     data = PixelWindow(left=3, top=2, width=8, height=6)
     display = PixelWindow(left=-1, top=0, width=20, height=10)
     write_frames(tmp_path, [1, 2], size=(6, 8), data_window=data, display_window=display)
-    reader = open_folder(tmp_path)
-    assert reader.size == (6, 8)
-    assert (reader.view.display, reader.view.top, reader.view.left) == ((10, 20), 2, 4)
+    reader = open_folder(tmp_path, capture={} if rule is None else {"region": rule})
+    assert reader.size == size
+    assert (reader.view.display, reader.view.top, reader.view.left) == ((10, 20), *corner)
 
 
 def test_header_matrices_jitter_and_cuts_make_the_camera(

@@ -86,16 +86,39 @@ def test_sizes_that_differ_are_told_with_what_may_help(tmp_path: Path) -> None:
         open_comparisons({"test": ref}, test, CompareOptions())
 
 
-def test_a_data_window_that_makes_sizes_differ_is_named(tmp_path: Path) -> None:
-    ref = write(tmp_path / "ref", [1])
-    data = PixelWindow(left=2, top=1, width=WIDTH - 4, height=HEIGHT - 2)
+PLANE = PixelWindow(left=0, top=0, width=WIDTH, height=HEIGHT)
+
+
+def write_part(folder: Path, data: PixelWindow, display: PixelWindow = PLANE) -> Path:
     plane = np.full((data.height, data.width), 0.5, np.float16)
     write_exr(
-        tmp_path / "cut" / "frame.0001.exr", dict.fromkeys("RGB", plane), data_window=data,
-        display_window=PixelWindow(left=0, top=0, width=WIDTH, height=HEIGHT),
+        folder / "frame.0001.exr", dict.fromkeys("RGB", plane), data_window=data,
+        display_window=display,
     )  # fmt: skip
-    with pytest.raises(FrameFolderError, match=r"20 x 14 \(the data window; .* is 24 x 16\)"):
-        open_comparisons({"cut": tmp_path / "cut"}, ref, CompareOptions())
+    return folder
+
+
+def test_a_crop_is_compared_in_its_image_plane(tmp_path: Path) -> None:
+    cut = write_part(tmp_path / "cut", PixelWindow(left=2, top=1, width=20, height=14))
+    ref = write(tmp_path / "ref", [1])
+    assert open_comparisons({"cut": cut}, ref, CompareOptions())[0].size == (HEIGHT, WIDTH)
+
+
+def test_overscan_that_makes_sizes_differ_is_named(tmp_path: Path) -> None:
+    wide = write_part(tmp_path / "wide", PixelWindow(left=-2, top=0, width=28, height=16))
+    with pytest.raises(FrameFolderError, match=r"28 x 16 .*data window 28 x 16 at \(-2, 0\)"):
+        open_comparisons({"wide": wide}, write(tmp_path / "ref", [1]), CompareOptions())
+
+
+def test_planes_of_other_origins_are_compared_only_where_pixels_lie_alike(tmp_path: Path) -> None:
+    moved = PLANE.moved(100, 50)
+    ref = write_part(tmp_path / "ref", PLANE)
+    same = write_part(tmp_path / "same", moved, moved)
+    assert open_comparisons({"same": same}, ref, CompareOptions())[0].size == (HEIGHT, WIDTH)
+    inner = PixelWindow(left=100, top=50, width=20, height=14)
+    cut = write_part(tmp_path / "cut", inner, moved)
+    with pytest.raises(FrameFolderError, match=r"20 x 14 at \(100, 50\).*24 x 16 at \(0, 0\)"):
+        open_comparisons({"cut": cut}, ref, CompareOptions())
 
 
 def test_pictures_of_one_channel_are_refused(tmp_path: Path) -> None:

@@ -61,7 +61,8 @@ def test_the_scale_of_real_pairs_follows_from_the_sizes(pair_folders: Callable[.
     pairs = open_real_pairs(*pair_folders(), None)
     assert pairs.scale == 2
     assert pairs.lr_size == (6, 8)
-    assert pairs.output_window[0] == PixelWindow(left=0, top=0, width=16, height=12)
+    windows = pairs.place_output(read_header(pairs.lr.path(1)))
+    assert windows.region == PixelWindow(left=0, top=0, width=16, height=12)
 
 
 @pytest.mark.parametrize("hr_size", [(12, 15), (11, 16), (12, 24), (3, 4)])
@@ -99,7 +100,8 @@ def test_without_high_resolution_frames_the_scale_has_to_be_given(
     with pytest.raises(FrameFolderError, match="--scale"):
         open_real_pairs(lr, None, None)
     pairs = open_real_pairs(lr, None, 3)
-    assert pairs.output_window[1] == PixelWindow(left=0, top=0, width=24, height=18)
+    windows = pairs.place_output(read_header(lr.path(1)))
+    assert windows.display == PixelWindow(left=0, top=0, width=24, height=18)
     assert pairs.missing(PairInputs(lr=(Buffer.COLOR,), hr=(Buffer.MATERIAL,))) == ("hr frames",)
     assert pairs.load(1, PairInputs(lr=(Buffer.COLOR,))).hr is None
 
@@ -261,7 +263,8 @@ def test_samples_of_a_pixel_become_means_or_the_middle_sample_where_a_mean_misle
     reader = open_folder(write_frames(tmp_path, [1], size=(12, 24)))
     pairs = open_simulated_pairs(reader, Simulation(scale=2, samples_per_pixel=3))
     assert pairs.lr_size == (2, 4)
-    assert pairs.output_window[0] == PixelWindow(left=0, top=0, width=8, height=4)
+    windows = pairs.place_output(read_header(reader.path(1)))
+    assert windows.region == PixelWindow(left=0, top=0, width=8, height=4)
     pair = pairs.load(1, EVERYTHING)
     assert pair.hr is not None
     hr = pair.hr.gbuffer
@@ -315,11 +318,12 @@ def test_a_capture_that_the_block_does_not_divide_is_refused_with_its_size(
         open_simulated_pairs(reader, Simulation(scale=scale))
 
 
-def test_a_data_window_that_does_not_begin_on_a_block_is_refused(
+def test_overscan_that_does_not_begin_on_a_block_is_refused(
     tmp_path: Path, write_frames: Write, open_folder: Open
 ) -> None:
-    window = PixelWindow(left=1, top=0, width=16, height=12)
-    reader = open_folder(write_frames(tmp_path, [1], data_window=window, display_window=window))
+    window = PixelWindow(left=-1, top=0, width=16, height=12)
+    plane = PixelWindow(left=0, top=0, width=14, height=12)
+    reader = open_folder(write_frames(tmp_path, [1], data_window=window, display_window=plane))
     with pytest.raises(FrameFolderError, match="cannot be decimated by 2"):
         open_simulated_pairs(reader, Simulation(scale=2))
 

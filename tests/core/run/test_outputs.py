@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.atomic_write import check_writable
@@ -89,9 +90,10 @@ def frame(path: Path, **fields: object) -> OutputFrame:
         "color": torch.full((1, 3, 4, 6), 0.5),
         "alpha": None,
         "attributes": {"owner": "me"},
-        "windows": (
-            PixelWindow(left=2, top=1, width=6, height=4),
-            PixelWindow(left=0, top=0, width=9, height=9),
+        "windows": OutputWindows(
+            region=PixelWindow(left=2, top=1, width=6, height=4),
+            display=PixelWindow(left=0, top=0, width=9, height=9),
+            kept=PixelWindow(left=2, top=1, width=6, height=4),
         ),
     }
     return OutputFrame(path=path, **{**defaults, **fields})  # type: ignore[arg-type]

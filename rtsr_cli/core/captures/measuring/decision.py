@@ -46,9 +46,9 @@ def measure_and_decide(
         named: whether the user named the layout.
         motion: whether vectors are of interest.
     """
-    presumed = capture.conventions(reader.layout.conventions)
-    measured = measure_storage(reader, presumed, motion=motion and Buffer.MOTION in reader.stored)
-    settled = MeasuredReader(reader=replace(reader, conventions=presumed), measured=measured)
+    wanted = motion and Buffer.MOTION in reader.stored
+    measured = measure_storage(reader, reader.conventions, motion=wanted)
+    settled = MeasuredReader(reader=reader, measured=measured, warnings=reader.warnings)
     if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
         settled = replace(settled, undecided=_describe_undocumented(reader))
     for step in (

@@ -99,9 +99,10 @@ def measure_storage(
         presumed: conventions of the preset and the declarations, which take part as hypotheses.
         motion: whether vectors are of interest.
 
-    Pixels that cannot be read are not reported here: the run that needs them will.
+    Pixels that cannot be read are not reported here: the run that needs them will. Where not all
+    files have pixels, nothing is measured.
     """
-    measured = StorageMeasurement()
+    reader, measured = reader.narrowed(), StorageMeasurement()
     for numbers in _choose_groups(reader):
         stored = _read_group(reader, numbers)
         if not stored:

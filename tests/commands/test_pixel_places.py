@@ -1,0 +1,86 @@
+"""Outputs and comparisons of frames whose data and display windows differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+
+Run = Callable[..., Any]
+
+PICTURE = np.random.default_rng(3).random((12, 16)).astype(np.float32)
+PLANE = PixelWindow(left=0, top=0, width=16, height=12)
+INNER = PixelWindow(left=4, top=2, width=8, height=6)
+LARGE = PixelWindow(left=0, top=0, width=32, height=24)
+
+
+def cut(window: PixelWindow) -> np.ndarray:
+    rows = slice(window.top, window.top + window.height)
+    return PICTURE[rows, window.left : window.left + window.width]
+
+
+def write_color(
+    path: Path, data: PixelWindow = PLANE, display: PixelWindow = PLANE, pixels: Any = None
+) -> None:
+    plane = cut(data.seen_from(display)) if pixels is None else pixels
+    write_exr(path, dict.fromkeys("RGB", plane), data_window=data, display_window=display)
+
+
+def write_depth(path: Path, data: PixelWindow, display: PixelWindow) -> None:
+    plane = np.full((data.height, data.width), 5.0, np.float32)
+    write_exr(path, {"depth.Z": plane}, data_window=data, display_window=display)
+
+
+def test_an_output_holds_what_its_input_holds(rtsr: Run, tmp_path: Path) -> None:
+    write_color(tmp_path / "in" / "f.1.exr", INNER.moved(3, 0), PLANE.moved(3, 0))
+    write_color(tmp_path / "in" / "f.2.exr", PLANE.moved(3, 0), PLANE.moved(3, 0))
+    result = rtsr(
+        "upscale", tmp_path / "in", tmp_path / "out", "--system", "bicubic", "--scale", "2"
+    )
+    assert result.exit_code == 0, result.output
+    first, second = (read_header(tmp_path / "out" / f"f.{n}.exr") for n in (1, 2))
+    assert first.display_window == PixelWindow(left=6, top=0, width=32, height=24)
+    assert first.data_window == PixelWindow(left=14, top=4, width=16, height=12)
+    assert second.data_window == second.display_window == first.display_window
+
+
+def test_pairs_of_crops_run_if_their_planes_have_one_ratio(rtsr: Run, tmp_path: Path) -> None:
+    write_color(tmp_path / "shot" / "lr" / "f.1.exr", INNER)
+    write_depth(tmp_path / "shot" / "hr" / "f.1.exr", INNER, LARGE)
+    result = rtsr("upscale", tmp_path / "shot", tmp_path / "out", "--system", "bicubic")
+    assert result.exit_code == 0, result.output
+    header = read_header(tmp_path / "out" / "f.1.exr")
+    assert header.display_window == LARGE
+    assert header.data_window == PixelWindow(left=8, top=4, width=16, height=12)
+
+
+def test_resolutions_with_planes_at_other_origins_are_one_picture_or_refused(
+    rtsr: Run, tmp_path: Path
+) -> None:
+    write_color(tmp_path / "shot" / "lr" / "f.1.exr")
+    large = LARGE.moved(100, 0)
+    write_depth(tmp_path / "shot" / "hr" / "f.1.exr", large, large)
+    command = ("upscale", tmp_path / "shot", tmp_path / "out", "--system", "bicubic")
+    result = rtsr(*command)
+    assert result.exit_code == 0, result.output
+    red = read_channels(tmp_path / "out" / "f.1.exr", ["R"])["R"].astype(float)
+    assert red.mean() == pytest.approx(PICTURE.mean(), abs=0.03)
+    write_depth(tmp_path / "shot" / "hr" / "f.1.exr", INNER.moved(100, 0), large)
+    result = rtsr(*command, "--overwrite")
+    assert result.exit_code == 3
+    assert "8 x 6 at (104, 2)" in result.output
+
+
+def test_an_autocropped_frame_is_the_frame_uncropped(rtsr: Run, tmp_path: Path) -> None:
+    write_color(tmp_path / "cut" / "f.1.exr", INNER)
+    whole = np.zeros_like(PICTURE)
+    whole[2:8, 4:12] = cut(INNER)
+    write_color(tmp_path / "whole" / "f.1.exr", pixels=whole)
+    result = rtsr("evaluate", tmp_path / "cut", tmp_path / "whole", "--metric", "psnr")
+    assert result.exit_code == 0, result.output
+    assert "inf" in result.output
