@@ -84,3 +84,4 @@ def test_an_autocropped_frame_is_the_frame_uncropped(rtsr: Run, tmp_path: Path) 
     result = rtsr("evaluate", tmp_path / "cut", tmp_path / "whole", "--metric", "psnr")
     assert result.exit_code == 0, result.output
     assert "inf" in result.output
+    assert "pixels that no file holds are black" in result.output

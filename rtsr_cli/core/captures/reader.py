@@ -76,6 +76,11 @@ class FrameReader:
         """The image plane, as the first file has it."""
         return self.places[0].display
 
+    @property
+    def fills_region(self) -> bool:
+        """Tell whether every file has every pixel that is read."""
+        return all(place.holds(self.region) for file in self.places for place in file.places)
+
     def narrowed(self) -> FrameReader:
         """Return a reader of what all files have pixels for, if there is anything such."""
         common = find_common(self.region, (place for file in self.places for place in file.places))

@@ -310,11 +310,12 @@ def _describe_convention(name: str, rules: MetricRules) -> str:
 
 def _list_notes(shot: JudgedShot, method: str) -> list[str]:
     bad = {n: f["nonfinite"] for n, f in shot.frames[method].items() if f["nonfinite"]}
-    truth = shot.comparison.reference
-    notes = [
-        *shot.comparison.tests[method].warnings,
-        *(f"the reference: {text}" for text in truth.warnings),
-    ]
+    test, truth = shot.comparison.tests[method], shot.comparison.reference
+    notes = [*test.warnings, *(f"the reference: {text}" for text in truth.warnings)]
+    if not (test.fills_region and truth.fills_region):
+        notes.append(
+            "data windows are smaller than what is compared; pixels that no file holds are black"
+        )
     if bad:
         frames = format_ranges(int(n) for n in bad)
         notes.append(f"{sum(bad.values())} pixels are NaN or Inf in frames {frames}; left out")
