@@ -17,7 +17,7 @@ from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
 from rtsr_cli.core.captures.shots import FrameSet
-from rtsr_cli.core.files.exr import PixelWindow, Plane, read_pixels
+from rtsr_cli.core.files.exr import PixelWindow, Plane, read_header, read_pixels
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
@@ -46,6 +46,7 @@ class FrameReader:
         numbers: frames that can be read, ascending.
         held: number -> number of the frame that stands in for it.
         cameras: per frame, header and side-car and capture.toml together.
+        cuts: frames before which history is declared to end.
         step: numbers that one motion vector spans.
         channels: names of the channels of every file, by sequence and number.
         subsampled: by sequence, channels with fewer samples than pixels.
@@ -66,6 +67,7 @@ class FrameReader:
     step: int
     channels: Mapping[str, Mapping[int, frozenset[str]]]
     subsampled: Mapping[str, frozenset[str]]
+    cuts: frozenset[int] = frozenset()
     predicted: frozenset[int] = frozenset()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -81,9 +83,21 @@ class FrameReader:
         """Tell whether every file has every pixel that is read."""
         return all(place.holds(self.region) for file in self.places for place in file.places)
 
-    def narrowed(self) -> FrameReader:
-        """Return a reader of what all files have pixels for, if there is anything such."""
-        common = find_common(self.region, (place for file in self.places for place in file.places))
+    def narrowed(self, numbers: Iterable[int]) -> FrameReader:
+        """Return a reader of what the files of some frames all have pixels for, if anything."""
+        channels = {(c.stream, c.channel) for parts in self.binding.values() for c in parts}
+        headers = {
+            (number, stream): read_header(self.path(number, stream))
+            for number in numbers
+            for stream in {stream for stream, _ in channels}
+        }
+        places = [
+            header.place_of(channel)
+            for (_, own), header in headers.items()
+            for stream, channel in channels
+            if stream == own
+        ]
+        common = find_common(self.region, places)
         return self if common is None else replace(self, region=common)
 
     @property
@@ -109,15 +123,14 @@ class FrameReader:
 
     @cached_property
     def has_camera(self) -> bool:
-        """Tell whether every frame has camera matrices."""
+        """Tell whether every frame that was surveyed has camera matrices."""
         return all(camera.has_matrices for camera in self.cameras.values())
 
     @cached_property
     def resets(self) -> frozenset[int]:
         """Frames before which history ends: cuts, stand-ins on both sides, and lost vectors."""
-        cuts = {n for n, camera in self.cameras.items() if camera.cut}
         lost = {n for n in self.numbers if self._motion_number(n) is None}
-        return frozenset(cuts | lost | set(self.held) | {n + self.step for n in self.held})
+        return frozenset(self.cuts | lost | set(self.held) | {n + self.step for n in self.held})
 
     def _motion_number(self, number: int) -> int | None:
         """Number of the file that holds a frame's vectors; None where the sequence ends before."""

@@ -22,6 +22,7 @@ from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import find_region, list_places
 from rtsr_cli.core.captures.shots import FrameSet
+from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.files.exr import ExrHeader
@@ -54,6 +55,7 @@ def open_frames(
     frames: FrameSet,
     *,
     headers: Headers | None = None,
+    files: HeaderFiles | None = None,
     layout: Layout | None,
     capture: CaptureDeclaration,
     side_car: Mapping[int, CameraRow],
@@ -64,7 +66,8 @@ def open_frames(
 
     Args:
         frames: the files.
-        headers: of all of them, if they are read already.
+        headers: of those that are needed; of all if None.
+        files: reads those that are asked for later.
         layout: that is named; the best match if None.
         capture: what the user declares.
         side_car: camera rows by frame number; their matrices replace the headers'.
@@ -74,7 +77,8 @@ def open_frames(
     Raises:
         FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ.
     """
-    headers = headers if headers is not None else read_headers(frames)
+    files = files or HeaderFiles()
+    headers = headers if headers is not None else read_headers(frames, files)
     first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
     streams = {key: header.channels - header.subsampled for key, header in first.items()}
     _check_usable(frames, first)
@@ -104,9 +108,16 @@ def open_frames(
         subsampled={key: header.subsampled for key, header in first.items()},
     )
     main = headers[reader.main_stream]
-    cameras = _read_cameras(reader, main, capture, side_car, jittered=jittered)
-    predicted = {n for n in numbers if is_predicted(main[held.get(n, n)].attributes)}
-    return replace(reader, cameras=cameras, predicted=frozenset(predicted))
+    cameras = _CameraSource(reader, files, capture, side_car, jittered=jittered)
+    predicted = {
+        n for n in numbers if (h := main.get(held.get(n, n))) and is_predicted(h.attributes)
+    }
+    return replace(
+        reader,
+        cameras=cameras.survey(main),
+        cuts=cameras.list_cuts(),
+        predicted=frozenset(predicted),
+    )
 
 
 def _settle_colors(
@@ -130,27 +141,53 @@ def _settle_colors(
     return conventions, contradictions
 
 
-def _read_cameras(
-    reader: FrameReader,
-    main: Mapping[int, ExrHeader],
-    capture: CaptureDeclaration,
-    side_car: Mapping[int, CameraRow],
-    *,
-    jittered: bool,
-) -> dict[int, CameraMetadata]:
-    """Camera of every frame; one that stands in brings its own camera and jitter along."""
-    frames = reader.frames
-    sources = {n: reader.held.get(n, n) for n in reader.numbers}
-    if side_car:
-        bare = {n for n in sources.values() if _read_matrix(main[n], WORLD_TO_CAMERA) is None}
-        _check_table(frames, "camera", side_car, bare)
-    _check_table(frames, "jitter_px", capture.jitter_px, set(sources.values()))
-    cameras = {
-        n: _read_camera(source, main[source], capture, side_car, jittered=jittered)
-        for n, source in sources.items()
-    }
-    _check_matrices(frames, cameras)
-    return cameras
+class _CameraSource:
+    """Cameras of frames; one that stands in brings its own camera and jitter along."""
+
+    def __init__(
+        self,
+        reader: FrameReader,
+        files: HeaderFiles,
+        capture: CaptureDeclaration,
+        side_car: Mapping[int, CameraRow],
+        *,
+        jittered: bool,
+    ) -> None:
+        """Remember what tells them."""
+        self._reader, self._files = reader, files
+        self._capture, self._side_car, self._jittered = capture, side_car, jittered
+        self._sources = {n: reader.held.get(n, n) for n in reader.numbers}
+
+    def survey(self, headers: Mapping[int, ExrHeader]) -> SurveyedValues[CameraMetadata]:
+        """Read the cameras of all frames whose headers are there.
+
+        Raises:
+            FrameFolderError: a frame has none where others have, or one that is no camera.
+        """
+        frames = self._reader.frames
+        there = {n: source for n, source in self._sources.items() if source in headers}
+        if self._side_car:
+            matrices = {n: _read_matrix(headers[n], WORLD_TO_CAMERA) for n in there.values()}
+            bare = {n for n, matrix in matrices.items() if matrix is None}
+            _check_table(frames, "camera", self._side_car, bare)
+        _check_table(frames, "jitter_px", self._capture.jitter_px, set(self._sources.values()))
+        cameras = {n: self._read(n, headers[source]) for n, source in there.items()}
+        _check_matrices(frames, cameras)
+        return SurveyedValues(cameras, self._sources.keys() - there.keys(), self._read_later)
+
+    def list_cuts(self) -> frozenset[int]:
+        """Frames of the whole sequence that are declared to begin anew."""
+        cut = {n for n, row in self._side_car.items() if row.cut} | self._capture.camera_cuts
+        return frozenset(n for n, source in self._sources.items() if source in cut)
+
+    def _read(self, number: int, header: ExrHeader) -> CameraMetadata:
+        source = self._sources[number]
+        return _read_camera(source, header, self._capture, self._side_car, jittered=self._jittered)
+
+    def _read_later(self, number: int) -> CameraMetadata:
+        camera = self._read(number, self._files.of(self._reader.path(number)))
+        _check_matrices(self._reader.frames, {number: camera})
+        return camera
 
 
 class HeaderFiles:
@@ -205,22 +242,37 @@ class HeaderFiles:
             return error
 
 
-def read_headers(frames: FrameSet, files: HeaderFiles | None = None) -> Headers:
+def read_headers(
+    frames: FrameSet, files: HeaderFiles, numbers: Collection[int] | None = None
+) -> Headers:
     """Read the header of every file.
 
     Args:
         frames: the files.
         files: what is read of them already.
+        numbers: of the frames that are of interest; a sequence that has none of them is read whole.
 
     Raises:
         FrameFolderError: one is no readable EXR, or no file at all; names it.
     """
     for wrong in list_misnamed(frames).values():
         raise FrameFolderError(wrong)
-    headers, errors = read_readable(frames, files or HeaderFiles())
+    headers, errors = read_readable(_narrow_frames(frames, numbers), files)
     for error in errors:
         raise error
     return headers
+
+
+def _narrow_frames(frames: FrameSet, numbers: Collection[int] | None) -> FrameSet:
+    """Leave the files of some frames."""
+    if numbers is None:
+        return frames
+    wanted = frozenset(numbers)
+    streams = {}
+    for key, stream in frames.streams.items():
+        there = {n: path for n, path in stream.files.items() if n in wanted}
+        streams[key] = replace(stream, files=there or stream.files)
+    return replace(frames, streams=streams)
 
 
 def read_readable(frames: FrameSet, files: HeaderFiles) -> tuple[Headers, list[RtsrError]]:

@@ -51,6 +51,7 @@ def open_request(request: EvaluateRequest) -> list[Comparison]:
             capture=request.capture_file,
             on_missing=request.on_missing,
             sharded=request.shard is not None,
+            selection=make_selection(request),
         ),
     )
     tests = name_methods(request.test_folders)

@@ -75,12 +75,11 @@ def measure_statistics(
     reader: FrameReader, numbers: Sequence[int]
 ) -> tuple[dict[Buffer, PixelStatistics], list[str]]:
     """Look at the pixels; frames that cannot be read are problems."""
-    reader = reader.narrowed()
     running = {buffer: _RunningStatistics() for buffer in sorted(reader.stored)}
     damaged = []
     for number in numbers:
         try:
-            stored = reader.read_raw(number, reader.stored)
+            stored = reader.narrowed([number]).read_raw(number, reader.stored)
         except RtsrError as error:
             damaged.append(str(error))
             continue

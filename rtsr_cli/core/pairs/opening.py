@@ -25,9 +25,11 @@ from rtsr_cli.core.captures.shots import (
     refuse_among,
 )
 from rtsr_cli.core.captures.survey import HeaderFiles, Headers, open_frames, read_headers
+from rtsr_cli.core.captures.surveyed import list_needed
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.selection import Selection
 from rtsr_cli.core.pairs.real_pairs import open_real_pairs
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
@@ -44,6 +46,8 @@ class ReadOptions:
         on_missing: what holes in the numbering mean.
         output: where frames will be written; it must not lie where they would be taken for inputs.
         sharded: whether other runs write other parts of the same shots.
+        selection: frames that will be written; of those that no output of theirs depends on, no
+            header need be read.
     """
 
     layout: str | None = None
@@ -51,6 +55,7 @@ class ReadOptions:
     on_missing: MissingPolicy = MissingPolicy.ERROR
     output: Path | None = None
     sharded: bool = False
+    selection: Selection = field(default_factory=Selection)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,9 +210,11 @@ def survey_set(
         RtsrError: a file or declaration is wrong.
     """
     known = opened.declarations
+    needed = list_needed(frames.numbers, opened.options.selection, known.capture.frame_step)
     return open_frames(
         frames,
-        headers=headers if headers is not None else read_headers(frames, opened.headers),
+        headers=headers if headers is not None else read_headers(frames, opened.headers, needed),
+        files=opened.headers,
         layout=known.layout,
         capture=known.capture,
         side_car=known.side_car,

@@ -39,6 +39,7 @@ def read_options(request: FramesRequest) -> ReadOptions:
         on_missing=request.on_missing,
         output=request.out_folder,
         sharded=request.shard is not None,
+        selection=request.selection,
     )
 
 

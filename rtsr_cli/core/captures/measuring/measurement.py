@@ -102,13 +102,13 @@ def measure_storage(
     Pixels that cannot be read are not reported here: the run that needs them will. Where not all
     files have pixels, nothing is measured.
     """
-    reader, measured = reader.narrowed(), StorageMeasurement()
+    measured = StorageMeasurement()
     for numbers in _choose_groups(reader):
-        stored = _read_group(reader, numbers)
+        narrowed, stored = _read_group(reader, numbers)
         if not stored:
             continue
         candidate = run_single_threaded(
-            partial(_measure_group, reader, stored, presumed, motion=motion)
+            partial(_measure_group, narrowed, stored, presumed, motion=motion)
         )
         if measured.motion is None or _measure_movement(candidate) > _measure_movement(measured):
             measured = candidate
@@ -139,15 +139,18 @@ def _choose_groups(reader: FrameReader) -> Iterator[tuple[int, ...]]:
             yield group
 
 
-def _read_group(reader: FrameReader, numbers: Sequence[int]) -> dict[int, Mapping[Buffer, Tensor]]:
-    """Read the stored buffers of a group; none of them if one is unreadable."""
+def _read_group(
+    reader: FrameReader, numbers: Sequence[int]
+) -> tuple[FrameReader, dict[int, Mapping[Buffer, Tensor]]]:
+    """Read the stored buffers of a group where all files have them; none if one is unreadable."""
     wanted = {Buffer.MOTION, Buffer.FORWARD, Buffer.DEPTH, Buffer.OBJECT_ID, *PICTURES}
     buffers = wanted & reader.stored
     try:
-        frames = map_in_threads(partial(reader.read_raw, buffers=buffers), numbers)
-        return dict(zip(numbers, frames, strict=True))
+        narrowed = reader.narrowed(numbers)
+        frames = map_in_threads(partial(narrowed.read_raw, buffers=buffers), numbers)
+        return narrowed, dict(zip(numbers, frames, strict=True))
     except RtsrError:
-        return {}
+        return reader, {}
 
 
 def _measure_group(
