@@ -16,6 +16,7 @@ from click.testing import Result
 from rtsr_cli.core.captures import declarations, reader
 from rtsr_cli.core.files import exr
 from rtsr_cli.core.files.exr import read_header
+from rtsr_cli.core.files.header_cache import HeaderCache
 
 Run = Callable[..., Result]
 
@@ -48,6 +49,7 @@ class Calls:
         for name in ("read_capture", "load_layout", "read_side_car"):
             patch.setattr(declarations, name, self._counted(name, getattr(declarations, name)))
         loads, opened, window = tomllib.loads, exr._open, reader.read_pixels
+        cached = HeaderCache.read
 
         def load(text: str, **options: Any) -> dict[str, Any]:
             self.toml[text] += 1
@@ -65,6 +67,15 @@ class Calls:
             finally:
                 self._inside.pixels = False
 
+        def read_cached(cache: HeaderCache, path: Path) -> exr.ExrHeader:
+            self.headers[path] += 1
+            self._inside.pixels = True
+            try:
+                return cached(cache, path)
+            finally:
+                self._inside.pixels = False
+
+        patch.setattr(HeaderCache, "read", read_cached)
         patch.setattr(tomllib, "loads", load)
         patch.setattr(exr, "_open", open_file)
         patch.setattr(reader, "read_pixels", read)

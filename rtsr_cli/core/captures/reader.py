@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
 from rtsr_cli.core.captures.shots import FrameSet
-from rtsr_cli.core.files.exr import PixelWindow, Plane, read_header, read_pixels
+from rtsr_cli.core.files.exr import ExrHeader, PixelWindow, Plane, read_header, read_pixels
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
@@ -50,6 +50,7 @@ class FrameReader:
         step: numbers that one motion vector spans.
         channels: names of the channels of every file, by sequence and number.
         subsampled: by sequence, channels with fewer samples than pixels.
+        header_of: reads the header of a file.
         predicted: frames whose files say that a system predicted them.
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
@@ -67,6 +68,7 @@ class FrameReader:
     step: int
     channels: Mapping[str, Mapping[int, frozenset[str]]]
     subsampled: Mapping[str, frozenset[str]]
+    header_of: Callable[[Path], ExrHeader] = read_header
     cuts: frozenset[int] = frozenset()
     predicted: frozenset[int] = frozenset()
     warnings: tuple[str, ...] = ()
@@ -87,7 +89,7 @@ class FrameReader:
         """Return a reader of what the files of some frames all have pixels for, if anything."""
         channels = {(c.stream, c.channel) for parts in self.binding.values() for c in parts}
         headers = {
-            (number, stream): read_header(self.path(number, stream))
+            (number, stream): self.header_of(self.path(number, stream))
             for number in numbers
             for stream in {stream for stream, _ in channels}
         }

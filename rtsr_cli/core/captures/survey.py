@@ -106,6 +106,7 @@ def open_frames(
         step=capture.frame_step,
         channels={key: {n: h.channels for n, h in by_n.items()} for key, by_n in headers.items()},
         subsampled={key: header.subsampled for key, header in first.items()},
+        header_of=files.of,
     )
     main = headers[reader.main_stream]
     cameras = _CameraSource(reader, files, capture, side_car, jittered=jittered)

@@ -6,7 +6,7 @@ import pytest
 
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.shots import Shot, collect_frame_set, find_shots
-from rtsr_cli.core.captures.survey import read_headers
+from rtsr_cli.core.captures.survey import HeaderFiles, read_headers
 from rtsr_cli.core.errors import FrameFolderError
 
 
@@ -130,7 +130,7 @@ def test_folders_and_dead_links_that_are_named_like_frames_are_told(tmp_path: Pa
     assert folder.startswith(f"{tmp_path}/f.0003.exr: is a folder that is named like a frame")
     assert f"is a link to {tmp_path}/gone/f.0004.exr, which is not there; mount or copy" in link
     with pytest.raises(FrameFolderError, match=r"f\.0003\.exr: is a folder .* rename"):
-        read_headers(shot.frames)
+        read_headers(shot.frames, HeaderFiles())
 
 
 def test_an_empty_lr_folder_beside_hr_frames_is_what_the_refusal_speaks_of(tmp_path: Path) -> None:

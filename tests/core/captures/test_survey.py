@@ -14,7 +14,7 @@ from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layout_files import load_layout
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import collect_frame_set
-from rtsr_cli.core.captures.survey import open_frames, read_headers
+from rtsr_cli.core.captures.survey import HeaderFiles, open_frames, read_headers
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import PixelWindow, write_exr
@@ -339,7 +339,7 @@ def test_files_of_luminance_and_chroma_only_are_refused_in_words_that_help(
     assert frames is not None
     headers = {
         key: {n: replace(h, subsampled=h.channels) for n, h in by_number.items()}
-        for key, by_number in read_headers(frames).items()
+        for key, by_number in read_headers(frames, HeaderFiles()).items()
     }
     with pytest.raises(FrameFolderError, match=r"every channel \(B, G, R\) is subsampled"):
         open_frames(frames, headers=headers, layout=None, capture=CaptureDeclaration(), side_car={})
