@@ -111,10 +111,10 @@ def test_two_views_in_one_file_are_refused(tmp_path: Path) -> None:
         read_header(path)
 
 
-def test_parts_of_different_windows_are_refused(tmp_path: Path) -> None:
+def test_parts_of_different_display_windows_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     write_parts(path, ("a", {"R": ramp(np.float16)}), ("b", {"Z": ramp(np.float32)[:2]}))
-    with pytest.raises(FrameFolderError, match=r"a\.exr.*different data windows"):
+    with pytest.raises(FrameFolderError, match=r"a\.exr.*different display windows"):
         read_header(path)
 
 
@@ -129,9 +129,23 @@ def test_a_data_window_inside_the_display_window_survives(tmp_path: Path) -> Non
     assert np.array_equal(read_channels(path, ["R"])["R"], ramp(np.float16))
 
 
-def test_windows_scale() -> None:
+def test_windows_scale_to_all_pixels_that_they_touch() -> None:
     window = PixelWindow(left=-1, top=2, width=4, height=3)
-    assert window.at_scale(2) == PixelWindow(left=-2, top=4, width=8, height=6)
+    assert window.at_ratio(Fraction(2)) == PixelWindow(left=-2, top=4, width=8, height=6)
+    assert window.at_ratio(Fraction(1, 2)) == PixelWindow(left=-1, top=1, width=3, height=2)
+
+
+def test_windows_are_joined_and_cut() -> None:
+    one, other = (
+        PixelWindow(left=0, top=0, width=4, height=3),
+        PixelWindow(left=2, top=-1, width=9, height=3),
+    )
+    assert one.common(other) == PixelWindow(left=2, top=0, width=2, height=2)
+    assert one.joined(other) == PixelWindow(left=0, top=-1, width=11, height=4)
+    assert one.common(other.moved(2, 0)) is None
+    assert one.joined(other).holds(other)
+    assert not one.holds(other)
+    assert str(other) == "9 x 3 at (2, -1)"
 
 
 ATTRIBUTES = {
