@@ -111,11 +111,15 @@ def test_two_views_in_one_file_are_refused(tmp_path: Path) -> None:
         read_header(path)
 
 
-def test_parts_of_different_display_windows_are_refused(tmp_path: Path) -> None:
+def test_parts_have_data_windows_of_their_own(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     write_parts(path, ("a", {"R": ramp(np.float16)}), ("b", {"Z": ramp(np.float32)[:2]}))
-    with pytest.raises(FrameFolderError, match=r"a\.exr.*different display windows"):
-        read_header(path)
+    header = read_header(path)
+    assert (
+        header.place_of("R") == header.data_window == PixelWindow(left=0, top=0, width=5, height=3)
+    )
+    assert header.place_of("b.Z") == PixelWindow(left=0, top=0, width=5, height=2)
+    assert read_channels(path, ["b.Z"])["b.Z"].shape == (2, 5)
 
 
 def test_a_data_window_inside_the_display_window_survives(tmp_path: Path) -> None:
