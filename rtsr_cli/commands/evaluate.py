@@ -137,6 +137,7 @@ class ResultFile(click.ParamType[Path]):
     "--lpips-weights", type=opt.FOLDER, metavar="FILE", help="AlexNet and heads, for LPIPS."
 )
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@opt.layer
 @opt.layout
 @opt.capture
 @click.option(

@@ -123,10 +123,15 @@ def _list_set_lines(frame_set: SetInspection) -> Iterator[str]:
         yield _format_line("layout", "not understood")
         for key, names in frame_set.channels.items():
             yield _format_line("channels", f"{key + ': ' if key else ''}{' '.join(names)}")
+        if frame_set.layers:
+            yield _format_line("layers", f"{', '.join(frame_set.layers)} (none is read)")
         yield from _list_guess_lines(frame_set)
         yield from _list_problem_lines(frame_set)
         return
     yield _format_line("layout", _describe_layout(reader))
+    if frame_set.layers:
+        read = f"{reader.layer or 'each for its own buffers'} is read"
+        yield _format_line("layers", f"{', '.join(frame_set.layers)} ({read})")
     yield _format_line("frames", _describe_frames(frame_set, reader))
     yield _format_line("size", f"{reader.size[1]} x {reader.size[0]}{_describe_windows(reader)}")
     yield from _list_buffer_lines(frame_set, reader)
@@ -198,7 +203,8 @@ def _list_convention_lines(
     frame_set: SetInspection, reader: FrameReader, settled: MeasuredReader
 ) -> Iterator[str]:
     if {Buffer.MOTION, Buffer.FORWARD} & reader.stored:
-        yield _format_line("motion", f"read as {reader.conventions.motion}")
+        how = "not read; presumed as" if reader.motion_undecided else "read as"
+        yield _format_line("motion", f"{how} {reader.conventions.motion}")
         yield from _list_motion_lines(settled)
     if Buffer.DEPTH in reader.stored:
         depth = reader.conventions.depth

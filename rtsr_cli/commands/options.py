@@ -208,6 +208,11 @@ layout = click.option(
     type=LayoutChoice("layout", LAYOUT_NAMES),
     help="Channel layout, or a TOML file of one's own; detected by default.",
 )
+layer = click.option(
+    "--layer",
+    metavar="NAME",
+    help="View layer, stereo view or group of channels that is read of files with several.",
+)
 capture = click.option(
     "--capture",
     "capture_file",
@@ -293,6 +298,7 @@ def frame_options(function: F) -> F:
         shard,
         frames,
         capture,
+        layer,
         layout,
     ):
         function = option(function)

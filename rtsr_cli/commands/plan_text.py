@@ -31,7 +31,7 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
     LOG.info(
         "%s: layout %s, frames %s%s; %d to write, %d done already",
         plan.reader.frames.root,
-        plan.reader.layout.name,
+        _name_layout(plan.reader),
         format_ranges(plan.selected) or "none",
         what,
         plan.pending,
@@ -48,6 +48,12 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
             plan.reader.frames.root,
             format_ranges(plan.reader.numbers),
         )
+
+
+def _name_layout(reader: FrameReader) -> str:
+    """The layout, and which layer is read of several."""
+    layer = f", layer {reader.layer}" if reader.layer and len(reader.layers) > 1 else ""
+    return f"{reader.layout.name}{layer}"
 
 
 def log_findings(reader: FrameReader) -> None:

@@ -48,6 +48,7 @@ from rtsr_cli.models import list_trainable_names
     help="Where decoded frames are kept; RUN/cache by default.",
 )
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@opt.layer
 @opt.layout
 @opt.capture
 @opt.on_missing

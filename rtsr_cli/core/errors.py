@@ -21,6 +21,20 @@ class FrameFolderError(RtsrError):
     """A folder, sequence or file that cannot be used as it is."""
 
 
+class LayerChoiceError(FrameFolderError):
+    """Files that hold one buffer in several layers or views, of which the user has to choose."""
+
+    def __init__(self, message: str, layers: Iterable[str]) -> None:
+        """Remember the choices.
+
+        Args:
+            message: for the user; names them.
+            layers: names of the layers.
+        """
+        super().__init__(message)
+        self.layers = tuple(layers)
+
+
 class InputChangedError(FrameFolderError):
     """A file that is no longer what it was when the run was planned."""
 

@@ -191,10 +191,12 @@ class ConventionTables(_Strict):
 class CaptureDeclaration(ConventionTables):
     """The whole of `capture.toml`; every field may be left out.
 
-    `layout` is the name of a preset or the path of a layout file, relative to capture.toml.
+    `layout` is the name of a preset or the path of a layout file, relative to capture.toml;
+    `layer` that of the layer or view that is read of files with several.
     """
 
     layout: str | None = None
+    layer: str | None = Field(default=None, min_length=1)
     region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None

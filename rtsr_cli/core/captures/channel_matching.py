@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from itertools import product
 
 from rtsr_cli.core.captures.layouts import SCOPE, ChannelPlace, Component, Layout
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, LayerChoiceError
 from rtsr_cli.core.frames.buffers import Buffer
 
 Streams = Mapping[str, Collection[str]]
@@ -16,6 +16,9 @@ Streams = Mapping[str, Collection[str]]
 
 LISTED = 12
 """Channels that a message names before it is cut."""
+
+UNNAMED = "unnamed"
+"""What users call the layer of channels without one: R, G, B."""
 
 SAME_SCENE = 2
 """Buffers that two scopes must both hold, in different files, to be two dumps in one folder."""
@@ -37,10 +40,23 @@ Binding = Mapping[Buffer, tuple[BoundComponent, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class LayoutMatch:
-    """What a layout finds: buffers, and those that several file sequences hold."""
+    """What a layout finds.
+
+    Attributes:
+        binding: buffers, and where they are.
+        ambiguous: buffers that several file sequences hold.
+        rivals: buffers that several layers of one file hold; the binding has the first.
+        scope: layer that all buffers come from, empty if the names have none.
+        layers: names of all layers that hold a buffer.
+        labels: names of the layers that the bound channels, or their rivals, are of.
+    """
 
     binding: Binding
     ambiguous: Mapping[Buffer, tuple[str, ...]]
+    rivals: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
+    scope: str = ""
+    layers: tuple[str, ...] = ()
+    labels: frozenset[str] = frozenset()
 
     @property
     def explained(self) -> int:
@@ -51,6 +67,10 @@ class LayoutMatch:
     def streams(self) -> frozenset[str]:
         """File sequences that hold the buffers."""
         return frozenset(c.stream for components in self.binding.values() for c in components)
+
+    def knows(self, layer: str | None) -> bool:
+        """Tell whether a layer is among those that were found."""
+        return layer in self.layers or layer in self.labels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,22 +85,40 @@ def _escape_pattern(text: str) -> str:
     return text.replace("[", "[[]").replace("*", "[*]").replace("?", "[?]")
 
 
+_Held = tuple[str, str]
+"""A file sequence, and a channel of its files."""
+
+
 def _list_names(stream: str) -> tuple[str, ...]:
     """Names that a file sequence goes by: its key, and the folder of one buffer."""
     folder, separated, _ = stream.rpartition("/")
     return (stream, folder) if separated else (stream,)
 
 
-def _find_channels(place: ChannelPlace, scope: _Scope, streams: Streams) -> list[tuple[str, str]]:
-    """Return the first matching channel of every file sequence that has one."""
+def _name_layer(channel: str) -> str:
+    """The layer of a channel: its name without the component."""
+    return channel.rpartition(".")[0] or UNNAMED
+
+
+def _find_channels(place: ChannelPlace, scope: _Scope, streams: Streams) -> list[_Held]:
+    """Return the first matching channel of every layer of every file sequence that has one."""
     file = place.file.replace(SCOPE, _escape_pattern(scope.file))
-    channel = place.channel.replace(SCOPE, _escape_pattern(scope.channel))
-    channels = []
+    found: list[_Held] = []
     for stream in sorted(streams):
         if any(fnmatchcase(name, file) for name in _list_names(stream)):
-            matches = sorted(c for c in streams[stream] if fnmatchcase(c, channel))
-            channels += [(stream, matches[0])] if matches else []
-    return channels
+            layers: dict[str, str] = {}
+            for channel in _match_names(place, scope, streams[stream]):
+                layers.setdefault(_name_layer(channel), channel)
+            found += [(stream, channel) for channel in layers.values()]
+    return found
+
+
+def _match_names(place: ChannelPlace, scope: _Scope, names: Collection[str]) -> list[str]:
+    if not place.is_pattern:
+        name = place.channel.replace(SCOPE, scope.channel)
+        return [name] if name in names else []
+    pattern = place.channel.replace(SCOPE, _escape_pattern(scope.channel))
+    return sorted(name for name in names if fnmatchcase(name, pattern))
 
 
 def _find_scope_texts(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
@@ -103,20 +141,77 @@ def _list_scopes(layout: Layout, streams: Streams) -> list[_Scope]:
     ]
 
 
-def _match_scope(layout: Layout, scope: _Scope, streams: Streams) -> LayoutMatch:
+def _match_scope(layout: Layout, scope: _Scope, streams: Streams, layer: str | None) -> LayoutMatch:
     binding: dict[Buffer, tuple[BoundComponent, ...]] = {}
     ambiguous: dict[Buffer, tuple[str, ...]] = {}
+    rivals: dict[Buffer, tuple[str, ...]] = {}
+    labels: set[str] = set()
     for buffer, components in layout.buffers.items():
-        for turn in range(max(len(c.places) for c in components)):
-            channels = [_find_channels(c.place(turn), scope, streams) for c in components]
-            if not all(channels):
-                continue
-            if any(len(options) > 1 for options in channels):
-                ambiguous[buffer] = tuple(sorted({s for options in channels for s, _ in options}))
-            else:
-                binding[buffer] = _bind_components(components, [options[0] for options in channels])
-            break
-    return LayoutMatch(binding=binding, ambiguous=ambiguous)
+        options, dumps = _find_options(components, scope, streams, ranked=layout.ranked)
+        if dumps:
+            ambiguous[buffer] = dumps
+        if not options:
+            continue
+        labels |= options.keys()
+        chosen = layer if layer in options else next(iter(options))
+        binding[buffer] = _bind_components(components, options[chosen])
+        if layer not in options and len(several := _list_rivals(options, components)) > 1:
+            rivals[buffer] = several
+    return LayoutMatch(
+        binding=binding,
+        ambiguous=ambiguous,
+        rivals=rivals,
+        scope=scope.channel,
+        labels=frozenset(labels),
+    )
+
+
+def _list_rivals(
+    options: Mapping[str, object], components: tuple[Component, ...]
+) -> tuple[str, ...]:
+    """Layers between which a choice would be a guess; a single channel of none is in no layer."""
+    if len(components) > 1:
+        return tuple(options)
+    first = next(iter(options))
+    return () if first == UNNAMED else tuple(name for name in options if name != UNNAMED)
+
+
+def _find_options(
+    components: tuple[Component, ...], scope: _Scope, streams: Streams, *, ranked: bool
+) -> tuple[dict[str, list[_Held]], tuple[str, ...]]:
+    """Find the layers that hold a buffer, in the order of turns; or the sequences that all do.
+
+    After the first layer, others of the same files count where they are called by a name and no
+    pattern, unless names of the buffer are ranked.
+    """
+    options: dict[str, list[_Held]] = {}
+    for turn in range(max(len(c.places) for c in components)):
+        places = [c.place(turn) for c in components]
+        if options and (ranked or any(place.is_pattern for place in places)):
+            continue
+        held = [_find_channels(place, scope, streams) for place in places]
+        if not all(held):
+            continue
+        sequences = {s for found in held for s, _ in found}
+        if any(len({s for s, _ in found}) > 1 for found in held):
+            if not options:
+                return {}, tuple(sorted(sequences))
+            continue
+        for label, channels in _group_by_layer(held).items():
+            same = not options or sequences == {s for s, _ in next(iter(options.values()))}
+            if same and channels not in options.values():
+                options.setdefault(label, channels)
+    return options, ()
+
+
+def _group_by_layer(held: Sequence[list[_Held]]) -> dict[str, list[_Held]]:
+    """Group what was found of each component by layers that have all of them."""
+    layers = [{_name_layer(channel): (stream, channel) for stream, channel in h} for h in held]
+    common = [name for name in layers[0] if all(name in found for found in layers)]
+    if not common:
+        first = [found[0] for found in held]
+        return {_name_layer(first[0][1]): first}
+    return {name: [found[name] for found in layers] for name in common}
 
 
 def _bind_components(
@@ -128,37 +223,75 @@ def _bind_components(
     )
 
 
-def match_layout(layout: Layout, streams: Streams) -> LayoutMatch:
+def match_layout(layout: Layout, streams: Streams, layer: str | None = None) -> LayoutMatch:
     """Find a layout's buffers, and those that a choice would be a guess for.
 
-    Where names begin with a scope, all buffers come from one: the one that holds most of them,
-    the first by name among equals. Two scopes of *files* that hold the same buffers are two
-    dumps, and their common buffers ambiguous.
+    Where names begin with a scope, all buffers come from one: the layer that is asked for, or the
+    one that holds most of them, the first by name among equals. Buffers that another one holds,
+    too, are rivals. Two scopes of *files* that hold the same buffers are two dumps, and their
+    common buffers ambiguous.
     """
-    matches = [_match_scope(layout, scope, streams) for scope in _list_scopes(layout, streams)]
+    every = [_match_scope(layout, s, streams, layer) for s in _list_scopes(layout, streams)]
+    matches = [m for m in every if layer and m.scope == layer] or every
     best = max(matches, key=lambda m: m.explained)
+    scopes = dict.fromkeys(m.scope for m in every if m.scope and m.explained)
+    rivals = {**best.rivals, **_find_rival_scopes(layout, best, matches)}
+    names = dict.fromkeys([*scopes, *(name for found in rivals.values() for name in found)])
+    best = replace(best, rivals=rivals, layers=tuple(names))
     for other in matches:
-        rivals = {
+        dumps = {
             b: (best.binding[b][0].stream, other.binding[b][0].stream)
             for b in best.binding
             if b in other.binding and best.binding[b][0].stream != other.binding[b][0].stream
         }
-        if len(rivals) >= SAME_SCENE:
-            kept = {b: c for b, c in best.binding.items() if b not in rivals}
-            return LayoutMatch(binding=kept, ambiguous={**best.ambiguous, **rivals})
+        if len(dumps) >= SAME_SCENE and other.scope == best.scope:
+            kept = {b: c for b, c in best.binding.items() if b not in dumps}
+            return replace(best, binding=kept, ambiguous={**best.ambiguous, **dumps})
     return best
 
 
-def bind_layout(layout: Layout, streams: Streams) -> Binding:
+def _find_rival_scopes(
+    layout: Layout, best: LayoutMatch, matches: Iterable[LayoutMatch]
+) -> dict[Buffer, tuple[str, ...]]:
+    """Buffers that other scopes of channels hold, too, each with the scopes."""
+    if best.scope in layout.aside:
+        return {}
+    others = [m for m in matches if m.scope not in {best.scope, *layout.aside}]
+    held = {b: [m.scope for m in others if b in m.binding] for b in best.binding}
+    return {b: tuple(sorted([best.scope, *scopes])) for b, scopes in held.items() if scopes}
+
+
+def bind_layout(layout: Layout, streams: Streams, layer: str | None = None) -> Binding:
     """Find a layout's buffers among file sequences and their channels.
 
+    Args:
+        layout: what to look for.
+        streams: the files and their channels.
+        layer: of which buffers are taken where several layers hold them.
+
     Raises:
-        FrameFolderError: two sequences hold the same buffer, so that a choice would be a guess.
+        FrameFolderError: two sequences, or two layers, hold the same buffer, so that a choice
+            would be a guess.
     """
-    matched = match_layout(layout, streams)
+    matched = match_layout(layout, streams, layer)
     if matched.ambiguous:
         raise FrameFolderError(_make_ambiguity_error(matched.ambiguous))
+    if matched.rivals:
+        raise make_layer_error(matched.rivals)
     return matched.binding
+
+
+def make_layer_error(rivals: Mapping[Buffer, Sequence[str]], where: str = "") -> LayerChoiceError:
+    """Make the error of buffers that several layers hold, with the choices."""
+    buffer, layers = next(iter(rivals.items()))
+    names = tuple(dict.fromkeys(name for found in rivals.values() for name in found))
+    before = f"{where}: " if where else ""
+    return LayerChoiceError(
+        f"{before}buffer '{buffer}' is in {len(layers)} layers of one file "
+        f"({', '.join(map(repr, layers))}); choose one with --layer NAME (capture.toml: "
+        'layer = "NAME"), or say which channels in [buffers] of capture.toml',
+        names,
+    )
 
 
 def _make_ambiguity_error(ambiguous: Mapping[Buffer, tuple[str, ...]]) -> str:
@@ -177,7 +310,7 @@ def list_channels(streams: Streams) -> str:
 
 
 def detect_layout(
-    streams: Streams, candidates: Iterable[Layout], where: str
+    streams: Streams, candidates: Iterable[Layout], where: str, layer: str | None = None
 ) -> tuple[Layout, Binding]:
     """Choose the layout that explains most buffers.
 
@@ -185,10 +318,11 @@ def detect_layout(
     have to guess between file sequences is out, unless it alone explains most.
 
     Raises:
-        FrameFolderError: none explains any, two explain equally many in different ways, or the
-            folder holds two dumps at once; names the choices.
+        FrameFolderError: none explains any, two explain equally many in different ways, the
+            folder holds two dumps at once, or a file two layers; names the choices.
     """
-    matches = [(layout, match_layout(layout, streams)) for layout in candidates]
+    found = [(layout, match_layout(layout, streams, layer)) for layout in candidates]
+    matches = [(layout, m) for layout, m in found if m.knows(layer)] or found
     clear = [(layout, m) for layout, m in matches if not m.ambiguous and _is_plausible(layout, m)]
     best = max((len(m.binding) for _, m in clear), default=0)
     guess = max((m for _, m in matches if m.ambiguous), key=lambda m: m.explained, default=None)
@@ -197,11 +331,13 @@ def detect_layout(
     if best == 0:
         raise FrameFolderError(
             f"{where}: no layout knows these channels ({list_channels(streams)}); name one with "
-            f"--layout ({', '.join(layout.name for layout, _ in matches)}), or say which channel "
+            f"--layout ({', '.join(layout.name for layout, _ in found)}), or say which channel "
             "is which buffer in [buffers] of capture.toml"
         )
     winners = [(layout, m) for layout, m in clear if len(m.binding) == best]
     winner = winners[0]
+    if winner[1].rivals:
+        raise make_layer_error(winner[1].rivals, where)
     different = [layout.name for layout, m in winners if m.binding != winner[1].binding]
     if different:
         raise FrameFolderError(

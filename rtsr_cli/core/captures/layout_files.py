@@ -26,7 +26,7 @@ from rtsr_cli.core.captures.channel_tables import BufferTable, build_components
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.captures.layouts import Component, Layout
 from rtsr_cli.core.captures.presets import LAYOUTS
-from rtsr_cli.core.errors import ConfigError, FrameFolderError, did_you_mean
+from rtsr_cli.core.errors import ConfigError, FrameFolderError, LayerChoiceError, did_you_mean
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import Conventions
 
@@ -92,7 +92,11 @@ def list_declared_buffers(
 
 
 def choose_layout(
-    named: Layout | None, capture: CaptureDeclaration, streams: Streams, where: str
+    named: Layout | None,
+    capture: CaptureDeclaration,
+    streams: Streams,
+    where: str,
+    layer: str | None = None,
 ) -> tuple[Layout, Binding]:
     """Choose the layout of a frame set and find its buffers; `[buffers]` is laid over it.
 
@@ -101,16 +105,20 @@ def choose_layout(
         capture: what the user declares; its `layout` is not looked at.
         streams: the files and their channels.
         where: folder, for messages.
+        layer: of which buffers are taken where several layers of a file hold them.
 
     Raises:
-        FrameFolderError: no layout fits, several do, or a buffer is in two file sequences.
+        FrameFolderError: no layout fits, several do, or a buffer is in two file sequences or
+            layers.
     """
     own = build_components(capture.buffers)
     if named is None and not own:
-        return detect_layout(streams, LAYOUTS.values(), where)
-    layout = _replace_buffers(named or _detect_layout(own, streams), own)
+        return detect_layout(streams, LAYOUTS.values(), where, layer)
+    layout = _replace_buffers(named or _detect_layout(own, streams, where, layer), own)
     try:
-        binding = bind_layout(layout, streams)
+        binding = bind_layout(layout, streams, layer)
+    except LayerChoiceError as error:
+        raise LayerChoiceError(f"{where}: {error}", error.layers) from error
     except FrameFolderError as error:
         raise FrameFolderError(f"{where}: {error}") from error
     if not binding:
@@ -118,7 +126,9 @@ def choose_layout(
     return layout, binding
 
 
-def _detect_layout(own: Iterable[Buffer], streams: Streams) -> Layout | None:
+def _detect_layout(
+    own: Iterable[Buffer], streams: Streams, where: str, layer: str | None
+) -> Layout | None:
     """Return the layout that explains most of what the user did not spell out, if one does.
 
     Who spells channels out does not mean a preset that nobody has verified.
@@ -131,7 +141,9 @@ def _detect_layout(own: Iterable[Buffer], streams: Streams) -> Layout | None:
     ]
     clear = [layout for layout in rest if not match_layout(layout, streams).ambiguous]
     try:
-        layout, _ = detect_layout(streams, clear, "")
+        layout, _ = detect_layout(streams, clear, where, layer)
+    except LayerChoiceError:
+        raise
     except FrameFolderError:
         return None
     return layout

@@ -15,6 +15,9 @@ from rtsr_cli.core.frames.conventions import Conventions
 SCOPE = "<scope>"
 """Begins a pattern whose first part is one name for all buffers: a view layer, a scene."""
 
+PATTERN = frozenset("*?[")
+"""Letters that make a pattern of a name."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelPlace:
@@ -26,6 +29,11 @@ class ChannelPlace:
 
     channel: str
     file: str = "*"
+
+    @property
+    def is_pattern(self) -> bool:
+        """Tell whether the channel's name is a guess: a pattern, but for the scope."""
+        return not PATTERN.isdisjoint(self.channel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +87,9 @@ class Layout:
         folders: True if each buffer may be a folder of its own below the shot.
         tree: folders of a whole data set, for layouts that have such.
         scope: what `SCOPE` in a channel's name is written as.
+        ranked: whether the names of a buffer are several passes of one renderer, the better ones
+            first; else they are spellings of one thing, of which a file has one.
+        aside: scopes that are no layers of their own: what is made of the others.
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
     """
@@ -90,6 +101,8 @@ class Layout:
     folders: bool = False
     tree: FolderTree | None = None
     scope: str = ""
+    ranked: bool = False
+    aside: tuple[str, ...] = ()
     digits: int = 4
     verified: bool = True
 

@@ -120,6 +120,9 @@ BLENDER = Layout(
     },
     conventions=Conventions(motion=MotionConvention(y_axis=YAxis.UP)),
     scope="ViewLayer",
+    ranked=True,
+    # what the compositor makes of the view layers
+    aside=("Composite",),
 )
 
 EXTRANET = Layout(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -54,6 +54,9 @@ class FrameReader:
         predicted: frames whose files say that a system predicted them.
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
+        views: by sequence, channel -> the stereo view that it belongs to.
+        layers: names of the layers and views of the files; empty where they name none.
+        layer: the one that is read.
     """
 
     frames: FrameSet
@@ -74,6 +77,9 @@ class FrameReader:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
+    views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    layers: tuple[str, ...] = ()
+    layer: str = ""
 
     @property
     def display(self) -> PixelWindow:

@@ -16,7 +16,7 @@ from rtsr_cli.core.captures.cameras import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_matching import Binding
 from rtsr_cli.core.captures.color_tags import describe_contradictions, read_color_space
-from rtsr_cli.core.captures.layout_files import choose_layout
+from rtsr_cli.core.captures.layers import bind_layers, is_luminance_chroma, list_readable
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
@@ -59,6 +59,7 @@ def open_frames(
     layout: Layout | None,
     capture: CaptureDeclaration,
     side_car: Mapping[int, CameraRow],
+    layer: str | None = None,
     on_missing: MissingPolicy = MissingPolicy.ERROR,
     jittered: bool = True,
 ) -> FrameReader:
@@ -71,18 +72,20 @@ def open_frames(
         layout: that is named; the best match if None.
         capture: what the user declares.
         side_car: camera rows by frame number; their matrices replace the headers'.
+        layer: layer or view that is read of files with several.
         on_missing: what to do about holes in the numbering.
         jittered: whether declared jitter applies to these frames (LR) or not (HR).
 
     Raises:
-        FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ.
+        FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ, or a buffer is
+            in several layers.
     """
     files = files or HeaderFiles()
     headers = headers if headers is not None else read_headers(frames, files)
     first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
-    streams = {key: header.channels - header.subsampled for key, header in first.items()}
     _check_usable(frames, first)
-    chosen, binding = choose_layout(layout, capture, streams, str(frames.root))
+    bound = bind_layers(layout, capture, first, str(frames.root), layer)
+    binding = bound.binding
     if capture.specular is SpecularWorkflow.F0:
         # base colour is then the diffuse colour already, and no metal takes from it
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
@@ -91,10 +94,10 @@ def open_frames(
     numbers, held = _choose_numbers(frames, used, capture.frame_step, on_missing)
     places = list_places({key: headers[key] for key in used}, binding)
     region = find_region(places, str(frames.root), capture.region)
-    conventions, contradictions = _settle_colors(frames, headers, binding, capture, chosen)
+    conventions, contradictions = _settle_colors(frames, headers, binding, capture, bound.layout)
     reader = FrameReader(
         frames=frames,
-        layout=chosen,
+        layout=bound.layout,
         binding=binding,
         conventions=conventions,
         warnings=contradictions,
@@ -107,6 +110,10 @@ def open_frames(
         channels={key: {n: h.channels for n, h in by_n.items()} for key, by_n in headers.items()},
         subsampled={key: header.subsampled for key, header in first.items()},
         header_of=files.of,
+        views={key: header.views for key, header in first.items()},
+        layers=bound.layers,
+        layer=bound.layer,
+        notes=bound.notes,
     )
     main = headers[reader.main_stream]
     cameras = _CameraSource(reader, files, capture, side_car, jittered=jittered)
@@ -292,23 +299,38 @@ def read_readable(frames: FrameSet, files: HeaderFiles) -> tuple[Headers, list[R
 
 
 def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:
-    subsampled = sorted({c for header in first.values() for c in header.subsampled})
-    if not any(header.channels - header.subsampled for header in first.values()):
+    if any(list_readable(header) for header in first.values()):
+        return
+    if any(is_luminance_chroma(header) for header in first.values()):
         raise FrameFolderError(
-            f"{frames.root}: every channel ({', '.join(subsampled)}) is subsampled, as luminance "
-            "and chroma are; write channels of the full size (R, G, B)"
+            f"{frames.root}: the pictures are stored as luminance and chroma (channels Y, RY, BY), "
+            "which rtsr does not read; write them as R, G, B"
         )
+    subsampled = sorted({c for header in first.values() for c in header.subsampled})
+    raise FrameFolderError(
+        f"{frames.root}: every channel ({', '.join(subsampled)}) is subsampled; write channels of "
+        "the full size (R, G, B)"
+    )
 
 
 def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> None:
     for buffer, components in binding.items():
         for c in components:
-            lacking = [n for n, h in headers[c.stream].items() if c.channel not in h.channels]
+            by_number = headers[c.stream]
+            lacking = [n for n, h in by_number.items() if c.channel not in h.channels]
             if lacking:
                 raise FrameFolderError(
                     f"{frames.root}, frames {format_ranges(lacking)}: buffer '{buffer}' is missing "
                     f"(channel '{c.channel}' is in other frames of '{c.stream}'); "
                     "render these frames again, or move them out of the folder"
+                )
+            view = next(iter(by_number.values())).views.get(c.channel)
+            others = [n for n, h in by_number.items() if h.views.get(c.channel) != view]
+            if others:
+                raise FrameFolderError(
+                    f"{frames.root}, frames {format_ranges(others)}: buffer '{buffer}' (channel "
+                    f"'{c.channel}') is of another view than in other frames; write all frames "
+                    "with the same views"
                 )
 
 

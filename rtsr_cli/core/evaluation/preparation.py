@@ -48,6 +48,7 @@ def open_request(request: EvaluateRequest) -> list[Comparison]:
         predicted_only=PROTOCOLS[request.protocol].predicted_only,
         read=ReadOptions(
             layout=request.layout,
+            layer=request.layer,
             capture=request.capture_file,
             on_missing=request.on_missing,
             sharded=request.shard is not None,

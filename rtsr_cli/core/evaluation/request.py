@@ -41,6 +41,7 @@ class EvaluateRequest:
         lpips_weights: file of AlexNet and heads; None for where they are looked for.
         device: torch device, or `auto`.
         layout: channel layout or a TOML file of one; None to detect it.
+        layer: layer or stereo view that is read of files with several.
         capture_file: declarations in place of the shots' capture.toml.
         frames: numbers that are judged; None for all.
         shard: (i, n), the part of each shot that is judged; None for all.
@@ -66,6 +67,7 @@ class EvaluateRequest:
     lpips_weights: Path | None = None
     device: str = "auto"
     layout: str | None = None
+    layer: str | None = None
     capture_file: Path | None = None
     frames: frozenset[int] | None = None
     shard: tuple[int, int] | None = None

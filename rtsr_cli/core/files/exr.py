@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.channel_names import NamedPart, find_views, name_channels
 from rtsr_cli.core.files.exr_chunks import ends_too_early
 from rtsr_cli.core.files.library_output import silence_library
 
@@ -32,10 +32,11 @@ Plane: TypeAlias = NDArray[Any]
 STRUCTURAL_ATTRIBUTES = frozenset(
     {
         "channels", "compression", "dataWindow", "displayWindow", "lineOrder", "type", "tiles",
-        "chunkCount", "name", "version", "maxSamplesPerPixel", "preview", "view",
+        "chunkCount", "name", "version", "maxSamplesPerPixel", "preview", "view", "multiView",
     }
 )  # fmt: skip
-"""Attributes that describe how pixels are stored; everything else survives a copy."""
+"""Attributes that describe how pixels are stored, or which views a file has of which a copy takes
+one; everything else survives a copy."""
 
 MAX_PIXELS = 1 << 29
 """A window of more pixels than this is taken for a damaged header (32k x 16k)."""
@@ -130,6 +131,14 @@ class PixelWindow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PartHeader:
+    """A part behind the first one: the channels that it holds, and its attributes."""
+
+    channels: frozenset[str]
+    attributes: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExrHeader:
     """What a file says of itself before any pixel is read.
 
@@ -141,6 +150,8 @@ class ExrHeader:
         subsampled: channels with fewer samples than pixels, which rtsr does not read.
         chunks: number of chunks of pixels, over all parts; 0 where it is not known.
         part_windows: data windows of the channels of parts whose window is not the first one's.
+        views: channel -> the stereo view that it belongs to; channels of none are not there.
+        later: the parts behind the first.
     """
 
     channels: frozenset[str]
@@ -150,40 +161,26 @@ class ExrHeader:
     subsampled: frozenset[str] = frozenset()
     chunks: int = 0
     part_windows: Mapping[str, PixelWindow] = field(default_factory=dict)
+    views: Mapping[str, str] = field(default_factory=dict)
+    later: tuple[PartHeader, ...] = ()
 
     def place_of(self, channel: str) -> PixelWindow:
         """Where a channel's pixels lie in the image plane, whose first pixel is (0, 0)."""
         window = self.part_windows.get(channel, self.data_window)
         return window.seen_from(self.display_window)
 
+    def attributes_of(self, channels: Collection[str]) -> dict[str, Any]:
+        """Attributes of the parts that hold channels, over the first one's, which is the file's."""
+        merged = dict(self.attributes)
+        for part in self.later:
+            if not part.channels.isdisjoint(channels):
+                merged |= part.attributes
+        return merged
+
 
 def _read_box(box: tuple[NDArray[Any], NDArray[Any]]) -> PixelWindow:
     (left, top), (right, bottom) = box[0].tolist(), box[1].tolist()
     return PixelWindow(left=left, top=top, width=right - left + 1, height=bottom - top + 1)
-
-
-def _name_for_users(parts: list[tuple[str, list[str]]]) -> list[dict[str, str]]:
-    """For each part, channel name in the file -> name for the user.
-
-    The first part, and one without a name, keeps its channels' names. In the others `X` of the
-    part `normal` is `normal.X`, unless it is called so already. Names that are then there twice
-    take the name of their part in any case.
-    """
-    if len(parts) == 1:
-        return [{channel: channel for channel in parts[0][1]}]
-    named = [
-        {c: c if i == 0 or not part or _begins_with(c, part) else f"{part}.{c}" for c in channels}
-        for i, (part, channels) in enumerate(parts)
-    ]
-    counts = Counter(name for names in named for name in names.values())
-    return [
-        {c: f"{part}.{c}" if counts[name] > 1 and part else name for c, name in names.items()}
-        for (part, _), names in zip(parts, named, strict=True)
-    ]
-
-
-def _begins_with(channel: str, part: str) -> bool:
-    return channel == part or channel.startswith(f"{part}.")
 
 
 def _make_unreadable_error(path: Path, why: str) -> FrameFolderError:
@@ -223,8 +220,8 @@ def read_header(path: Path) -> ExrHeader:
     """Read the header of a file.
 
     Raises:
-        FrameFolderError: not an EXR, damaged, deep, of several views, or with an absurd window or
-            more pixels than so many bytes can hold; names the file.
+        FrameFolderError: not an EXR, damaged, deep, or with an absurd window or more pixels than
+            so many bytes can hold; names the file.
     """
     file = _open(path, header_only=True)
     headers = [file.header(i) for i in range(len(file.parts))]
@@ -233,18 +230,22 @@ def read_header(path: Path) -> ExrHeader:
     _check_parts(path, headers)
     data_windows, display_window = _check_windows(path, headers)
     try:
-        names = [(str(h.get("name", "")), [c.name for c in h["channels"]]) for h in headers]
+        parts = [_name_part(h, [c.name for c in h["channels"]]) for h in headers]
     except UnicodeDecodeError as error:
         raise _make_unreadable_error(path, "the name of a channel is not UTF-8") from error
     chunks = _count_all_chunks(headers)
     if chunks and _ask_file_system(path, lambda: ends_too_early(path, chunks)):
         raise _make_unreadable_error(path, "the file ends too early")
-    renamed = _name_for_users(names)
+    renamed = name_channels(parts)
+    first, *others = [
+        PartHeader(channels=frozenset(names.values()), attributes=_select_attributes(header))
+        for names, header in zip(renamed, headers, strict=True)
+    ]
     return ExrHeader(
-        channels=frozenset(name for part in renamed for name in part.values()),
+        channels=first.channels.union(*(part.channels for part in others)),
         data_window=data_windows[0],
         display_window=display_window,
-        attributes={k: v for k, v in headers[0].items() if k not in STRUCTURAL_ATTRIBUTES},
+        attributes=first.attributes,
         subsampled=frozenset(
             part[c.name]
             for part, header in zip(renamed, headers, strict=True)
@@ -258,15 +259,28 @@ def read_header(path: Path) -> ExrHeader:
             for name in part.values()
             if window != data_windows[0]
         },
+        views=find_views(parts, renamed),
+        later=tuple(others),
     )
+
+
+def _name_part(header: Mapping[str, Any], channels: Sequence[str]) -> NamedPart:
+    views = header.get("multiView")
+    return NamedPart(
+        name=str(header.get("name", "")),
+        channels=tuple(channels),
+        view=str(header.get("view", "")),
+        views=tuple(filter(None, map(str, views))) if isinstance(views, list) else (),
+    )
+
+
+def _select_attributes(header: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in header.items() if k not in STRUCTURAL_ATTRIBUTES}
 
 
 def _check_parts(path: Path, headers: list[dict[str, Any]]) -> None:
     if any(h.get("type") in {OpenEXR.deepscanline, OpenEXR.deeptile} for h in headers):
         raise FrameFolderError(f"{path}: holds deep pixels; flatten them and name that file")
-    views = sorted({str(h["view"]) for h in headers if "view" in h})
-    if len(views) > 1:
-        raise FrameFolderError(f"{path}: holds the views {', '.join(views)}; write one view a file")
 
 
 def _check_windows(
@@ -352,10 +366,10 @@ def read_pixels(path: Path, wanted: Collection[str]) -> tuple[dict[str, Plane], 
         raise FrameFolderError(f"{path}: channel {', '.join(map(repr, lacking))} is missing")
     file = _open(path, header_only=False)
     try:
-        parts = [(part.name(), dict(file.channels(i))) for i, part in enumerate(file.parts)]
+        parts = [(part.header, dict(file.channels(i))) for i, part in enumerate(file.parts)]
     except (RuntimeError, ValueError, TypeError, MemoryError) as error:
         raise _make_unreadable_error(path, str(error).strip() or type(error).__name__) from error
-    renamed = _name_for_users([(name, list(channels)) for name, channels in parts])
+    renamed = name_channels([_name_part(header, list(channels)) for header, channels in parts])
     planes = {
         user: np.asarray(channels[stored].pixels)
         for names, (_, channels) in zip(renamed, parts, strict=True)

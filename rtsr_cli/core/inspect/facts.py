@@ -32,6 +32,8 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
         "root": str(inspected.root),
         "layout": None if reader is None else reader.layout.name,
         "verified": None if reader is None else reader.layout.verified,
+        "layers": list(inspected.layers),
+        "layer": (reader.layer or None) if reader is not None else None,
         "frames": list(inspected.numbers),
         "missing": inspected.missing,
         "size": None if reader is None else [reader.size[1], reader.size[0]],

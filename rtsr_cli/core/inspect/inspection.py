@@ -44,7 +44,10 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
             inspection, and raises nothing.
     """
     options = ReadOptions(
-        layout=request.layout, capture=request.capture_file, on_missing=MissingPolicy.SKIP
+        layout=request.layout,
+        layer=request.layer,
+        capture=request.capture_file,
+        on_missing=MissingPolicy.SKIP,
     )
     try:
         files = open_declarations(request.in_folder, options)

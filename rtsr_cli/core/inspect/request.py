@@ -19,6 +19,7 @@ class InspectRequest:
         every: look at the pixels of every frame, however many there are.
         capture_file: declarations in place of the shots' capture.toml.
         layout: channel layout or a TOML file of one; None to detect it.
+        layer: layer or stereo view that is read of files with several.
     """
 
     in_folder: Path
@@ -27,6 +28,7 @@ class InspectRequest:
     every: bool = False
     capture_file: Path | None = None
     layout: str | None = None
+    layer: str | None = None
 
     def __post_init__(self) -> None:
         """Accept paths as text."""

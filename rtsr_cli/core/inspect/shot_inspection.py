@@ -18,7 +18,7 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot
 from rtsr_cli.core.captures.survey import HeaderFiles, Headers, list_missing_frames, read_readable
 from rtsr_cli.core.choices import SystemTask
-from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.errors import LayerChoiceError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.inspect.pixel_statistics import (
@@ -60,6 +60,7 @@ class SetInspection:
         unknown: those that no buffer takes.
         guessed: what unknown channels may be, by their names.
         missing: per file sequence, the frames that it lacks.
+        layers: names of the layers and views that the files hold; empty where they name none.
         settled: how it is read, None if it cannot be.
         statistics: of each buffer.
         looked_at: frames whose pixels were read.
@@ -76,6 +77,7 @@ class SetInspection:
     statistics: Mapping[Buffer, PixelStatistics]
     looked_at: tuple[int, ...]
     problems: tuple[ShotProblem, ...]
+    layers: tuple[str, ...] = ()
 
     @property
     def reader(self) -> FrameReader | None:
@@ -247,6 +249,9 @@ def _inspect_set(
         if isinstance(opened, RtsrError):
             raise opened
         settled = measure_set(surveyed.readable, opened, jittered=lr, headers=headers)
+    except LayerChoiceError as error:
+        problem = _make_problem(error, "a choice of layer")
+        return replace(inspection, layers=error.layers, problems=(*problems, problem))
     except RtsrError as error:
         return replace(inspection, problems=(*problems, _make_problem(error, "a known layout")))
     if not lr and settled.undecided == settled.motion_undecided:
@@ -316,6 +321,7 @@ def _with_pixels(
     ]
     return replace(
         inspection,
+        layers=reader.layers,
         unknown=unknown,
         guessed={b: p for b, p in guess_buffers(unknown).items() if b not in reader.binding},
         missing=missing,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
+from rtsr_cli.core.captures.layers import list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
@@ -42,6 +43,7 @@ class ReadOptions:
 
     Attributes:
         layout: preset or layout file, or None to detect it.
+        layer: layer or view that is read, in place of what capture.toml says.
         capture: file in place of each shot's capture.toml.
         on_missing: what holes in the numbering mean.
         output: where frames will be written; it must not lie where they would be taken for inputs.
@@ -51,6 +53,7 @@ class ReadOptions:
     """
 
     layout: str | None = None
+    layer: str | None = None
     capture: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
     output: Path | None = None
@@ -158,7 +161,7 @@ def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
     if not buffers:
         return
     first = [opened.headers.of_first(frames) for frames in sets]
-    names = [{key: header.channels for key, header in held.items()} for held in first]
+    names = [{key: list_plain_names(header) for key, header in held.items()} for held in first]
     check_declared(buffers, names, str(opened.shot.root))
 
 
@@ -218,6 +221,7 @@ def survey_set(
         layout=known.layout,
         capture=known.capture,
         side_car=known.side_car,
+        layer=opened.options.layer or known.capture.layer,
         on_missing=opened.options.on_missing,
         jittered=jittered,
     )

@@ -7,20 +7,39 @@ the LR frames, each pixel repeated. Radiance of the large frames is never among 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from rtsr_cli.core.captures.layouts import SCOPE
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.exr import Plane
+from rtsr_cli.core.files.channel_names import strip_view
+from rtsr_cli.core.files.exr import Plane, read_header
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.shapes import Size
+
+LAYER_NAME = "/name"
+"""Ends the attribute that names the layer which a group belongs to: `cryptomatte/<id>/name`, beside
+`cryptomatte/<id>/manifest` and others."""
+
+PICTURE_ATTRIBUTES = frozenset(
+    {
+        "adoptedNeutral", "aperture", "capDate", "chromaticities", "colorInteropID", "envmap",
+        "expTime", "focus", "framesPerSecond", "isoSpeed", "keyCode", "lookModTransform",
+        "oiio:ColorSpace", "pixelAspectRatio", "renderingTransform", "screenWindowCenter",
+        "screenWindowWidth", "timeCode", "whiteLuminance", "worldToCamera", "worldToNDC",
+        "wrapmodes", "xDensity",
+    }
+)  # fmt: skip
+"""Attributes that describe one picture: an output has those of the frame that it is made of."""
+
+PROVENANCE = "rtsr:"
 
 OUTPUT_CHANNELS = frozenset("RGBA")
 """What the output calls its own; wildcards do not match these."""
@@ -52,8 +71,29 @@ class PassedChannels:
         return frozenset[str]().union(*held)
 
     @cached_property
+    def names(self) -> frozenset[str]:
+        """Names of the channels."""
+        return frozenset(channel for _, channel in self.channels)
+
+    @cached_property
     def _streams(self) -> tuple[str, ...]:
         return tuple(sorted({stream for stream, _ in self.channels}))
+
+    def read_attributes(self, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Attributes of the headers that a frame's channels come from, in two parts.
+
+        Returns:
+            those that are the channels' own, and others, which an output may hold already.
+
+        Raises:
+            FrameFolderError: a file is damaged.
+        """
+        source = self.stands_in.get(number, number)
+        found: dict[str, Any] = {}
+        for stream in self._streams:
+            channels = [channel for held, channel in self.channels if held == stream]
+            found |= read_header(self.reader.path(source, stream)).attributes_of(channels)
+        return _split_attributes(found, self.names)
 
     def read(self, number: int, size: Size) -> dict[str, Plane]:
         """Read the channels of a frame at a size; numbers stay what they are.
@@ -63,6 +103,50 @@ class PassedChannels:
         """
         planes = self.reader.read_stored(self.stands_in.get(number, number), self.channels)
         return {channel: resize_plane(plane, size) for (_, channel), plane in planes.items()}
+
+
+def _split_attributes(
+    attributes: Mapping[str, Any], channels: Collection[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Tell groups of attributes that name a channel's layer from the others.
+
+    Groups that name layers of other channels are in neither, nor is what describes one picture.
+    """
+    layers = {
+        name.removesuffix(LAYER_NAME): str(value)
+        for name, value in attributes.items()
+        if name.endswith(LAYER_NAME)
+    }
+    own: dict[str, Any] = {}
+    others: dict[str, Any] = {}
+    for name, value in attributes.items():
+        layer = layers.get(name.rpartition("/")[0])
+        if layer is None:
+            if name not in PICTURE_ATTRIBUTES and not name.startswith(PROVENANCE):
+                others[name] = value
+        elif any(layer in channel for channel in channels):
+            own[name] = value
+    return own, others
+
+
+def join_attributes(
+    attributes: Mapping[str, Any], passed: Iterable[PassedChannels], number: int
+) -> dict[str, Any]:
+    """Return the attributes of an output, with those that its passed channels bring along.
+
+    Args:
+        attributes: of the frame that the output is made of.
+        passed: channels that are handed through.
+        number: of the frame.
+
+    Raises:
+        FrameFolderError: a file is damaged.
+    """
+    joined = dict(attributes)
+    for part in passed:
+        own, others = part.read_attributes(number)
+        joined = {**others, **joined, **own}
+    return joined
 
 
 def resize_plane(plane: Plane, size: Size) -> Plane:
@@ -125,9 +209,11 @@ def _list_offered(reader: FrameReader, *, with_radiance: bool) -> list[tuple[str
     offered = []
     for stream, by_number in reader.channels.items():
         first = next(iter(by_number.values()))
+        views = reader.views.get(stream, {})
         for channel in sorted(first - reader.subsampled[stream] - OUTPUT_CHANNELS):
+            plain = strip_view(channel, views.get(channel, ""))
             is_radiance = (stream, channel) in radiance or any(
-                fnmatchcase(channel, place.channel.replace(SCOPE, "*"))
+                fnmatchcase(plain, place.channel.replace(SCOPE, "*"))
                 and fnmatchcase(stream, place.file.replace(SCOPE, "*"))
                 for place in places
             )

@@ -52,6 +52,7 @@ class ShotPlanned:
         return {
             "shot": self.shot,
             "layout": self.reader.layout.name,
+            "layer": self.reader.layer or None,
             "frames": len(self.selected),
             "pending": self.pending,
             "skipped": dict(self.skipped),

@@ -18,7 +18,7 @@ from rtsr_cli.core.files.exr import Plane, read_header
 from rtsr_cli.core.files.provenance import describe_provenance
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.pairs.opening import ReadOptions
-from rtsr_cli.core.pairs.passthrough import PassedChannels
+from rtsr_cli.core.pairs.passthrough import PassedChannels, join_attributes
 from rtsr_cli.core.pairs.sources import FramePair, PairInputs, PairSource
 from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
@@ -35,6 +35,7 @@ def read_options(request: FramesRequest) -> ReadOptions:
     """Return how the frames of a request are read."""
     return ReadOptions(
         layout=request.layout,
+        layer=request.layer,
         capture=request.capture_file,
         on_missing=request.on_missing,
         output=request.out_folder,
@@ -211,8 +212,9 @@ class PairJob(ShotJob[_Loaded]):
             }
             source = plan.inputs.reader.path(key)
             header = read_header(source)
+            attributes = join_attributes(header.attributes, reading.passed, key)
         windows = reading.source.place_output(header)
-        return _Loaded(pair, passed, source, header.attributes, windows)
+        return _Loaded(pair, passed, source, attributes, windows)
 
     def compute(self, key: int, loaded: _Loaded) -> Product | None:
         """Do the work on a frame."""

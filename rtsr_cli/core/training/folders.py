@@ -43,7 +43,10 @@ def record_folders(
         samples_per_pixel=task.samples_per_pixel,
         cache=cache,
         options=ReadOptions(
-            layout=request.layout, capture=request.capture_file, on_missing=request.on_missing
+            layout=request.layout,
+            layer=request.layer,
+            capture=request.capture_file,
+            on_missing=request.on_missing,
         ),
         policy=request.on_nonfinite,
         data=data,

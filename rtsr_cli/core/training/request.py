@@ -30,6 +30,7 @@ class TrainRequest:
         cache_folder: where decoded frames are kept; None for `cache` beside the output.
         device: torch device, or `auto`.
         layout: channel layout or a TOML file of one; None to detect it.
+        layer: layer or stereo view that is read of files with several.
         capture_file: declarations in place of the shots' capture.toml.
         on_missing: holes in the numbering.
         on_nonfinite: NaN and Inf in an input.
@@ -48,6 +49,7 @@ class TrainRequest:
     cache_folder: Path | None = None
     device: str = "auto"
     layout: str | None = None
+    layer: str | None = None
     capture_file: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR

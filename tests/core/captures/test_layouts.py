@@ -10,7 +10,7 @@ from rtsr_cli.core.captures.channel_matching import bind_layout, detect_layout
 from rtsr_cli.core.captures.layouts import ChannelPlace, Component, Layout, name_components
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, LayerChoiceError
 from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 
@@ -59,14 +59,75 @@ def test_blender_channels_are_found_below_a_view_layer_with_spaces() -> None:
 def test_buffers_of_two_view_layers_are_never_mixed() -> None:
     channels = [f"A.Combined.{c}" for c in "RGB"]
     channels += [f"B.Combined.{c}" for c in "RGB"] + [f"B.Normal.{c}" for c in "XYZ"]
-    binding = bind_layout(LAYOUTS["blender"], {"render": channels})
+    binding = bind_layout(LAYOUTS["blender"], {"render": channels}, "B")
     assert {c.channel.split(".")[0] for parts in binding.values() for c in parts} == {"B"}
+    binding = bind_layout(LAYOUTS["blender"], {"render": channels}, "A")
+    assert set(binding) == {Buffer.COLOR}
 
 
-def test_of_two_equal_view_layers_the_first_by_name_is_taken() -> None:
+def test_two_view_layers_are_a_choice_for_the_user() -> None:
     channels = [f"{layer}.Combined.{c}" for layer in ("Z [2]", "A [1]") for c in "RGB"]
+    with pytest.raises(LayerChoiceError, match=r"'color' is in 2 layers .*'A \[1\]', 'Z \[2\]'"):
+        bind_layout(LAYOUTS["blender"], {"render": channels})
+    binding = bind_layout(LAYOUTS["blender"], {"render": channels}, "Z [2]")
+    assert [c.channel for c in binding[Buffer.COLOR]] == [f"Z [2].Combined.{c}" for c in "RGB"]
+
+
+def test_view_layers_in_files_of_their_own_are_a_choice_too() -> None:
+    streams = {
+        "fg": [f"Fore.Combined.{c}" for c in "RGB"],
+        "bg": [f"Back.Combined.{c}" for c in "RGB"],
+    }
+    with pytest.raises(LayerChoiceError, match="'Back', 'Fore'"):
+        bind_layout(LAYOUTS["blender"], streams)
+    assert bind_layout(LAYOUTS["blender"], streams, "Fore")[Buffer.COLOR][0].stream == "fg"
+
+
+def test_what_the_compositor_made_is_no_second_view_layer() -> None:
+    channels = [*BLENDER_CHANNELS, *(f"Composite.Combined.{c}" for c in "RGBA")]
     binding = bind_layout(LAYOUTS["blender"], {"render": channels})
-    assert [c.channel for c in binding[Buffer.COLOR]] == [f"A [1].Combined.{c}" for c in "RGB"]
+    assert [c.channel for c in binding[Buffer.COLOR]] == [f"{LAYER}.Combined.{c}" for c in "RGB"]
+    binding = bind_layout(LAYOUTS["blender"], {"render": channels}, "Composite")
+    assert [c.channel for c in binding[Buffer.COLOR]] == [f"Composite.Combined.{c}" for c in "RGB"]
+
+
+def test_passes_of_one_renderer_are_ranked() -> None:
+    passes = ("DiffCol", "Denoising Albedo", "Combined")
+    streams = {"render": [f"{LAYER}.{p}.{c}" for p in passes for c in "RGB"]}
+    binding = bind_layout(LAYOUTS["blender"], streams)
+    assert binding[Buffer.ALBEDO][0].channel == f"{LAYER}.Denoising Albedo.R"
+
+
+@pytest.mark.parametrize(
+    ("channels", "buffer", "layers"),
+    [
+        ([*"RGB", "beauty.R", "beauty.G", "beauty.B"], Buffer.COLOR, ("unnamed", "beauty")),
+        (spread(("rgba", "RGB"), ("beauty", "RGB")), Buffer.COLOR, ("rgba", "beauty")),
+        ([*"RGB", *spread(("albedo", "RGB"), ("Albedo", "RGB"))], Buffer.ALBEDO,
+         ("albedo", "Albedo")),
+        ([*"RGB", *spread(("normal", "XYZ"), ("N", "XYZ"))], Buffer.NORMAL, ("normal", "N")),
+        ([*"RGB", "depth.Z", "Depth.Z"], Buffer.DEPTH, ("depth", "Depth")),
+    ],
+)  # fmt: skip
+def test_two_groups_of_one_meaning_are_a_choice_for_the_user(
+    channels: list[str], buffer: Buffer, layers: tuple[str, ...]
+) -> None:
+    with pytest.raises(LayerChoiceError, match=f"shot: buffer '{buffer}' is in 2 layers") as caught:
+        detect_layout({"f": channels}, LAYOUTS.values(), "shot")
+    assert caught.value.layers == layers
+    assert "--layer" in str(caught.value)
+    for layer in layers:
+        _, binding = detect_layout({"f": channels}, LAYOUTS.values(), "shot", layer)
+        held = {c.channel.rpartition(".")[0] or "unnamed" for c in binding[buffer]}
+        assert held == {layer}
+
+
+def test_two_groups_that_one_pattern_fits_are_a_choice_for_the_user() -> None:
+    streams = {"f": [*"RGB", *spread(("alb1", "RGB"), ("alb2", "RGB"))]}
+    with pytest.raises(LayerChoiceError, match="'alb1', 'alb2'"):
+        bind_layout(LAYOUTS["mitsuba"], streams)
+    binding = bind_layout(LAYOUTS["mitsuba"], streams, "alb2")
+    assert binding[Buffer.ALBEDO][0].channel == "alb2.R"
 
 
 def test_rtsr_channels_are_found_by_their_exact_names() -> None:

@@ -100,15 +100,62 @@ def test_a_name_that_is_then_there_twice_takes_the_name_of_its_part(tmp_path: Pa
     assert (float(found["main.normal.X"][0, 1]), float(found["normal.X"][0, 1])) == (1.0, 101.0)
 
 
-def test_two_views_in_one_file_are_refused(tmp_path: Path) -> None:
+def test_parts_of_two_views_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     parts = [
-        OpenEXR.Part({"view": view}, {"R": ramp(np.float16)}, f"rgb.{view}")
-        for view in ("left", "right")
+        OpenEXR.Part({"view": view}, {channel: ramp(np.float16) + offset}, f"{part}.{view}")
+        for offset, view in enumerate(("left", "right"))
+        for part, channel in (("rgba", "R"), ("depth", "Z"))
     ]
     OpenEXR.File(parts).write(str(path))
-    with pytest.raises(FrameFolderError, match=r"a\.exr: holds the views left, right"):
-        read_header(path)
+    header = read_header(path)
+    assert header.views == {
+        "left.R": "left", "right.R": "right", "depth.left.Z": "left", "depth.right.Z": "right"
+    }  # fmt: skip
+    found = read_channels(path, ["left.R", "right.R", "depth.right.Z"])
+    assert [float(plane[0, 0]) for plane in found.values()] == [0.0, 1.0, 1.0]
+    assert "view" not in header.attributes
+
+
+@pytest.mark.parametrize("name", ["{}.main", "{}_main", "main.{}", "{}-main", "{}"])
+def test_a_single_view_is_no_part_of_names(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "a.exr"
+    parts = [
+        OpenEXR.Part({"view": "main"}, {channel: ramp(np.float16)}, name.format(part))
+        for part, channel in (("rgba", "R"), ("depth", "Z"))
+    ]
+    OpenEXR.File(parts).write(str(path))
+    assert read_header(path).channels == {"R", "depth.Z"}
+
+
+def test_views_of_one_part_are_those_that_its_names_tell(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    names = ("R", "left.R", "right.R", "depth.left.Z", "depth.Z")
+    attributes = {"multiView": ["right", "left"], "owner": "me"}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header | attributes, {n: ramp(np.float16) for n in names}).write(str(path))
+    found = read_header(path)
+    assert found.views == {
+        "R": "right", "left.R": "left", "right.R": "right", "depth.left.Z": "left"
+    }  # fmt: skip
+    # a copy has one view, which these would not describe
+    assert "multiView" not in found.attributes
+    write_exr(tmp_path / "b.exr", {"R": ramp(np.float16)}, attributes=attributes)
+    assert read_header(tmp_path / "b.exr").attributes["owner"] == "me"
+    assert "multiView" not in OpenEXR.File(str(tmp_path / "b.exr")).header()
+
+
+def test_attributes_of_channels_are_those_of_their_part(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    parts = [
+        OpenEXR.Part({"note": "first", "whole": "file"}, {"R": ramp(np.float16)}, "rgba"),
+        OpenEXR.Part({"note": "second"}, {"X": ramp(np.float16)}, "ids"),
+    ]
+    OpenEXR.File(parts).write(str(path))
+    header = read_header(path)
+    assert header.attributes_of(["R"])["note"] == "first"
+    assert header.attributes_of(["ids.X"])["note"] == "second"
+    assert header.attributes_of(["ids.X"])["whole"] == "file"
 
 
 def test_parts_have_data_windows_of_their_own(tmp_path: Path) -> None:

@@ -62,8 +62,12 @@ def check_equal(cache: HeaderCache, path: Path) -> None:
         assert type(ours.attributes[name]) is type(value), name
         np.testing.assert_array_equal(ours.attributes[name], value, err_msg=name)
         assert getattr(ours.attributes[name], "dtype", None) == getattr(value, "dtype", None)
-    for field in ("channels", "data_window", "display_window", "subsampled", "chunks"):
+    for field in ("channels", "data_window", "display_window", "subsampled", "chunks", "views"):
         assert getattr(ours, field) == getattr(library, field)
+    assert len(ours.later) == len(library.later)
+    for one, other in zip(ours.later, library.later, strict=True):
+        assert one.channels == other.channels
+        assert one.attributes.keys() == other.attributes.keys()
 
 
 def test_frames_of_a_sequence_are_read_without_the_library(
@@ -137,6 +141,16 @@ def test_parts_are_the_librarys(tmp_path: Path, library_reads: list[str]) -> Non
         OpenEXR.File(parts).write(str(tmp_path / name))
         check_equal(cache, tmp_path / name)
     assert library_reads == ["1.exr", "2.exr"]
+
+
+def test_views_are_the_librarys(tmp_path: Path, library_reads: list[str]) -> None:
+    cache = HeaderCache()
+    head = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    for name, views in {"1.exr": "ab", "2.exr": "ab", "3.exr": "ba", "4.exr": ""}.items():
+        many = {"multiView": list(views)} if views else {}
+        OpenEXR.File(head | many, {"R": PLANE, "b.R": PLANE}).write(str(tmp_path / name))
+        check_equal(cache, tmp_path / name)
+    assert library_reads == ["1.exr", "3.exr", "4.exr"]
 
 
 def test_a_string_that_is_no_text_is_the_librarys(tmp_path: Path, library_reads: list[str]) -> None:

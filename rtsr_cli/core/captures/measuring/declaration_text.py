@@ -66,6 +66,8 @@ def _list_general_lines(settled: MeasuredReader, capture: CaptureDeclaration) ->
     preset = settled.reader.layout.name.partition(" + ")[0]
     named = capture.layout or (preset if preset != "capture.toml" else None)
     lines = [f"layout = {write_toml_value(named)}"] if named else []
+    if len(settled.reader.layers) > 1 and settled.reader.layer:
+        lines.append(f"layer = {write_toml_value(settled.reader.layer)}")
     conventions = settled.reader.conventions
     lines.append(f"roughness = {write_toml_value(conventions.roughness)}")
     lines.append(f"specular = {write_toml_value(conventions.specular)}")

@@ -1,0 +1,223 @@
+"""Layers and stereo views: what one file holds of the same thing twice, and which is read.
+
+A file can hold several view layers or groups of channels of one meaning (`channel_matching` finds
+those), and several views, which its header tells apart. Buffers are bound by names without their
+view, one view at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.channel_matching import Binding, make_layer_error, match_layout
+from rtsr_cli.core.captures.channel_tables import build_components
+from rtsr_cli.core.captures.layout_files import choose_layout
+from rtsr_cli.core.captures.layouts import Layout
+from rtsr_cli.core.errors import FrameFolderError, did_you_mean
+from rtsr_cli.core.files.channel_names import strip_view
+from rtsr_cli.core.files.exr import ExrHeader
+from rtsr_cli.core.frames.buffers import Buffer
+
+LUMINANCE, CHROMA = "Y", frozenset({"RY", "BY"})
+"""Channels of pictures that are stored as luminance, and as chroma of a quarter of the samples."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoundLayers:
+    """How a frame set's buffers are bound.
+
+    Attributes:
+        layout: of the names.
+        binding: where each buffer is.
+        layers: names of the layers and views that there are.
+        layer: that is read, empty where the files name none.
+        notes: for the user.
+    """
+
+    layout: Layout
+    binding: Binding
+    layers: tuple[str, ...] = ()
+    layer: str = ""
+    notes: tuple[str, ...] = ()
+
+
+Headers = Mapping[str, ExrHeader]
+"""Per file sequence, the header of one file."""
+
+
+def list_readable(header: ExrHeader) -> frozenset[str]:
+    """Channels of a file that can be read; of luminance and chroma nothing can."""
+    whole = header.channels - header.subsampled
+    return whole - {LUMINANCE, "A"} if is_luminance_chroma(header) else whole
+
+
+def is_luminance_chroma(header: ExrHeader) -> bool:
+    """Tell whether a file's picture is stored as luminance and subsampled chroma."""
+    return LUMINANCE in header.channels and not CHROMA.isdisjoint(header.subsampled)
+
+
+def list_plain_names(header: ExrHeader) -> frozenset[str]:
+    """Names of a file's channels, and those names without their views."""
+    views = header.views
+    return header.channels | {strip_view(c, views[c]) for c in header.channels if c in views}
+
+
+def bind_layers(
+    named: Layout | None,
+    capture: CaptureDeclaration,
+    headers: Headers,
+    where: str,
+    layer: str | None,
+) -> BoundLayers:
+    """Choose the layout of a frame set, and find the buffers of one of its layers.
+
+    Args:
+        named: preset or layout file that is named, or None to detect one.
+        capture: what the user declares; its `layout` and `layer` are not looked at.
+        headers: of one file of each sequence.
+        where: folder, for messages.
+        layer: that the user asks for: a layer, a view, or `layer.view`.
+
+    Raises:
+        LayerChoiceError: several hold the same buffer, and none is asked for.
+        FrameFolderError: no layout fits, several do, or there is no layer of that name.
+    """
+    views = sorted({v for h in headers.values() for v in h.views.values()})
+    chosen, rest = _split_layer(layer, views)
+    own = _list_own_names(named, capture)
+    if chosen is None and len(views) > 1:
+        return _bind_the_only_view(named, capture, headers, where, (views, own, layer))
+    view = chosen or "".join(views)
+    bound = _bind_view(named, capture, _list_view(headers, view, own), where, rest)
+    return _with_views(bound, views, view, layer, where)
+
+
+def _split_layer(layer: str | None, views: Sequence[str]) -> tuple[str | None, str | None]:
+    """Return the view and the layer that a name stands for: `left`, `Layer`, or `Layer.left`."""
+    for view in views:
+        if layer == view:
+            return view, None
+        if layer is not None and layer.endswith(f".{view}"):
+            return view, layer.removesuffix(f".{view}")
+    return None, layer
+
+
+def _list_own_names(named: Layout | None, capture: CaptureDeclaration) -> frozenset[str]:
+    """Channels that the user may have spelled out with their view."""
+    own = {**({} if named is None else named.buffers), **build_components(capture.buffers)}
+    return frozenset(p.channel for parts in own.values() for c in parts for p in c.places)
+
+
+_Names = Mapping[str, Mapping[str, str]]
+"""Per file sequence, plain name -> channel."""
+
+
+def _list_view(headers: Headers, view: str, own: Collection[str]) -> _Names:
+    """Channels of a view and of none, without it in their names; with it where that is spelled."""
+    names: dict[str, dict[str, str]] = {}
+    for key, header in headers.items():
+        readable = list_readable(header)
+        found: dict[str, str] = {}
+        for channel in sorted(readable):
+            plain = strip_view(channel, header.views.get(channel, ""))
+            if plain != channel and channel in own:
+                found[channel] = channel
+            shown = header.views.get(channel, view) == view
+            # what names its view comes before what belongs to it as the default one
+            if shown and (plain != channel or plain not in found):
+                found[plain] = channel
+        names[key] = found
+    return names
+
+
+def _bind_view(
+    named: Layout | None,
+    capture: CaptureDeclaration,
+    names: _Names,
+    where: str,
+    layer: str | None,
+) -> BoundLayers:
+    streams = {key: frozenset(found) for key, found in names.items()}
+    layout, binding = choose_layout(named, capture, streams, where, layer)
+    matched = match_layout(layout, streams, layer)
+    if layer is not None and matched.layers and not matched.knows(layer):
+        raise _make_unknown_error(layer, matched.layers, where)
+    read = matched.scope or (layer if layer is not None and matched.knows(layer) else "")
+    notes = () if layer is None or read else (_describe_no_layers(layer),)
+    stored = {
+        buffer: tuple(replace(c, channel=names[c.stream][c.channel]) for c in components)
+        for buffer, components in binding.items()
+    }
+    return BoundLayers(
+        layout=layout, binding=stored, layers=matched.layers, layer=read, notes=notes
+    )
+
+
+def _describe_no_layers(layer: str) -> str:
+    return (
+        f"layer '{layer}' is asked for, but these files have no layers; they are read as they are"
+    )
+
+
+def _make_unknown_error(layer: str, layers: Sequence[str], where: str) -> FrameFolderError:
+    return FrameFolderError(f"{where}: no layer is called '{layer}'{did_you_mean(layer, layers)}")
+
+
+def _with_views(
+    bound: BoundLayers, views: Sequence[str], view: str, layer: str | None, where: str
+) -> BoundLayers:
+    """Add the views to what was bound of one of them."""
+    if not views:
+        return bound
+    if bound.notes and layer is not None:
+        raise _make_unknown_error(layer, views, where)
+    read = ".".join(name for name in (bound.layer, view) if name)
+    scopes = bound.layers or ("",)
+    names = tuple(".".join(n for n in (s, v) if n) for s in scopes for v in views)
+    return replace(bound, layers=names, layer=read)
+
+
+def _bind_the_only_view(
+    named: Layout | None,
+    capture: CaptureDeclaration,
+    headers: Headers,
+    where: str,
+    asked: tuple[Sequence[str], Collection[str], str | None],
+) -> BoundLayers:
+    """Bind what several views hold, as long as no two of them hold the same buffer.
+
+    Raises:
+        LayerChoiceError: two of them do; names the choices.
+    """
+    views, own, layer = asked
+    bound: dict[str, BoundLayers] = {}
+    errors: list[FrameFolderError] = []
+    for view in views:
+        try:
+            names = _list_view(headers, view, own)
+            bound[view] = _bind_view(named, capture, names, where, layer)
+        except FrameFolderError as error:
+            errors.append(error)
+    if not bound:
+        raise errors[0]
+    rivals: dict[Buffer, Sequence[str]] = dict(_list_rival_views(bound))
+    if rivals:
+        raise make_layer_error(rivals, where)
+    most = max(bound.values(), key=lambda b: len(b.binding))
+    if most.notes and layer is not None:
+        raise _make_unknown_error(layer, views, where)
+    merged = {b: parts for one in bound.values() for b, parts in one.binding.items()}
+    return replace(most, binding=merged, layers=tuple(views), layer=layer or "")
+
+
+def _list_rival_views(bound: Mapping[str, BoundLayers]) -> Iterator[tuple[Buffer, Sequence[str]]]:
+    """Buffers that views hold in channels of their own, each with the names of the choices."""
+    names = {view: ".".join(n for n in (one.layer, view) if n) for view, one in bound.items()}
+    for buffer in dict.fromkeys(b for one in bound.values() for b in one.binding):
+        places = {
+            names[v]: one.binding[buffer] for v, one in bound.items() if buffer in one.binding
+        }
+        if len(set(places.values())) > 1:
+            yield buffer, tuple(places)

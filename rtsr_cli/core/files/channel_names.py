@@ -1,0 +1,113 @@
+"""What users call the channels of a file: over its parts, and with the views that they belong to.
+
+OpenEXR has two ways of keeping stereo views in one file: an attribute `multiView` and names like
+`left.R` or `depth.left.Z`, in which the channels without a layer belong to the first view; or
+parts that each say their `view`, and whose names usually say it again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+SEPARATORS = "._- "
+"""Between the name of a part and its view: `rgba.left`, `depth_left`, `ViewLayer.Depth-left`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedPart:
+    """A part of a file, as far as its header names things.
+
+    Attributes:
+        name: of the part, often empty where there is only one.
+        channels: names of its channels in the file.
+        view: that all of them belong to, empty if the part names none.
+        views: that they are told apart by, the default one first (`multiView`).
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    view: str = ""
+    views: tuple[str, ...] = ()
+
+    @property
+    def base(self) -> str:
+        """The name without the view that it begins or ends with."""
+        if not self.view:
+            return self.name
+        if self.name == self.view:
+            return ""
+        for separator in SEPARATORS:
+            name = self.name.removesuffix(separator + self.view)
+            name = name.removeprefix(self.view + separator)
+            if name != self.name:
+                return name
+        return self.name
+
+    def find_view(self, channel: str) -> str:
+        """View that a channel of the part belongs to, empty if to none."""
+        if self.view or not self.views:
+            return self.view
+        *layers, _ = channel.split(".")
+        if not layers:
+            return self.views[0]
+        return layers[-1] if layers[-1] in self.views else ""
+
+
+def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
+    """For each part, channel name in the file -> name for the user.
+
+    The first part, and one without a name, keeps its channels' names. In the others `X` of the
+    part `normal` is `normal.X`, unless it is called so already. Where parts are of several views,
+    the view stands before the last component: `normal.left.X`. Names that are then there twice
+    take the name of their part in any case.
+    """
+    if len(parts) == 1:
+        return [{channel: channel for channel in parts[0].channels}]
+    several = len({part.view for part in parts if part.view}) > 1
+    named = [
+        {
+            c: _insert_view(_name_in_part(part, c, parts[0].base), part.view if several else "")
+            for c in part.channels
+        }
+        for part in parts
+    ]
+    counts = Counter(name for names in named for name in names.values())
+    return [
+        {
+            c: f"{part.name}.{c}" if counts[name] > 1 and part.name else name
+            for c, name in names.items()
+        }
+        for part, names in zip(parts, named, strict=True)
+    ]
+
+
+def _name_in_part(part: NamedPart, channel: str, first: str) -> str:
+    base = part.base
+    keeps = base in {"", first} or channel == base or channel.startswith(f"{base}.")
+    return channel if keeps else f"{base}.{channel}"
+
+
+def _insert_view(name: str, view: str) -> str:
+    *layers, last = name.split(".")
+    return name if not view or view in layers else ".".join((*layers, view, last))
+
+
+def strip_view(channel: str, view: str) -> str:
+    """Return a channel's name without its view: `depth.left.Z` is `depth.Z`."""
+    *layers, last = channel.split(".")
+    if not view or view not in layers:
+        return channel
+    place = len(layers) - 1 - layers[::-1].index(view)
+    return ".".join((*layers[:place], *layers[place + 1 :], last))
+
+
+def find_views(parts: Sequence[NamedPart], named: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """User's name of a channel -> its view; channels of no view are left out."""
+    return {
+        user: view
+        for part, names in zip(parts, named, strict=True)
+        for channel, user in names.items()
+        if (view := part.find_view(channel))
+    }
