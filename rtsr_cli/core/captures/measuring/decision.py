@@ -18,13 +18,14 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
     take_measurement,
 )
 from rtsr_cli.core.captures.measuring.measurement import measure_storage
-from rtsr_cli.core.captures.measuring.motion_choices import describe_undecided
+from rtsr_cli.core.captures.measuring.motion_choices import describe_repeated, describe_undecided
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import NormalConvention
 from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.frames.selection import format_ranges
 
 WIDE_MARGIN = 0.02
 WIDE_SIGNIFICANCE = 5.0
@@ -33,6 +34,10 @@ is contradicted."""
 
 WIDE_DEPTH_MARGIN = 0.5
 """A reading of depth is contradicted where another one has less than half its error."""
+
+
+CLEAR = 0.75
+"""Among frames that repeat, a reading holds whose error is this share of taking all for still."""
 
 
 def measure_and_decide(
@@ -46,23 +51,24 @@ def measure_and_decide(
         named: whether the user named the layout.
         motion: whether vectors are of interest.
     """
-    wanted = motion and Buffer.MOTION in reader.stored
-    measured = measure_storage(reader, reader.conventions, motion=wanted)
-    settled = MeasuredReader(reader=reader, measured=measured, warnings=reader.warnings)
+    settled = MeasuredReader(
+        reader=reader, measured=measured, warnings=reader.warnings, notes=reader.notes
+    )
     if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
         settled = replace(settled, undecided=_describe_undocumented(reader))
     for step in (
         _check_plausible,
+        _check_repeats,
         _decide_motion,
         _decide_jitter,
         _decide_depth,
         _check_position,
         _decide_normal,
     ):
-        if motion or step is not _decide_motion:
+        if motion or step not in {_decide_motion, _check_repeats}:
             settled = step(settled, capture)
     text = settled.motion_undecided
-    if text and not (named or capture.buffers):
+    if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
         settled = replace(settled, undecided=text)
     return replace(
@@ -141,7 +147,7 @@ def _check_plausible(settled: MeasuredReader, capture: CaptureDeclaration) -> Me
 
 def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
     reader, measured = settled.reader, settled.measured
-    if Buffer.MOTION not in reader.stored:
+    if Buffer.MOTION not in reader.stored or settled.motion_undecided:
         return settled
     presumed = reader.conventions.motion
     best = measured.best
@@ -170,6 +176,25 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         doubt = "" if agreed else _describe_doubt(against, best, capture)
         return add_warning(settled, doubt) if doubt else settled
     return replace(settled, motion_undecided=describe_undecided(reader, measured.motion))
+
+
+def _check_repeats(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Say that frames are there several times, though their vectors say that things move."""
+    reader, measured = settled.reader, settled.measured
+    if not measured.repeated:
+        return settled
+    settled = add_warning(
+        settled,
+        f"frames {format_ranges(measured.repeated)} show the picture of the frame before them, "
+        "though their motion vectors say that things move (animation on twos?); render motion of "
+        "zero there, or leave such frames out",
+    )
+    finding = measured.motion
+    best = None if finding is None else finding.best
+    clear = finding and best and best.error < CLEAR * finding.unmoved_error
+    if clear or capture.motion.decides():
+        return settled
+    return replace(settled, motion_undecided=describe_repeated(reader))
 
 
 def _describe_doubt(
@@ -214,7 +239,7 @@ def _is_unproven(settled: MeasuredReader, capture: CaptureDeclaration) -> bool:
 
 def _decide_jitter(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
     finding = settled.measured.jitter
-    if finding is None or Buffer.MOTION not in settled.reader.stored:
+    if finding is None or settled.measured.repeated or Buffer.MOTION not in settled.reader.stored:
         return settled
     convention = settled.reader.conventions.motion
     if finding.verdict in {_verdict_of_declaration(convention), JitterVerdict.UNKNOWN}:

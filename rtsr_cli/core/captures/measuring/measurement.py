@@ -20,7 +20,7 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
     find_position_unit,
 )
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, find_jitter
-from rtsr_cli.core.captures.measuring.motion_finder import find_motion
+from rtsr_cli.core.captures.measuring.motion_finder import STILL_PX, find_motion
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, normalise_picture
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding, find_normals
@@ -63,6 +63,7 @@ class StorageMeasurement:
 
     Attributes:
         motion: ranked readings of the vectors, None without motion, pictures or two frames.
+        repeated: frames with the picture of the frame before them, and vectors that move.
         by_geometry: the tied reading that camera and depth single out, if they do.
         jitter: whether vectors contain it.
         depth: ranked readings.
@@ -72,6 +73,7 @@ class StorageMeasurement:
     """
 
     motion: MotionFinding | None = None
+    repeated: tuple[int, ...] = ()
     by_geometry: MotionCandidate | None = None
     jitter: JitterFinding | None = None
     depth: DepthFinding = field(default_factory=DepthFinding)
@@ -163,7 +165,8 @@ def _measure_group(
     measured = StorageMeasurement(frames=tuple(stored))
     if motion and len(stored) > 1 and _has_pictures(reader.stored):
         finding = _find_motion(reader, stored, presumed.motion)
-        measured = replace(measured, motion=finding)
+        repeated = tuple(_list_repeated(stored, reader.step, presumed.motion.zero))
+        measured = replace(measured, motion=finding, repeated=repeated)
     last = stored[max(stored)]
     camera = reader.cameras[max(stored)]
     if Buffer.POSITION in last:
@@ -176,6 +179,26 @@ def _measure_group(
 
 def _has_pictures(buffers: Collection[Buffer]) -> bool:
     return Buffer.MOTION in buffers and any(b in buffers for b in PICTURES)
+
+
+def _list_repeated(
+    stored: Mapping[int, Mapping[Buffer, Tensor]], step: int, zero: float
+) -> Iterator[int]:
+    """Frames that show what the frame before them does, though their vectors lead elsewhere."""
+    for number, buffers in stored.items():
+        before = stored.get(number - step)
+        # pictures without any detail look alike wherever things move
+        pictures = [b for b in PICTURES if b in buffers and not _is_flat(buffers[b])]
+        if not pictures or before is None or not all(buffers[b].equal(before[b]) for b in pictures):
+            continue
+        moving = ((buffers[Buffer.MOTION].nan_to_num() - zero).abs().amax(1) > STILL_PX).float()
+        if float(moving.mean()) > LEAST_MOVING:
+            yield number
+
+
+def _is_flat(picture: Tensor) -> bool:
+    low, high = picture.flatten(2).aminmax(dim=2)
+    return bool((low == high).all())
 
 
 def _cut_window(size: Size) -> tuple[slice, slice]:

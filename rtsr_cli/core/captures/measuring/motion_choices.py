@@ -39,6 +39,15 @@ def describe_undecided(reader: FrameReader, finding: MotionFinding | None) -> st
     return f"{text} at the head of capture.toml{example}:{lines}"
 
 
+def describe_repeated(reader: FrameReader) -> str:
+    """Say that frames which repeat do not tell how vectors are read."""
+    return (
+        "frames repeat the one before them, so that nothing tells how their motion vectors are "
+        "stored; declare it at the head of capture.toml, for example:\n    "
+        + _format_declaration(reader.conventions.motion)
+    )
+
+
 def _format_choice(candidate: MotionCandidate, ties: Sequence[MotionCandidate]) -> str:
     """One of the tied readings as a line of capture.toml; both senses of no component are one."""
     convention = replace(candidate.convention, y_axis=YAxis.DOWN)
