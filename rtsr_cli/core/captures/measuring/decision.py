@@ -51,6 +51,8 @@ def measure_and_decide(
         named: whether the user named the layout.
         motion: whether vectors are of interest.
     """
+    wanted = motion and Buffer.MOTION in reader.stored
+    measured = measure_storage(reader, reader.conventions, motion=wanted)
     settled = MeasuredReader(
         reader=reader, measured=measured, warnings=reader.warnings, notes=reader.notes
     )
