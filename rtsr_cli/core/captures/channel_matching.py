@@ -105,12 +105,19 @@ def _find_channels(place: ChannelPlace, scope: _Scope, streams: Streams) -> list
     file = place.file.replace(SCOPE, _escape_pattern(scope.file))
     found: list[_Held] = []
     for stream in sorted(streams):
+        if place.alone and not _is_alone(place.channel, streams):
+            continue
         if any(fnmatchcase(name, file) for name in _list_names(stream)):
             layers: dict[str, str] = {}
             for channel in _match_names(place, scope, streams[stream]):
                 layers.setdefault(_name_layer(channel), channel)
             found += [(stream, channel) for channel in layers.values()]
     return found
+
+
+def _is_alone(channel: str, streams: Streams) -> bool:
+    others = {name for held in streams.values() for name in held if len(name) == 1}
+    return len(streams) == 1 and others <= {channel, "A", "Z"}
 
 
 def _match_names(place: ChannelPlace, scope: _Scope, names: Collection[str]) -> list[str]:
@@ -146,6 +153,7 @@ def _match_scope(layout: Layout, scope: _Scope, streams: Streams, layer: str | N
     ambiguous: dict[Buffer, tuple[str, ...]] = {}
     rivals: dict[Buffer, tuple[str, ...]] = {}
     labels: set[str] = set()
+    layers: dict[str, None] = {}
     for buffer, components in layout.buffers.items():
         options, dumps = _find_options(components, scope, streams, ranked=layout.ranked)
         if dumps:
@@ -155,13 +163,19 @@ def _match_scope(layout: Layout, scope: _Scope, streams: Streams, layer: str | N
         labels |= options.keys()
         chosen = layer if layer in options else next(iter(options))
         binding[buffer] = _bind_components(components, options[chosen])
-        if layer not in options and len(several := _list_rivals(options, components)) > 1:
-            rivals[buffer] = several
+        if len(several := _list_rivals(options, components)) > 1:
+            layers |= dict.fromkeys(several)
+            if layer not in options:
+                rivals[buffer] = several
+    for buffer, better in layout.spare.items():
+        if better in binding:
+            binding.pop(buffer, None)
     return LayoutMatch(
         binding=binding,
         ambiguous=ambiguous,
         rivals=rivals,
         scope=scope.channel,
+        layers=tuple(layers),
         labels=frozenset(labels),
     )
 
@@ -236,8 +250,7 @@ def match_layout(layout: Layout, streams: Streams, layer: str | None = None) -> 
     best = max(matches, key=lambda m: m.explained)
     scopes = dict.fromkeys(m.scope for m in every if m.scope and m.explained)
     rivals = {**best.rivals, **_find_rival_scopes(layout, best, matches)}
-    names = dict.fromkeys([*scopes, *(name for found in rivals.values() for name in found)])
-    best = replace(best, rivals=rivals, layers=tuple(names))
+    best = replace(best, rivals=rivals, layers=tuple(dict.fromkeys([*scopes, *best.layers])))
     for other in matches:
         dumps = {
             b: (best.binding[b][0].stream, other.binding[b][0].stream)

@@ -50,12 +50,15 @@ Headers = Mapping[str, ExrHeader]
 def list_readable(header: ExrHeader) -> frozenset[str]:
     """Channels of a file that can be read; of luminance and chroma nothing can."""
     whole = header.channels - header.subsampled
-    return whole - {LUMINANCE, "A"} if is_luminance_chroma(header) else whole
+    layers = list_luminance_layers(header)
+    return frozenset(c for c in whole if c not in {f"{p}{last}" for p in layers for last in "YA"})
 
 
-def is_luminance_chroma(header: ExrHeader) -> bool:
-    """Tell whether a file's picture is stored as luminance and subsampled chroma."""
-    return LUMINANCE in header.channels and not CHROMA.isdisjoint(header.subsampled)
+def list_luminance_layers(header: ExrHeader) -> frozenset[str]:
+    """Beginnings of channels' names (`layer.`) that hold luminance and subsampled chroma."""
+    ends = [(name, end) for name in header.subsampled for end in CHROMA]
+    layers = {name.removesuffix(end) for name, end in ends if f".{name}".endswith(f".{end}")}
+    return frozenset(layer for layer in layers if f"{layer}{LUMINANCE}" in header.channels)
 
 
 def list_plain_names(header: ExrHeader) -> frozenset[str]:

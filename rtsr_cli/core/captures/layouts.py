@@ -24,11 +24,13 @@ class ChannelPlace:
     """Where a channel can be: patterns (`fnmatch`) of its name and of its file sequence.
 
     A file sequence is known by its key (`folder/base name` relative to the shot) and, where each
-    buffer has a folder, by that folder's name alone.
+    buffer has a folder, by that folder's name alone. `alone` are channels of one letter that mean
+    something only in the one file sequence of a frame set, beside no others but alpha and depth.
     """
 
     channel: str
     file: str = "*"
+    alone: bool = False
 
     @property
     def is_pattern(self) -> bool:
@@ -90,6 +92,7 @@ class Layout:
         ranked: whether the names of a buffer are several passes of one renderer, the better ones
             first; else they are spellings of one thing, of which a file has one.
         aside: scopes that are no layers of their own: what is made of the others.
+        spare: buffers that are not read where another one is there, which says the same.
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
     """
@@ -103,6 +106,7 @@ class Layout:
     scope: str = ""
     ranked: bool = False
     aside: tuple[str, ...] = ()
+    spare: Mapping[Buffer, Buffer] = field(default_factory=dict)
     digits: int = 4
     verified: bool = True
 

@@ -30,8 +30,10 @@ RTSR = Layout(
     buffers={
         # own names first, then other renderers' spellings of the same thing: V-Ray writes
         # components out, 3ds Max has bare ones, OIDN's splitter accepts the rest
-        Buffer.COLOR: name_components(
-            Buffer.COLOR, "", "rgba", "beauty", "Beauty", "Composite.Combined"
+        Buffer.COLOR: join_places(
+            name_components(Buffer.COLOR, "", "rgba", "beauty", "Beauty", "Composite.Combined"),
+            # luminance alone is grey
+            (Component(places=(ChannelPlace(channel="Y", alone=True),)),) * 3,
         ),
         Buffer.ALPHA: name_single_component(
             "A", "rgba.A", "beauty.A", "Beauty.A", "Composite.Combined.A"
@@ -93,29 +95,40 @@ RTSR = Layout(
     },
 )
 
+
+def _name_blender_value(aov: str) -> tuple[str, ...]:
+    """Names of an AOV of one value."""
+    return tuple(f"{SCOPE}.{aov}{component}" for component in (".X", ".V", ".R", ""))
+
+
 BLENDER = Layout(
     name="blender",
     description="Blender multilayer: <view layer>.Combined.*, .Depth.Z, .Vector.XYZW, AOVs",
     buffers={
         Buffer.COLOR: name_components(Buffer.COLOR, f"{SCOPE}.Combined"),
         Buffer.ALPHA: name_single_component(f"{SCOPE}.Combined.A"),
+        # names of Blender 5 after those of Blender 4
         Buffer.ALBEDO: name_components(
-            Buffer.ALBEDO, f"{SCOPE}.albedo", f"{SCOPE}.Denoising Albedo", f"{SCOPE}.DiffCol"
+            Buffer.ALBEDO,
+            *(f"{SCOPE}.{p}" for p in ("albedo", "Denoising Albedo", "DiffCol", "Diffuse Color")),
         ),
+        Buffer.SPECULAR: name_components(Buffer.SPECULAR, f"{SCOPE}.Glossy Color"),
         Buffer.NORMAL: name_components(Buffer.NORMAL, f"{SCOPE}.Normal"),
-        Buffer.DEPTH: name_single_component(f"{SCOPE}.Depth.Z"),
-        Buffer.ROUGHNESS: name_single_component(
-            *(f"{SCOPE}.roughness{c}" for c in (".X", ".R", ""))
-        ),
-        Buffer.METALLIC: name_single_component(*(f"{SCOPE}.metallic{c}" for c in (".X", ".R", ""))),
+        Buffer.DEPTH: name_single_component(f"{SCOPE}.Depth.Z", f"{SCOPE}.Depth.V"),
+        Buffer.ROUGHNESS: name_single_component(*_name_blender_value("roughness")),
+        Buffer.METALLIC: name_single_component(*_name_blender_value("metallic")),
         Buffer.MOTION: name_components(Buffer.MOTION, f"{SCOPE}.Vector"),
         # Z, W lead from the next frame to this one, so both signs turn round
         Buffer.FORWARD: tuple(
             Component(places=(ChannelPlace(channel=f"{SCOPE}.Vector.{c}"),), factor=-1.0)
             for c in ("Z", "W")
         ),
-        Buffer.EMISSION: name_components(Buffer.EMISSION, f"{SCOPE}.emission", f"{SCOPE}.Emit"),
-        Buffer.OBJECT_ID: name_single_component(f"{SCOPE}.Object Index.X", f"{SCOPE}.IndexOB.X"),
+        Buffer.EMISSION: name_components(
+            Buffer.EMISSION, *(f"{SCOPE}.{p}" for p in ("emission", "Emit", "Emission"))
+        ),
+        Buffer.OBJECT_ID: name_single_component(
+            *(f"{SCOPE}.{p}.{c}" for p in ("Object Index", "IndexOB") for c in "XV")
+        ),
         Buffer.POSITION: name_components(Buffer.POSITION, f"{SCOPE}.Position"),
     },
     conventions=Conventions(motion=MotionConvention(y_axis=YAxis.UP)),
@@ -123,6 +136,8 @@ BLENDER = Layout(
     ranked=True,
     # what the compositor makes of the view layers
     aside=("Composite",),
+    # the colour of diffuse and glossy light together stand for base colour and metallic
+    spare={Buffer.SPECULAR: Buffer.METALLIC},
 )
 
 EXTRANET = Layout(

@@ -16,7 +16,7 @@ from rtsr_cli.core.captures.cameras import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_matching import Binding
 from rtsr_cli.core.captures.color_tags import describe_contradictions, read_color_space
-from rtsr_cli.core.captures.layers import bind_layers, is_luminance_chroma, list_readable
+from rtsr_cli.core.captures.layers import bind_layers, list_luminance_layers, list_readable
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
@@ -113,7 +113,7 @@ def open_frames(
         views={key: header.views for key, header in first.items()},
         layers=bound.layers,
         layer=bound.layer,
-        notes=bound.notes,
+        notes=(*bound.notes, *_list_notes(first)),
     )
     main = headers[reader.main_stream]
     cameras = _CameraSource(reader, files, capture, side_car, jittered=jittered)
@@ -298,14 +298,22 @@ def read_readable(frames: FrameSet, files: HeaderFiles) -> tuple[Headers, list[R
     return headers, errors
 
 
+LUMINANCE_NOT_READ = (
+    "pictures are stored as luminance and chroma (channels Y, RY, BY), which rtsr does not read; "
+    "write them as R, G, B"
+)
+
+
+def _list_notes(first: Mapping[str, ExrHeader]) -> tuple[str, ...]:
+    held = any(list_luminance_layers(header) for header in first.values())
+    return (LUMINANCE_NOT_READ,) if held else ()
+
+
 def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:
     if any(list_readable(header) for header in first.values()):
         return
-    if any(is_luminance_chroma(header) for header in first.values()):
-        raise FrameFolderError(
-            f"{frames.root}: the pictures are stored as luminance and chroma (channels Y, RY, BY), "
-            "which rtsr does not read; write them as R, G, B"
-        )
+    if any(list_luminance_layers(header) for header in first.values()):
+        raise FrameFolderError(f"{frames.root}: {LUMINANCE_NOT_READ}")
     subsampled = sorted({c for header in first.values() for c in header.subsampled})
     raise FrameFolderError(
         f"{frames.root}: every channel ({', '.join(subsampled)}) is subsampled; write channels of "
