@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 from click.testing import Result
 
@@ -47,6 +48,77 @@ def test_channels_of_hr_come_out_bit_by_bit(rtsr: Run, shot: Path, tmp_path: Pat
     for name in ("crypto.id", "crypto.weight", "albedo.G"):
         assert out[name].dtype == source[name].dtype
         assert np.array_equal(out[name], source[name])
+
+
+CRYPTO = "cryptomatte/ab12cd3/"
+MANIFEST = {
+    f"{CRYPTO}name": "crypto_object",
+    f"{CRYPTO}hash": "MurmurHash3_32",
+    f"{CRYPTO}conversion": "uint32_to_float32",
+    f"{CRYPTO}manifest": '{"ball":"3f2a9c11"}',
+}
+OTHER = {"cryptomatte/9999999/name": "crypto_material", "cryptomatte/9999999/manifest": "{}"}
+HEADER = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+
+
+def fill(value: float, *names: str, scale: int = 1) -> dict[str, Any]:
+    return {name: np.full((8 * scale, 12 * scale), value, np.float32) for name in names}
+
+
+def write_in_another_part(folder: Path) -> None:
+    ids = {**MANIFEST, **OTHER, "ids": "of this part", "colorInteropID": "data"}
+    parts = [
+        OpenEXR.Part({**HEADER, "owner": "me"}, fill(0.5, *"RGB"), "rgba"),
+        OpenEXR.Part({**HEADER, **ids}, fill(0.25, *"RG"), "crypto_object00"),
+    ]
+    folder.mkdir(parents=True)
+    OpenEXR.File(parts).write(str(folder / "f.0001.exr"))
+
+
+def write_in_another_file(folder: Path) -> None:
+    write_exr(folder / "beauty.0001.exr", fill(0.5, *"RGB"), attributes={"owner": "me"})
+    names = ("crypto_object00.R", "crypto_object00.G")
+    ids = {**MANIFEST, **OTHER, "ids": "of this part", "owner": "another", "rtsr:stamp": "none"}
+    write_exr(folder / "crypto.0001.exr", fill(0.25, *names), attributes=ids)
+
+
+def write_in_hr(folder: Path) -> None:
+    stale = {f"{CRYPTO}name": "crypto_object", f"{CRYPTO}manifest": "stale"}
+    write_exr(folder / "lr" / "f.0001.exr", fill(0.5, *"RGB"), attributes={"owner": "me", **stale})
+    names = ("crypto_object00.R", "crypto_object00.G", "depth.Z")
+    write_exr(
+        folder / "hr" / "f.0001.exr",
+        fill(0.25, *names, scale=2),
+        attributes={**MANIFEST, **OTHER, "ids": "of this part", "owner": "another"},
+    )
+
+
+@pytest.mark.parametrize("make", [write_in_another_part, write_in_another_file, write_in_hr])
+def test_channels_bring_the_attributes_of_the_header_that_they_come_from(
+    rtsr: Run, tmp_path: Path, make: Callable[[Path], None]
+) -> None:
+    make(tmp_path / "in")
+    scale = () if make is write_in_hr else ("--scale", 2)
+    choice = ("--system", "bicubic", *scale, "--passthrough", "crypto_object*")
+    result = rtsr("upscale", tmp_path / "in", tmp_path / "out", *choice)
+    assert result.exit_code == 0, result.output
+    (out,) = (tmp_path / "out").iterdir()
+    attributes = read_header(out).attributes
+    assert {k: v for k, v in attributes.items() if k.startswith("cryptomatte")} == MANIFEST
+    # the picture's own attributes stay, and those of the channels' header go along
+    assert (attributes["owner"], attributes["ids"]) == ("me", "of this part")
+    assert attributes.get("colorInteropID") != "data"
+    assert attributes["rtsr:stamp"] != "none"
+
+
+def test_nothing_of_a_header_comes_along_that_no_channel_comes_from(
+    rtsr: Run, tmp_path: Path
+) -> None:
+    write_in_another_part(tmp_path / "in")
+    choice = ("--system", "bicubic", "--scale", 2)
+    assert rtsr("upscale", tmp_path / "in", tmp_path / "out", *choice).exit_code == 0
+    attributes = read_header(tmp_path / "out" / "f.0001.exr").attributes
+    assert not any(name.startswith(("cryptomatte", "ids")) for name in attributes)
 
 
 def test_channels_that_only_lr_has_are_repeated(rtsr: Run, shot: Path, tmp_path: Path) -> None:

@@ -14,9 +14,6 @@ from rtsr_cli.core.frames.buffers import Buffer
 Streams = Mapping[str, Collection[str]]
 """For each file sequence (`folder/base name`), the channels of its files."""
 
-LISTED = 12
-"""Channels that a message names before it is cut."""
-
 UNNAMED = "unnamed"
 """What users call the layer of channels without one: R, G, B."""
 
@@ -288,7 +285,7 @@ def bind_layout(layout: Layout, streams: Streams, layer: str | None = None) -> B
     """
     matched = match_layout(layout, streams, layer)
     if matched.ambiguous:
-        raise FrameFolderError(_make_ambiguity_error(matched.ambiguous))
+        raise FrameFolderError(make_ambiguity_error(matched.ambiguous))
     if matched.rivals:
         raise make_layer_error(matched.rivals)
     return matched.binding
@@ -307,75 +304,11 @@ def make_layer_error(rivals: Mapping[Buffer, Sequence[str]], where: str = "") ->
     )
 
 
-def _make_ambiguity_error(ambiguous: Mapping[Buffer, tuple[str, ...]]) -> str:
+def make_ambiguity_error(ambiguous: Mapping[Buffer, tuple[str, ...]]) -> str:
+    """Say which buffer several file sequences hold, and the remedy."""
     buffer, holders = next(iter(ambiguous.items()))
     return (
         f"buffer '{buffer}' is in {len(holders)} file sequences of one folder "
         f"({', '.join(repr(h) for h in holders)}); keep one sequence a folder, or say which file "
         "in [buffers] of capture.toml"
     )
-
-
-def list_channels(streams: Streams) -> str:
-    """Channels of all files for a message, cut if there are many."""
-    channels = sorted({c for names in streams.values() for c in names})
-    return ", ".join(channels[:LISTED]) + (", ..." if len(channels) > LISTED else "")
-
-
-def detect_layout(
-    streams: Streams, candidates: Iterable[Layout], where: str, layer: str | None = None
-) -> tuple[Layout, Binding]:
-    """Choose the layout that explains most buffers.
-
-    Layouts that find the same channels are one, the first in the order given; one that would
-    have to guess between file sequences is out, unless it alone explains most.
-
-    Raises:
-        FrameFolderError: none explains any, two explain equally many in different ways, the
-            folder holds two dumps at once, or a file two layers; names the choices.
-    """
-    found = [(layout, match_layout(layout, streams, layer)) for layout in candidates]
-    matches = [(layout, m) for layout, m in found if m.knows(layer)] or found
-    clear = [(layout, m) for layout, m in matches if not m.ambiguous and _is_plausible(layout, m)]
-    best = max((len(m.binding) for _, m in clear), default=0)
-    guess = max((m for _, m in matches if m.ambiguous), key=lambda m: m.explained, default=None)
-    if guess is not None and guess.explained > best:
-        raise FrameFolderError(f"{where}: {_make_ambiguity_error(guess.ambiguous)}")
-    if best == 0:
-        raise FrameFolderError(
-            f"{where}: no layout knows these channels ({list_channels(streams)}); name one with "
-            f"--layout ({', '.join(layout.name for layout, _ in found)}), or say which channel "
-            "is which buffer in [buffers] of capture.toml"
-        )
-    winners = [(layout, m) for layout, m in clear if len(m.binding) == best]
-    winner = winners[0]
-    if winner[1].rivals:
-        raise make_layer_error(winner[1].rivals, where)
-    different = [layout.name for layout, m in winners if m.binding != winner[1].binding]
-    if different:
-        raise FrameFolderError(
-            f"{where}: layouts {', '.join([winner[0].name, *different])} fit these channels "
-            f"equally well ({list_channels(streams)}); choose one with --layout"
-        )
-    _refuse_second_dump(winner, clear, where)
-    return winner[0], winner[1].binding
-
-
-def _is_plausible(layout: Layout, matched: LayoutMatch) -> bool:
-    """Tell whether a layout may be presumed: wide patterns alone do not prove an unverified one."""
-    return layout.verified or Buffer.COLOR in matched.binding
-
-
-def _refuse_second_dump(
-    winner: tuple[Layout, LayoutMatch], others: Iterable[tuple[Layout, LayoutMatch]], where: str
-) -> None:
-    layout, chosen = winner
-    for other, m in others:
-        shared = [b for b in m.binding if b in chosen.binding]
-        if shared and not m.streams & chosen.streams:
-            raise FrameFolderError(
-                f"{where}: holds two dumps: layout {layout.name} in "
-                f"{', '.join(map(repr, sorted(chosen.streams)))} and layout {other.name} in "
-                f"{', '.join(map(repr, sorted(m.streams)))}, both with '{shared[0]}'; keep one a "
-                "folder, or choose one with --layout"
-            )

@@ -19,10 +19,10 @@ from rtsr_cli.core.captures.channel_matching import (
     Binding,
     Streams,
     bind_layout,
-    detect_layout,
     match_layout,
 )
 from rtsr_cli.core.captures.channel_tables import BufferTable, build_components
+from rtsr_cli.core.captures.layout_detection import detect_layout
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.captures.layouts import Component, Layout
 from rtsr_cli.core.captures.presets import LAYOUTS

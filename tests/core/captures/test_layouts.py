@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rtsr_cli.core.captures.channel_matching import bind_layout, detect_layout
+from rtsr_cli.core.captures.channel_matching import bind_layout
+from rtsr_cli.core.captures.layout_detection import detect_layout
 from rtsr_cli.core.captures.layouts import ChannelPlace, Component, Layout, name_components
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.captures.reader import FrameReader
@@ -120,6 +121,56 @@ def test_two_groups_of_one_meaning_are_a_choice_for_the_user(
         _, binding = detect_layout({"f": channels}, LAYOUTS.values(), "shot", layer)
         held = {c.channel.rpartition(".")[0] or "unnamed" for c in binding[buffer]}
         assert held == {layer}
+
+
+BLENDER_5 = [
+    f"{LAYER}.{channel}"
+    for channel in spread(
+        ("Combined", "RGBA"),
+        ("Depth", "V"),
+        ("Normal", "XYZ"),
+        ("Diffuse Color", "RGB"),
+        ("Glossy Color", "RGB"),
+        ("Emission", "RGB"),
+        ("roughness", "V"),
+        ("Object Index", "V"),
+    )
+]
+
+
+def test_names_of_blender_5_are_known() -> None:
+    layout, binding = detect_layout({"render": BLENDER_5}, LAYOUTS.values(), "shot")
+    assert layout.name == "blender"
+    held = {b: parts[0].channel.removeprefix(f"{LAYER}.") for b, parts in binding.items()}
+    assert held == {
+        Buffer.COLOR: "Combined.R", Buffer.ALPHA: "Combined.A", Buffer.DEPTH: "Depth.V",
+        Buffer.NORMAL: "Normal.X", Buffer.ALBEDO: "Diffuse Color.R",
+        Buffer.SPECULAR: "Glossy Color.R", Buffer.EMISSION: "Emission.R",
+        Buffer.ROUGHNESS: "roughness.V", Buffer.OBJECT_ID: "Object Index.V",
+    }  # fmt: skip
+
+
+def test_glossy_colour_stands_in_for_metallic_only() -> None:
+    streams = {"render": [*BLENDER_5, f"{LAYER}.metallic.X"]}
+    _, binding = detect_layout(streams, LAYOUTS.values(), "shot")
+    assert Buffer.METALLIC in binding
+    assert Buffer.SPECULAR not in binding
+
+
+@pytest.mark.parametrize(
+    ("streams", "grey"),
+    [
+        ({"f": ["Y"]}, True),
+        ({"f": ["Y", "A", "Z", "normal.X", "normal.Y", "normal.Z"]}, True),
+        ({"f": ["R", "G", "B", "Y"]}, False),
+        ({"f": ["X", "Y", "depth.Z"]}, False),
+        ({"depth": ["Y"], "f": ["R", "G", "B"]}, False),
+    ],
+)
+def test_luminance_alone_is_grey_radiance(streams: dict[str, list[str]], grey: bool) -> None:
+    binding = bind_layout(LAYOUTS["rtsr"], streams)
+    channels = [c.channel for c in binding.get(Buffer.COLOR, ())]
+    assert (channels == ["Y"] * 3) is grey
 
 
 def test_two_groups_that_one_pattern_fits_are_a_choice_for_the_user() -> None:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from rtsr_cli.core.captures.channel_matching import bind_layout, detect_layout, match_layout
+from rtsr_cli.core.captures.channel_matching import bind_layout, match_layout
+from rtsr_cli.core.captures.layout_detection import detect_layout
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.captures.reader import FrameReader

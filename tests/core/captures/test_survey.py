@@ -345,6 +345,21 @@ def test_files_of_luminance_and_chroma_only_are_refused_in_words_that_help(
         open_frames(frames, headers=headers, layout=None, capture=CaptureDeclaration(), side_car={})
 
 
+@pytest.mark.parametrize("layer", ["", "main."])
+def test_luminance_and_chroma_are_refused_in_one_message(tmp_path: Path, layer: str) -> None:
+    planes = {f"{layer}{c}": np.ones((4, 4), np.float32) for c in ("Y", "RY", "BY", "A")}
+    write_exr(tmp_path / "f.0001.exr", planes)
+    frames = collect_frame_set(tmp_path)
+    assert frames is not None
+    chroma = frozenset({f"{layer}RY", f"{layer}BY"})
+    headers = {
+        key: {n: replace(h, subsampled=chroma) for n, h in by_number.items()}
+        for key, by_number in read_headers(frames).items()
+    }
+    with pytest.raises(FrameFolderError, match=r"luminance and chroma .*write them as R, G, B"):
+        open_frames(frames, headers=headers, layout=None, capture=CaptureDeclaration(), side_car={})
+
+
 def test_buffers_that_share_no_frame_are_refused_even_where_frames_may_be_skipped(
     tmp_path: Path, write_frames: Write, open_folder: Open
 ) -> None:

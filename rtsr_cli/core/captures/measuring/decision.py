@@ -69,6 +69,7 @@ def measure_and_decide(
     ):
         if motion or step not in {_decide_motion, _check_repeats}:
             settled = step(settled, capture)
+    settled = _add_resting(settled)
     text = settled.motion_undecided
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
@@ -197,6 +198,19 @@ def _check_repeats(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     if clear or capture.motion.decides():
         return settled
     return replace(settled, motion_undecided=describe_repeated(reader))
+
+
+def _add_resting(settled: MeasuredReader) -> MeasuredReader:
+    """Where motion stays undecided, say that frames repeat, which hinders the measurement."""
+    measured = settled.measured
+    moves = measured.motion is not None and measured.motion.moving > 0.0
+    if not (settled.motion_undecided and measured.resting and moves):
+        return settled
+    return add_warning(
+        settled,
+        f"frames {format_ranges(measured.resting)} show the picture of the frame before them "
+        "(animation on twos?), so that little of the motion can be measured",
+    )
 
 
 def _describe_doubt(

@@ -64,6 +64,7 @@ class StorageMeasurement:
     Attributes:
         motion: ranked readings of the vectors, None without motion, pictures or two frames.
         repeated: frames with the picture of the frame before them, and vectors that move.
+        resting: such frames whose vectors rest, as they should.
         by_geometry: the tied reading that camera and depth single out, if they do.
         jitter: whether vectors contain it.
         depth: ranked readings.
@@ -74,6 +75,7 @@ class StorageMeasurement:
 
     motion: MotionFinding | None = None
     repeated: tuple[int, ...] = ()
+    resting: tuple[int, ...] = ()
     by_geometry: MotionCandidate | None = None
     jitter: JitterFinding | None = None
     depth: DepthFinding = field(default_factory=DepthFinding)
@@ -165,8 +167,13 @@ def _measure_group(
     measured = StorageMeasurement(frames=tuple(stored))
     if motion and len(stored) > 1 and _has_pictures(reader.stored):
         finding = _find_motion(reader, stored, presumed.motion)
-        repeated = tuple(_list_repeated(stored, reader.step, presumed.motion.zero))
-        measured = replace(measured, motion=finding, repeated=repeated)
+        repeats = dict(_find_repeats(stored, reader.step, presumed.motion.zero))
+        measured = replace(
+            measured,
+            motion=finding,
+            repeated=tuple(n for n, moves in repeats.items() if moves),
+            resting=tuple(n for n, moves in repeats.items() if not moves),
+        )
     last = stored[max(stored)]
     camera = reader.cameras[max(stored)]
     if Buffer.POSITION in last:
@@ -181,10 +188,10 @@ def _has_pictures(buffers: Collection[Buffer]) -> bool:
     return Buffer.MOTION in buffers and any(b in buffers for b in PICTURES)
 
 
-def _list_repeated(
+def _find_repeats(
     stored: Mapping[int, Mapping[Buffer, Tensor]], step: int, zero: float
-) -> Iterator[int]:
-    """Frames that show what the frame before them does, though their vectors lead elsewhere."""
+) -> Iterator[tuple[int, bool]]:
+    """Frames that show what the frame before them does, and whether their vectors move."""
     for number, buffers in stored.items():
         before = stored.get(number - step)
         # pictures without any detail look alike wherever things move
@@ -192,8 +199,7 @@ def _list_repeated(
         if not pictures or before is None or not all(buffers[b].equal(before[b]) for b in pictures):
             continue
         moving = ((buffers[Buffer.MOTION].nan_to_num() - zero).abs().amax(1) > STILL_PX).float()
-        if float(moving.mean()) > LEAST_MOVING:
-            yield number
+        yield number, float(moving.mean()) > LEAST_MOVING
 
 
 def _is_flat(picture: Tensor) -> bool:

@@ -344,3 +344,50 @@ def test_a_layout_that_is_named_runs_without_the_vectors_that_nothing_decides(
     assert run.notes == (decision.NOT_READ,)
     beside = measure_and_decide(reader, CaptureDeclaration(), named=True, motion=False)
     assert beside.motion_undecided == ""
+
+
+def unfit(*conventions: MotionConvention) -> MotionFinding:
+    """A finding in which no reading is better than taking everything for still."""
+    ranked = [candidate(c, 0.5, 0.4, 9.0) for c in conventions]
+    return MotionFinding(
+        candidates=(candidate(NEGATED, 0.4, 0.4, 0.0), *ranked),
+        unmoved_error=0.1,
+        moving=1.0,
+        triples=(1,),
+    )
+
+
+def test_vectors_that_fit_nothing_leave_a_verified_layout_readable(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=unfit(MotionConvention())))
+    assert "no reading of the motion vectors fits" in result.motion_undecided
+    run = require_decision(result, sharded=False)
+    assert run.stored - run.readable == {Buffer.MOTION}
+    assert any("the frames do not follow them" in text for text in run.warnings)
+
+
+def test_vectors_that_fit_nothing_prove_no_layout_that_nobody_named(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=unfit(MotionConvention())), verified=False)
+    with pytest.raises(FrameFolderError, match="no reading of the motion vectors fits"):
+        require_decision(result, sharded=False)
+
+
+def test_frames_that_repeat_are_said_and_their_vectors_not_read(settled: Settle) -> None:
+    finding = replace(clear(MotionConvention(), NEGATED), unmoved_error=0.1)
+    result = settled(StorageMeasurement(motion=finding, repeated=(2, 3)))
+    assert "frames 2-3 show the picture of the frame before them" in result.warnings[-1]
+    assert "frames repeat the one before them" in result.motion_undecided
+    assert 'motion = {unit = "pixels"' in result.motion_undecided
+    assert result.undecided == ""
+
+
+def test_a_clear_reading_holds_though_a_frame_repeats(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=clear(MotionConvention(), NEGATED), repeated=(2,)))
+    assert "frames 2 show" in result.warnings[-1]
+    assert result.motion_undecided == ""
+
+
+def test_declared_vectors_are_read_though_frames_repeat(settled: Settle) -> None:
+    declared = capture(motion={"direction": P, "unit": "pixels", "y_axis": "down"})
+    finding = replace(clear(MotionConvention(), NEGATED), unmoved_error=0.1)
+    result = settled(StorageMeasurement(motion=finding, repeated=(2,)), declared)
+    assert result.motion_undecided == ""
