@@ -98,12 +98,22 @@ def write_bare_and_named(path: Path) -> None:
     write(path, {**rgb("", FIRST), **rgb("beauty.", SECOND)})
 
 
+def write_stereo_without_a_word(path: Path) -> None:
+    write(path, {**rgb("", FIRST), "Z": 2.0, **rgb("right.", SECOND), "right.Z": 50.0})
+
+
+def write_both_views_without_a_word(path: Path) -> None:
+    write(path, {**rgb("left.", FIRST), **rgb("right.", SECOND)})
+
+
 KINDS = [
     (write_view_layers, "Fore ground", "Back"),
     (write_stereo, "left", "right"),
     (write_stereo_in_layers, "VL.left", "VL.right"),
     (write_stereo_parts, "left", "right"),
     (write_stereo_parts_of_blender_5, "VL.left", "VL.right"),
+    (write_stereo_without_a_word, "left", "right"),
+    (write_both_views_without_a_word, "left", "right"),
     (write_groups, "rgba", "beauty"),
     (write_bare_and_named, "unnamed", "beauty"),
 ]
@@ -187,6 +197,21 @@ def test_a_name_that_no_layer_has_is_refused_with_those_there_are(
     result = upscale("--layer", "middle")
     assert result.exit_code == 3
     assert "'left', 'right'" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("bare", [True, False])
+def test_a_layer_that_no_layout_knows_can_be_read(
+    upscale: Run, rtsr: Run, tmp_path: Path, bare: bool
+) -> None:
+    values = {**rgb("fg.", FIRST), "fg.depth.Z": 2.0, **rgb("bg.", SECOND)}
+    write(tmp_path / "in" / "f.0001.exr", values | (rgb("", 0.5) if bare else {}))
+    assert upscale().exit_code == (0 if bare else 3)
+    assert upscale("--layer", "fg", "--overwrite").exit_code == 0
+    out = tmp_path / "out" / "f.0001.exr"
+    assert float(read_channels(out, "R")["R"].mean()) == FIRST
+    facts = json.loads(rtsr("inspect", tmp_path / "in", "--layer", "fg", "--json").stdout)
+    assert (facts["layers"], facts["layer"]) == (["fg"], "fg")
+    assert set(facts["buffers"]) == {"color", "depth"}
 
 
 def test_files_without_layers_are_read_whatever_is_asked_for(upscale: Run, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from rtsr_cli.core.captures.channel_matching import Binding, make_layer_error, m
 from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.layout_files import choose_layout
 from rtsr_cli.core.captures.layouts import Layout
-from rtsr_cli.core.errors import FrameFolderError, did_you_mean
+from rtsr_cli.core.errors import FrameFolderError, LayerChoiceError, did_you_mean
 from rtsr_cli.core.files.channel_names import strip_view
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import Buffer
@@ -136,6 +136,43 @@ def _list_view(headers: Headers, view: str, own: Collection[str]) -> _Names:
 
 
 def _bind_view(
+    named: Layout | None,
+    capture: CaptureDeclaration,
+    names: _Names,
+    where: str,
+    layer: str | None,
+) -> BoundLayers:
+    """Bind what a view holds; of a layer that no layout knows, what its names hold without it."""
+    inside = {} if layer is None else _list_inside(names, layer)
+    unknown: FrameFolderError | None = None
+    try:
+        bound = _bind_names(named, capture, names, where, layer)
+        if bound.layer or not inside or layer is None:
+            return bound
+    except LayerChoiceError:
+        raise
+    except FrameFolderError as error:
+        if not inside:
+            raise
+        unknown = error
+    try:
+        bound = _bind_names(named, capture, inside, where, None)
+    except FrameFolderError as error:
+        raise unknown or error from error
+    return replace(bound, layers=(str(layer),), layer=str(layer))
+
+
+def _list_inside(names: _Names, layer: str) -> _Names:
+    """Channels that a layer begins, by their names without it."""
+    before = f"{layer}."
+    inside = {
+        key: {n.removeprefix(before): c for n, c in found.items() if n.startswith(before)}
+        for key, found in names.items()
+    }
+    return {key: found for key, found in inside.items() if found}
+
+
+def _bind_names(
     named: Layout | None,
     capture: CaptureDeclaration,
     names: _Names,

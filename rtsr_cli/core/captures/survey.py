@@ -218,7 +218,8 @@ class HeaderFiles:
             header = self._cache.read(path)
             # the files of a sequence have the same channels: the names are held once
             names = self._names.setdefault(header.channels, header.channels)
-            header = self._known[path] = replace(header, channels=names)
+            # attributes of later parts (manifests) are read again by those who need them
+            header = self._known[path] = replace(header, channels=names, later=())
         return header
 
     def of_first(self, frames: FrameSet) -> dict[str, ExrHeader]:

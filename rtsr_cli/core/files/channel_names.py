@@ -11,6 +11,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+STEREO = ("left", "right")
+"""Views that are known by their names, even where no attribute says that there are views."""
+
 SEPARATORS = "._- "
 """Between the name of a part and its view: `rgba.left`, `depth_left`, `ViewLayer.Depth-left`."""
 
@@ -53,6 +56,17 @@ class NamedPart:
         if not layers:
             return self.views[0]
         return layers[-1] if layers[-1] in self.views else ""
+
+
+def guess_views(channels: Sequence[str]) -> tuple[str, ...]:
+    """Views of a part whose header names none; the one without a name first, or an empty name.
+
+    `R` beside `right.R` is of the left eye; beside `left.R` and `right.R` it is of neither.
+    """
+    found = {name.split(".")[-2] for name in channels if "." in name}.intersection(STEREO)
+    if len(found) == 1 and "R" in channels:
+        return (*(view for view in STEREO if view not in found), *found)
+    return ("", *sorted(found)) if found else ()
 
 
 def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:

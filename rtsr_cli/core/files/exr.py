@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
-from rtsr_cli.core.files.channel_names import NamedPart, find_views, name_channels
+from rtsr_cli.core.files.channel_names import NamedPart, find_views, guess_views, name_channels
 from rtsr_cli.core.files.exr_chunks import ends_too_early
 from rtsr_cli.core.files.library_output import silence_library
 
@@ -270,7 +270,7 @@ def _name_part(header: Mapping[str, Any], channels: Sequence[str]) -> NamedPart:
         name=str(header.get("name", "")),
         channels=tuple(channels),
         view=str(header.get("view", "")),
-        views=tuple(filter(None, map(str, views))) if isinstance(views, list) else (),
+        views=tuple(map(str, views)) if isinstance(views, list) else guess_views(channels),
     )
 
 
