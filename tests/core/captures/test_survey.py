@@ -354,7 +354,7 @@ def test_luminance_and_chroma_are_refused_in_one_message(tmp_path: Path, layer: 
     chroma = frozenset({f"{layer}RY", f"{layer}BY"})
     headers = {
         key: {n: replace(h, subsampled=chroma) for n, h in by_number.items()}
-        for key, by_number in read_headers(frames).items()
+        for key, by_number in read_headers(frames, HeaderFiles()).items()
     }
     with pytest.raises(FrameFolderError, match=r"luminance and chroma .*write them as R, G, B"):
         open_frames(frames, headers=headers, layout=None, capture=CaptureDeclaration(), side_car={})
