@@ -256,6 +256,17 @@ def test_capture_toml_names_a_layer_and_the_option_holds_over_it(
     assert float(read_channels(out, "R")["R"].mean()) == FIRST
 
 
+def test_a_capture_toml_of_layers_to_choose_from_lists_them(rtsr: Run, tmp_path: Path) -> None:
+    write_view_layers(tmp_path / "in" / "f.0001.exr")
+    assert rtsr("inspect", tmp_path / "in", "--write").exit_code == 3
+    path = tmp_path / "in" / "capture.toml"
+    text = path.read_text()
+    assert '# layer = "Back"\n# layer = "Fore ground"\n' in text
+    path.write_text(text.replace("# layer", "layer", 1))
+    facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
+    assert facts["layer"] == "Back"
+
+
 def test_channels_that_are_spelled_out_are_a_choice(upscale: Run, tmp_path: Path) -> None:
     write(
         tmp_path / "in" / "f.0001.exr",

@@ -78,7 +78,9 @@ def write_capture(
     """Write a shot's capture.toml, or say why it could not be written."""
     path = inspection.root / CAPTURE_FILE
     main = inspection.main
-    text = write_capture_text(main.settled, inspection.capture, main.guessed, main.unknown)
+    text = write_capture_text(
+        main.settled, inspection.capture, main.guessed, main.unknown, main.layers
+    )
     try:
         kept = _replace(path, text, overwrite=overwrite)
     except OutputError as error:

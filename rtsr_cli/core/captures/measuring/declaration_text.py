@@ -23,6 +23,7 @@ def write_capture_text(
     capture: CaptureDeclaration,
     guessed: Mapping[Buffer, tuple[str, ...]],
     unknown: Mapping[str, Sequence[str]],
+    layers: Sequence[str] = (),
 ) -> str:
     """Return the text of a capture.toml.
 
@@ -31,8 +32,11 @@ def write_capture_text(
         capture: what was declared already; it is kept.
         guessed: suggestions for unknown channels, written as comments.
         unknown: channels that no buffer takes, per file sequence.
+        layers: that have to be chosen from where the frames cannot be read.
     """
     lines = [HEADING]
+    if settled is None:
+        lines += [f"# layer = {write_toml_value(name)}" for name in layers]
     if settled is not None:
         lines += _list_general_lines(settled, capture)
         lines += _list_convention_lines(settled)
