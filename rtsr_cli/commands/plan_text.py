@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.run.events import ShotPlanned
+from rtsr_cli.core.run.events import RunDone, ShotPlanned
 
 MIB = 1 << 20
 
@@ -88,16 +88,29 @@ MAX_LISTED = 10
 """Frames that a summary names; the rest is counted."""
 
 
-def log_repairs(repaired: Mapping[str, int]) -> None:
-    """Say how many NaN and Inf were repaired, by frame."""
-    if not repaired:
-        return
-    listed = [f"{name}: {count}" for name, count in repaired.items()]
-    more = f" and {len(listed) - MAX_LISTED} more" if len(listed) > MAX_LISTED else ""
-    LOG.info(
-        "repaired %d NaN or Inf in %d frames (%s%s)",
-        sum(repaired.values()),
-        len(repaired),
-        ", ".join(listed[:MAX_LISTED]),
-        more,
-    )
+def log_pixel_findings(done: RunDone) -> None:
+    """Say, by frame, what was repaired, what is below 0, and what half could not hold."""
+    if done.repaired:
+        LOG.info("repaired %d NaN or Inf in %s", *_count_by_frame(done.repaired))
+    if done.negative:
+        LOG.warning(
+            "Warning: %d values of radiance are below 0, which no light is, in %s: render them "
+            "again, or clamp them, if they are not meant",
+            *_count_by_frame(done.negative),
+        )
+    if done.as_float:
+        LOG.warning(
+            "Warning: radiance above 65504, which half cannot hold: written as float: %s",
+            _list_some(done.as_float),
+        )
+
+
+def _count_by_frame(counts: Mapping[str, int]) -> tuple[int, str]:
+    """Return the sum, and how many frames of which names it is in."""
+    listed = _list_some([f"{name}: {count}" for name, count in counts.items()])
+    return sum(counts.values()), f"{len(counts)} frames ({listed})"
+
+
+def _list_some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return ", ".join(names[:MAX_LISTED]) + more

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
-from rtsr_cli.commands.plan_text import log_plan, log_repairs
+from rtsr_cli.commands.plan_text import log_pixel_findings, log_plan
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
 from rtsr_cli.core.run.request import FramesRequest
 
@@ -86,4 +86,4 @@ class Progress:
         listed = [f"{count} {status}" for status, count in done.counts.items()]
         took = [] if done.seconds is None else [f"{done.seconds:.1f} s"]
         LOG.info("%s: %s", done.folder, ", ".join([*listed, *took]))
-        log_repairs(done.repaired)
+        log_pixel_findings(done)

@@ -39,6 +39,15 @@ class InputChangedError(FrameFolderError):
     """A file that is no longer what it was when the run was planned."""
 
 
+class NonfiniteOutputError(FrameFolderError):
+    """An output that would hold NaN or Inf, and is not written; `count` says how many."""
+
+    def __init__(self, message: str, count: int) -> None:
+        """Remember how many there are."""
+        super().__init__(message)
+        self.count = count
+
+
 class MissingBufferError(RtsrError):
     """A buffer that a system needs and a frame does not hold."""
 

@@ -18,7 +18,7 @@ from rtsr_cli.core.files.exr import read_header, write_exr
 from rtsr_cli.core.files.provenance import describe_provenance, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import DerivationConfig, resolve_needs
-from rtsr_cli.core.pairs.nonfinite import apply_policy
+from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.opening import open_radiance
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
 from rtsr_cli.core.run.frame_pairs import read_options
@@ -26,7 +26,14 @@ from rtsr_cli.core.run.loop import Outcome, Product
 from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
 from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan, check_selection, plan_shot
 from rtsr_cli.core.run.shot_inputs import ShotInputs
-from rtsr_cli.core.run.shot_runs import NONFINITE, ShotJob, describe_outcome, run_shots
+from rtsr_cli.core.run.shot_runs import (
+    AS_FLOAT,
+    NEGATIVE,
+    NONFINITE,
+    ShotJob,
+    describe_outcome,
+    run_shots,
+)
 
 COMMAND = "demodulate"
 
@@ -55,6 +62,8 @@ class FrameDivided(FrameDone):
             "kept": self.status is Status.KEPT,
             "failed": self.message,
             "nonfinite": self.nonfinite,
+            "negative": self.negative,
+            "as_float": self.as_float,
             "stops": self.stops,
         }
 
@@ -110,6 +119,9 @@ def finish_division(done: RunDone, written: list[FrameDivided]) -> DivisionDone:
         seconds=None,
         counts=done.counts,
         repaired=done.repaired,
+        spoilt=done.spoilt,
+        negative=done.negative,
+        as_float=done.as_float,
         stopped=done.stopped,
         error=max((frame.error for frame in written), default=0.0),
         undivided=sum(frame.undivided for frame in written) / max(len(written), 1),
@@ -209,6 +221,7 @@ class DivisionJob(ShotJob[Product]):
             header = read_header(source)
             frame = reader.read(key, self._read)
         frame, fixed = apply_policy(frame, request.on_nonfinite)
+        negative = count_negative(frame)
         transform = recompose_frame if request.inverse else demodulate_frame
         parts = transform(frame, make_derivation_config(request), full=request.full)
         known = describe_provenance(
@@ -230,7 +243,13 @@ class DivisionJob(ShotJob[Product]):
                 display_window=windows.display,
             )
 
-        facts = {NONFINITE: fixed, "error": parts.error, "undivided": parts.undivided}
+        facts = {
+            NONFINITE: fixed,
+            NEGATIVE: negative,
+            AS_FLOAT: parts.as_float,
+            "error": parts.error,
+            "undivided": parts.undivided,
+        }
         return Product(write=write, facts=facts)
 
     def compute(self, key: int, loaded: Product) -> Product:

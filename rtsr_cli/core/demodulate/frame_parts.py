@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ import torch
 from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.frames.storage import split_buffer, split_image
+from rtsr_cli.core.frames.storage import MAX_HALF, largest_magnitude, split_buffer, split_image
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.derivation import (
     STRIP_PIXELS,
@@ -21,7 +22,11 @@ from rtsr_cli.core.imaging.derivation import (
     derive_sky,
 )
 from rtsr_cli.core.imaging.row_strips import cut_frame
+from rtsr_cli.core.run.outputs import check_output
 from rtsr_cli.core.shapes import Image, Mask, Size
+
+REMEDY = "another --mode, or frames whose numbers are not near the largest float"
+"""Of what not even float can hold."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +37,13 @@ class FrameParts:
         channels: by name, as the file stores them.
         error: largest recomposition error relative to max(|c|, 1e-3).
         undivided: share of the pixels with mask 0.
+        as_float: float was not asked for, but half cannot hold the frame.
     """
 
     channels: Mapping[str, Any]
     error: float = 0.0
     undivided: float = 0.0
+    as_float: bool = False
 
 
 class FrameLayers:
@@ -47,6 +54,11 @@ class FrameLayers:
         self.layers: dict[Buffer, torch.Tensor] = {}
         self._size = size
         self._full = full
+
+    @property
+    def finite(self) -> bool:
+        """Tell whether no layer holds NaN or Inf; in half, that is what is too large for it."""
+        return all(math.isfinite(largest_magnitude(image)) for image in self.layers.values())
 
     def put(self, top: int, buffer: Buffer, strip: Image) -> Image:
         """Lay a strip down where it belongs; return it as it is stored."""
@@ -61,7 +73,11 @@ class FrameLayers:
 def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:
     """Demodulate one frame; divisor and emission are rounded before the division, not after.
 
-    Only the quotient's own rounding is then left in the recomposed radiance.
+    Only the quotient's own rounding is then left in the recomposed radiance. A frame that half
+    cannot hold is made again as float.
+
+    Raises:
+        NonfiniteOutputError: not even float can hold it; the frame is not written.
     """
     sheet = FrameLayers(frame.size, full=full)
     error, count = 0.0, 0.0
@@ -73,8 +89,11 @@ def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> F
         error = max(error, dm.recomposition_error(strip.gbuffer[Buffer.COLOR], product))
         count += float(parts.mask.sum(dtype=torch.float64))
         put(Buffer.LIGHTING_MASK, parts.mask)
+    if not full and not sheet.finite:
+        return replace(demodulate_frame(frame, config, full=True), as_float=True)
     channels: dict[str, Any] = {}
     for buffer, image in sheet.layers.items():
+        check_output(image, f"{frame.gbuffer.where}: '{buffer}' of the division", REMEDY)
         channels |= split_buffer(buffer, image, full=image.dtype == torch.float32)
     channels["mask"] = channels.pop(Buffer.LIGHTING_MASK.value)
     height, width = frame.size
@@ -110,7 +129,11 @@ def demodulate_strip(
 
 
 def recompose_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:
-    """Multiply lighting by material, and add the emission."""
+    """Multiply lighting by material, and add the emission.
+
+    Raises:
+        NonfiniteOutputError: the product is NaN or Inf somewhere; the frame is not written.
+    """
     del config
     gbuffer = frame.gbuffer
     radiance = dm.remodulate(
@@ -118,4 +141,8 @@ def recompose_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> Fr
         gbuffer[Buffer.MATERIAL],
         gbuffer.buffers.get(Buffer.EMISSION),
     )
-    return FrameParts(channels=split_image("", radiance, "RGB", full=full))
+    largest = check_output(radiance, f"{gbuffer.where}: lighting * material", REMEDY)
+    as_float = not full and largest > MAX_HALF
+    return FrameParts(
+        channels=split_image("", radiance, "RGB", full=full or as_float), as_float=as_float
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -78,6 +79,12 @@ _CONVERSIONS: Mapping[Buffer, Callable[[Tensor, StoredFrame], Tensor]] = {
     Buffer.GEONORMAL: _normal,
     Buffer.POSITION: _position,
 }
+
+
+def largest_magnitude(image: Tensor) -> float:
+    """Largest |value|, NaN where one is NaN; above `MAX_HALF` no half file can hold it."""
+    low, high = (float(bound) for bound in torch.aminmax(image))
+    return high if math.isnan(high) else max(abs(low), abs(high))
 
 
 def round_to_half(values: Tensor) -> Tensor:

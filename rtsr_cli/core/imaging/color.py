@@ -33,9 +33,24 @@ def encode_reinhard(color: Image) -> Image:
 
 
 def decode_reinhard(tonemapped: Image) -> Image:
-    """Expand y to y / (1 - y); y is held below the curve's value at the largest half."""
+    """Expand y to y / (1 - y), at most the largest half."""
     bounded = tonemapped.clamp(0.0, MAX_HALF / (1.0 + MAX_HALF))
-    return bounded / (1.0 - bounded)
+    # float32 has few steps left so near 1, and rounds past it
+    return (bounded / (1.0 - bounded)).clamp(max=MAX_HALF)
+
+
+def encode_reinhard_wide(color: Image) -> Image:
+    """Compress c to c / (1 + c) - 1 = -1 / (1 + c), in float64; negative radiance counts as 0.
+
+    The curve of `encode_reinhard`, which has no steps left where c is above the largest half.
+    """
+    return -1.0 / (1.0 + color.double().clamp(min=0.0))
+
+
+def decode_reinhard_wide(tonemapped: Image) -> Image:
+    """Inverse of `encode_reinhard_wide`, up to the largest float."""
+    rest = (-tonemapped).clamp(1.0 / torch.finfo(torch.float32).max, 1.0)
+    return ((1.0 - rest) / rest).float()
 
 
 def encode_log(lighting: Image, scale: float) -> Image:

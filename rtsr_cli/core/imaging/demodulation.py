@@ -21,6 +21,9 @@ from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.imaging.brdf_lut import sample_lut
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
+MAX_FLOAT = torch.finfo(torch.float32).max
+"""No quotient is above it."""
+
 DIELECTRIC_F0 = 0.04
 """Reflectance at normal incidence of a common dielectric [Karis 2013; NSRD suppl.]."""
 
@@ -116,7 +119,7 @@ def demodulate(
 
     Emission is bounded by the radiance: noise leaves radiance < emission in places, and the sum
     must still recompose. Non-finite pixels are not divided, nor are those whose quotient no
-    half file could hold.
+    half file could hold; of radiance that itself is too large for half, no float could.
 
     Args:
         radiance: linear HDR.
@@ -135,7 +138,8 @@ def demodulate(
     lowest, highest = (float(value) for value in torch.aminmax(reflected))
     # one fast pass tells most frames: finite, and no quotient too large where F > epsilon
     if not (math.isfinite(lowest) and highest <= MAX_HALF * epsilon):
-        divisible &= (reflected <= MAX_HALF * material).all(1, keepdim=True)
+        most = MAX_FLOAT if MAX_HALF < highest < math.inf else MAX_HALF
+        divisible &= (reflected <= most * material).all(1, keepdim=True)
         divisible &= torch.isfinite(radiance).all(1, keepdim=True)
     divisor = material.masked_fill(~divisible, 1.0)
     return Demodulated(
@@ -166,10 +170,12 @@ def lighting_scale(lighting: Color, mask: Mask) -> float:
 
 
 def recomposition_error(radiance: Color, recomposed: Color) -> float:
-    """Largest |difference| relative to max(|radiance|, 1e-3) over finite pixels."""
+    """Largest |difference| relative to max(|radiance|, 1e-3) over finite radiance."""
     difference = (recomposed - radiance).div_(radiance.abs().clamp_(min=1e-3))
     largest = max(abs(float(bound)) for bound in torch.aminmax(difference))
     if math.isfinite(largest):
         return largest
-    finite = torch.isfinite(radiance) & torch.isfinite(recomposed)
-    return float(difference.abs_().masked_fill_(~finite, 0.0).max())
+    finite = torch.isfinite(radiance)
+    worst = float(difference.abs_().masked_fill_(~finite, 0.0).max())
+    # what recomposes to no number at all is as wrong as can be
+    return math.inf if math.isnan(worst) else worst

@@ -6,12 +6,20 @@ Conventions: LR samples lie at `jitter_px` from their pixel's centre; borders ar
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
 
 from rtsr_cli.core.frames.motion import Jitter
-from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
+from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.imaging.color import (
+    decode_reinhard,
+    decode_reinhard_wide,
+    encode_reinhard,
+    encode_reinhard_wide,
+)
 from rtsr_cli.core.imaging.resampling import (
     BICUBIC_SUPPORT_PX,
     grow_valid,
@@ -28,23 +36,52 @@ AVERAGE_LOG_LIGHTING = math.log(2.0)
 """log(1 + lighting / k) of lighting that is k, the frame's mean."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ToneCurve:
+    """c / (1 + c), less a constant: what is interpolated in place of radiance.
+
+    Attributes:
+        encode, decode: radiance to it, and back.
+        highlight: its value from which overshoot is bounded.
+    """
+
+    encode: Callable[[Color], Color]
+    decode: Callable[[Color], Color]
+    highlight: float
+
+
+CURVE = ToneCurve(encode=encode_reinhard, decode=decode_reinhard, highlight=HIGHLIGHT)
+WIDE_CURVE = ToneCurve(
+    encode=encode_reinhard_wide, decode=decode_reinhard_wide, highlight=HIGHLIGHT - 1.0
+)
+"""For radiance that half cannot hold: the same curve, slower, of more digits."""
+
+
+def choose_curve(color: Color) -> ToneCurve:
+    """Return the curve that keeps the brightest pixel."""
+    return WIDE_CURVE if float(color.amax()) > MAX_HALF else CURVE
+
+
 def enlarge_radiance(color: Color, scale: int, jitter_px: Jitter) -> Color:
     """Enlarge c / (1 + c) and expand."""
-    encoded = encode_reinhard(color)
+    curve = choose_curve(color)
+    encoded = curve.encode(color)
     enlarged = upsample_bicubic(encoded, scale, jitter_px)
-    return decode_reinhard(bound_highlights(enlarged, encoded, scale))
+    return curve.decode(bound_highlights(enlarged, encoded, scale, curve.highlight))
 
 
-def bound_highlights(enlarged: Color, encoded: Color, scale: int) -> Color:
+def bound_highlights(
+    enlarged: Color, encoded: Color, scale: int, highlight: float = HIGHLIGHT
+) -> Color:
     """Hold overshoot beside highlights at the brightest of the 5x5 samples around.
 
     In c / (1 + c) an overshoot of a hundredth above 0.99 is radiance without bound; below
-    `HIGHLIGHT` the kernel's overshoot is the sharpening that it is meant to be.
+    `highlight` the kernel's overshoot is the sharpening that it is meant to be.
     """
     brightest = encoded
     for dim in (-2, -1):
         brightest = _brightest_along(brightest, dim)
-    bound = upsample_nearest(brightest.clamp(min=HIGHLIGHT), scale)
+    bound = upsample_nearest(brightest.clamp(min=highlight), scale)
     return torch.minimum(enlarged, bound)
 
 
@@ -94,9 +131,10 @@ def enlarge_masked_radiance(
         jitter_px: of the samples.
         wanted: output pixels that are looked at, 1 = wanted; others may hold anything. None = all.
     """
-    encoded = encode_reinhard(color)
-    own, supported = upsample_masked_bicubic(encoded, mask, scale, jitter_px)
+    curve = choose_curve(color)
+    encoded = curve.encode(color)
+    own, supported = upsample_masked_bicubic(encoded, mask.to(encoded), scale, jitter_px)
     missing = supported <= 0
     if bool((missing if wanted is None else missing & (wanted > 0)).any()):
         own = torch.where(missing, upsample_bicubic(encoded, scale, jitter_px), own)
-    return decode_reinhard(bound_highlights(own, encoded, scale))
+    return curve.decode(bound_highlights(own, encoded, scale, curve.highlight))

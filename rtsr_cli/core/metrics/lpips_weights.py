@@ -23,6 +23,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from rtsr_cli.core.errors import MetricUnavailableError
+from rtsr_cli.core.files.tensor_values import check_finite
 
 ENVIRONMENT_VARIABLE = "RTSR_LPIPS_WEIGHTS"
 """Names a file of weights, for where the package cannot be installed."""
@@ -140,6 +141,7 @@ def read_lpips_weights(path: Path) -> LpipsWeights:
 
     Raises:
         MetricUnavailableError: the file is not one of these.
+        CheckpointError: it is, and a tensor holds NaN or Inf.
     """
     try:
         if path.suffix == ".safetensors":
@@ -196,6 +198,7 @@ def _hwio_to_oihw(kernel: np.ndarray[Any, Any]) -> Tensor:
 
 def _read_safetensors(path: Path) -> LpipsWeights:
     tensors = {name: values.float() for name, values in load_file(path).items()}
+    check_finite(path, tensors)
     return LpipsWeights(
         kernels=tuple(tensors[f"features.{n}.weight"] for n in FEATURE_INDICES),
         biases=tuple(tensors[f"features.{n}.bias"] for n in FEATURE_INDICES),

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.errors import CheckpointError
 from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.tensor_values import check_finite
 
 FORMAT = "rtsr-weights-1"
 
@@ -86,7 +87,8 @@ def read_weights(path: Path) -> SavedWeights:
     """Read weights.
 
     Raises:
-        CheckpointError: the file is not there, damaged, or something else.
+        CheckpointError: the file is not there, damaged, or something else; or a tensor holds NaN
+            or Inf.
     """
     try:
         with safe_open(path, "pt") as opened:
@@ -96,6 +98,7 @@ def read_weights(path: Path) -> SavedWeights:
         raise CheckpointError(f"{path}: cannot be read as weights ({error})") from error
     if facts.get("format") != FORMAT:
         raise CheckpointError(f"{path}: these are no weights of rtsr; rtsr train makes them")
+    check_finite(path, tensors)
     return SavedWeights(
         path=path,
         system=facts["system"],

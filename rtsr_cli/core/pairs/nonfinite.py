@@ -1,4 +1,4 @@
-"""NaN and Inf in an input: counted, and refused or repaired as the user chose."""
+"""Numbers that no light has, in an input: NaN and Inf, refused or repaired; values below 0."""
 
 from __future__ import annotations
 
@@ -46,6 +46,14 @@ def apply_policy(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
         for b in bad
     }
     return replace(frame, gbuffer=frame.gbuffer.with_buffers(fixed)), sum(bad.values())
+
+
+def count_negative(frame: Frame) -> int:
+    """Count the values of radiance below 0, which no light is."""
+    held = frame.gbuffer.buffers
+    radiance = [held[b] for b in (Buffer.COLOR, Buffer.LIGHTING, Buffer.EMISSION) if b in held]
+    # most frames are told by one fast pass
+    return sum(int((image < 0).sum()) for image in radiance if float(image.amin()) < 0)
 
 
 def _repair_ids(ids: Tensor) -> Tensor:

@@ -18,6 +18,7 @@ from rtsr_cli.core.pairs.sources import (
     FramePair,
     PairInputs,
     PairReads,
+    check_frame,
     describe_undeclared,
     resolve_buffers,
 )
@@ -95,14 +96,16 @@ class RealPairs:
     def load(self, number: int, inputs: PairInputs) -> FramePair:
         """Read both frames; HR radiance is never among what is asked for."""
         reads = self.resolve(inputs)
-        lr, fixed = apply_policy(self.lr.read(number, reads.lr.stored), inputs.on_nonfinite)
-        lr = build_lr(lr, reads.lr, inputs.derivation)
+        checked = check_frame(self.lr.read(number, reads.lr.stored), inputs)
+        lr = build_lr(checked.frame, reads.lr, inputs.derivation)
+        pair = FramePair(lr, None, checked.fixed, checked.negative, checked.weight)
         if self.hr is None or not inputs.hr + inputs.hr_optional:
-            return FramePair(lr, None, fixed)
+            return pair
         stored = reads.hr.stored - RADIANCE_BUFFERS
         hr = self.hr.read(self.lr.held.get(number, number), stored)
         hr, fixed_hr = apply_policy(hr, inputs.on_nonfinite)
-        return FramePair(lr, build_hr(hr, reads.hr, inputs.derivation), fixed + fixed_hr)
+        hr = build_hr(hr, reads.hr, inputs.derivation)
+        return replace(pair, hr=hr, fixed=pair.fixed + fixed_hr)
 
 
 def open_real_pairs(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,7 @@ from rtsr_cli.core.pairs.sources import (
     FramePair,
     PairInputs,
     PairReads,
+    check_frame,
     describe_undeclared,
     resolve_buffers,
 )
@@ -91,13 +92,14 @@ class SimulatedPairs:
         reads, derivation = self.resolve(inputs), inputs.derivation
         full = self.capture.read(number, reads.lr.stored | reads.hr.stored)
         small = decimate_frame(full, reads.lr.stored, self.simulation)
-        lr, fixed = apply_policy(small, inputs.on_nonfinite)
-        lr = build_lr(lr, reads.lr, derivation)
+        checked = check_frame(small, inputs)
+        lr = build_lr(checked.frame, reads.lr, derivation)
+        pair = FramePair(lr, None, checked.fixed, checked.negative, checked.weight)
         if not reads.hr.used:
-            return FramePair(lr, None, fixed)
+            return pair
         hr, fixed_hr = apply_policy(select_hr(full, reads.hr), inputs.on_nonfinite)
         hr = build_hr(hr, reads.hr, derivation, self.simulation.samples_per_pixel)
-        return FramePair(lr, hr, fixed + fixed_hr)
+        return replace(pair, hr=hr, fixed=pair.fixed + fixed_hr)
 
 
 def open_simulated_pairs(capture: FrameReader, simulation: Simulation) -> SimulatedPairs:

@@ -71,9 +71,12 @@ class Simulation:
 
 
 def keep_samples(buffer: Buffer, tensor: Tensor, simulation: Simulation, offset: Offset) -> Tensor:
-    """Keep one sample of each block, of radiance after its filter; vectors become LR pixels."""
+    """Keep one sample of each block; vectors become LR pixels.
+
+    Radiance is filtered first, and coverage with it: it is premultiplied by just that.
+    """
     block = simulation.block
-    if buffer is Buffer.COLOR and simulation.lr_filter != "none":
+    if buffer in (Buffer.COLOR, Buffer.ALPHA) and simulation.lr_filter != "none":
         return decimate_filtered(tensor.float(), simulation.lr_filter, block, offset)
     small = decimate(tensor, block, offset).contiguous()
     # what is stored as halves would be rounded by a division

@@ -18,9 +18,11 @@ from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.coverage import divide_coverage
 from rtsr_cli.core.imaging.derivation import DerivationConfig
+from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.window import Reads, resolve_reads
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.shapes import Plane, Size
 
 DECLARED_MOTION = "a declared motion convention"
 """What is missing where nothing decides how vectors are stored."""
@@ -35,6 +37,8 @@ class PairInputs:
         lr_optional, hr_optional: buffers it uses where they are there.
         derivation: what divides radiance.
         on_nonfinite: policy for NaN and Inf.
+        straight: take premultiplied LR radiance apart, so that a system sees the colour of what
+            covers a pixel; `FramePair.weight` puts it together again.
     """
 
     lr: tuple[Buffer, ...]
@@ -43,19 +47,65 @@ class PairInputs:
     hr_optional: tuple[Buffer, ...] = ()
     derivation: DerivationConfig = field(default_factory=DerivationConfig)
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR
+    straight: bool = False
 
 
 @dataclass(frozen=True)
 class FramePair:
-    """One frame at both resolutions; `hr` never holds radiance. `fixed` counts bad pixels."""
+    """One frame at both resolutions; `hr` never holds radiance.
+
+    Attributes:
+        lr, hr: the frames.
+        fixed: NaN and Inf that were repaired.
+        negative: values of radiance below 0.
+        weight: that the LR radiance was divided by, None where it is as stored.
+    """
 
     lr: Frame
     hr: Frame | None
     fixed: int = 0
+    negative: int = 0
+    weight: Plane | None = None
 
     def to(self, device: torch.device | str) -> FramePair:
         """Return the same pair on another device."""
-        return replace(self, lr=self.lr.to(device), hr=self.hr and self.hr.to(device))
+        weight = None if self.weight is None else self.weight.to(device)
+        hr = None if self.hr is None else self.hr.to(device)
+        return replace(self, lr=self.lr.to(device), hr=hr, weight=weight)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedFrame:
+    """A frame as it was read, before anything is derived from it.
+
+    Attributes:
+        frame: NaN and Inf repaired, radiance taken apart where that was asked for.
+        fixed, negative, weight: as in `FramePair`.
+    """
+
+    frame: Frame
+    fixed: int
+    negative: int
+    weight: Plane | None
+
+
+def check_frame(frame: Frame, inputs: PairInputs) -> CheckedFrame:
+    """Repair or refuse NaN and Inf, count radiance below 0, and take coverage out of it.
+
+    Raises:
+        FrameFolderError: policy `error` and a bad value; names folder, frame and buffer.
+    """
+    frame, fixed = apply_policy(frame, inputs.on_nonfinite)
+    negative = count_negative(frame)
+    buffers = frame.gbuffer.buffers
+    covered = None
+    if inputs.straight and Buffer.COLOR in buffers and Buffer.ALPHA in buffers:
+        covered = divide_coverage(buffers[Buffer.COLOR], buffers[Buffer.ALPHA])
+    if covered is None:
+        return CheckedFrame(frame=frame, fixed=fixed, negative=negative, weight=None)
+    gbuffer = frame.gbuffer.with_buffers({Buffer.COLOR: covered.color})
+    straight = replace(frame, gbuffer=gbuffer)
+    return CheckedFrame(frame=straight, fixed=fixed, negative=negative, weight=covered.weight)
 
 
 class PairSource(Protocol):

@@ -86,7 +86,10 @@ class FrameDone:
         path: of the output.
         message: why it failed.
         seconds: from reading's end to the writer's hands.
-        nonfinite: NaN and Inf that were repaired in its inputs.
+        nonfinite: NaN and Inf that were repaired in its inputs; of a frame that failed, those that
+            it would have held.
+        negative: values of radiance below 0 in its inputs.
+        as_float: True if it is written as float, since half cannot hold its radiance.
         stops: True if no other frame could be written either, so that the run ended.
     """
 
@@ -97,6 +100,8 @@ class FrameDone:
     message: str = ""
     seconds: float = 0.0
     nonfinite: int = 0
+    negative: int = 0
+    as_float: bool = False
     stops: bool = False
 
     @property
@@ -113,7 +118,10 @@ class RunDone:
         folder: OUT.
         seconds: from the first frame to the last; None where nobody is told.
         counts: frames by what became of them.
-        repaired: output's name -> NaN and Inf that were repaired in its inputs.
+        repaired: output, below OUT -> NaN and Inf that were repaired in its inputs.
+        spoilt: output -> NaN and Inf that it would have held; it failed, and is not written.
+        negative: output -> values of radiance below 0 in its inputs.
+        as_float: outputs that are float, since half cannot hold their radiance.
         stopped: why nothing more could be written; empty if all went on.
     """
 
@@ -121,6 +129,9 @@ class RunDone:
     seconds: float | None
     counts: Mapping[Status, int]
     repaired: Mapping[str, int]
+    spoilt: Mapping[str, int] = field(default_factory=dict)
+    negative: Mapping[str, int] = field(default_factory=dict)
+    as_float: tuple[str, ...] = ()
     stopped: str = ""
 
     @property
@@ -134,7 +145,9 @@ class RunDone:
         return {
             **({} if self.seconds is None else {"seconds": round(self.seconds, 3)}),
             **{status.value: count for status, count in self.counts.items()},
-            "nonfinite": sum(self.repaired.values()),
+            "nonfinite": sum(self.repaired.values()) + sum(self.spoilt.values()),
+            "negative": sum(self.negative.values()),
+            "as_float": len(self.as_float),
             "stopped": bool(self.stopped),
         }
 

@@ -12,6 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+
 from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.errors import InputChangedError, RtsrError
 from rtsr_cli.core.files.exr import Plane, read_header
@@ -21,11 +23,11 @@ from rtsr_cli.core.pairs.opening import ReadOptions
 from rtsr_cli.core.pairs.passthrough import PassedChannels, join_attributes
 from rtsr_cli.core.pairs.sources import FramePair, PairInputs, PairSource
 from rtsr_cli.core.run.loop import Product
-from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES
+from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES, check_output
 from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 from rtsr_cli.core.run.shot_inputs import ShotInputs
-from rtsr_cli.core.run.shot_runs import NONFINITE, ShotJob
+from rtsr_cli.core.run.shot_runs import AS_FLOAT, NEGATIVE, NONFINITE, ShotJob
 from rtsr_cli.core.run.sliding_window import SlidingWindow
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import FrameWindow
@@ -144,9 +146,22 @@ class FrameInTurn:
             extra={"rtsr:nonfinite": self.pair.fixed, **extra},
         )
 
-    def product(self, write: Callable[[], None]) -> Product:
-        """What was made of the frame, from the call that writes it."""
-        return Product(write=write, facts={NONFINITE: self.pair.fixed})
+    def product(self, write: Callable[[], None], *, as_float: bool = False) -> Product:
+        """What was made of the frame, from the call that writes it, and whether it is float."""
+        facts = {NONFINITE: self.pair.fixed, NEGATIVE: self.pair.negative, AS_FLOAT: as_float}
+        return Product(write=write, facts=facts)
+
+    def check_output(self, made: Tensor, maker: str) -> float:
+        """Refuse an output that holds NaN or Inf; return its largest magnitude.
+
+        Args:
+            made: pixels or tiles.
+            maker: what made it, for the message.
+
+        Raises:
+            NonfiniteOutputError: says how many; the frame fails, and nothing is written of it.
+        """
+        return check_output(made, f"{self.source}: {maker}", "other weights or another --system")
 
 
 Work = Callable[[FrameInTurn], Product | None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -9,16 +10,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows
-from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.errors import NonfiniteOutputError, OutputError
 from rtsr_cli.core.files.exr import PixelWindow, Plane, write_exr
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.files.provenance import read_stamp
 from rtsr_cli.core.frames.conventions import ColorSpace
-from rtsr_cli.core.frames.storage import split_image
+from rtsr_cli.core.frames.storage import MAX_HALF, largest_magnitude, split_image
 from rtsr_cli.core.imaging.preview import encode_preview
 from rtsr_cli.core.shapes import Color, Image
 
@@ -107,6 +110,26 @@ class _PathResolver:
         return path.resolve() if path.is_symlink() else self._folder(path.parent) / path.name
 
 
+def check_output(made: Tensor, what: str, remedy: str) -> float:
+    """Refuse an output that holds NaN or Inf; return its largest magnitude.
+
+    Args:
+        made: pixels or tiles.
+        what: names the frame and what made it, for the message.
+        remedy: what to try.
+
+    Raises:
+        NonfiniteOutputError: says how many; the frame fails, and nothing is written of it.
+    """
+    largest = largest_magnitude(made)
+    if math.isfinite(largest):
+        return largest
+    count = int((~torch.isfinite(made)).sum())
+    raise NonfiniteOutputError(
+        f"{what} gave {count} NaN or Inf values, and nothing is written; try {remedy}", count
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class OutputFrame:
     """One frame to write.
@@ -115,6 +138,7 @@ class OutputFrame:
         path: the EXR; a preview goes beside it.
         color: linear radiance.
         alpha: coverage, written as `A`, or None.
+        as_float: write `color` and `alpha` as float, since half cannot hold them.
         passed: channels written as they are.
         attributes: of the header.
         windows: where the pixels lie.
@@ -126,6 +150,7 @@ class OutputFrame:
     path: Path
     color: Color
     alpha: Image | None
+    as_float: bool = False
     passed: Mapping[str, Plane] = field(default_factory=dict)
     attributes: Mapping[str, Any]
     windows: OutputWindows
@@ -145,9 +170,9 @@ class OutputFrame:
             )
         if self.debug:
             self._write_debug(split_debug_pictures(self.debug))
-        channels = split_image("", self.color, "RGB")
+        channels = split_image("", self.color, "RGB", full=self.as_float)
         if self.alpha is not None:
-            channels |= split_image("", self.alpha, "A")
+            channels |= split_image("", self.alpha, "A", full=self.as_float)
         write_exr(
             self.path,
             self.windows.crop({**channels, **self.passed}),
@@ -177,5 +202,6 @@ def split_debug_pictures(pictures: Mapping[str, Image]) -> dict[str, NDArray[Any
         large = image.repeat_interleave(factor, -2).repeat_interleave(factor, -1)
         letters = {1: "Y", 2: "XY", 3: "RGB", 4: "RGBA"}.get(large.shape[1])
         names = letters or "".join(chr(ord("a") + i) for i in range(large.shape[1]))
-        channels |= split_image(name, large, names)
+        full = large.is_floating_point() and largest_magnitude(large) > MAX_HALF
+        channels |= split_image(name, large, names, full=full)
     return channels

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from rtsr_cli.core.errors import OutputBlockedError, RtsrError
+from rtsr_cli.core.errors import NonfiniteOutputError, OutputBlockedError, RtsrError
 from rtsr_cli.core.files.atomic_write import check_writable
 from rtsr_cli.core.files.streaming import count_reads_ahead
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, Status
@@ -16,8 +16,9 @@ from rtsr_cli.core.run.loop import Outcome, Pace, Product, run_job, run_until_st
 from rtsr_cli.core.run.plan import ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 
-NONFINITE = "nonfinite"
-"""Fact of a product: NaN and Inf that were repaired in its inputs."""
+NONFINITE, NEGATIVE, AS_FLOAT = "nonfinite", "negative", "as_float"
+"""Facts of a product: NaN and Inf that were repaired in its inputs, values of radiance below 0
+there, and whether it is float since half cannot hold it."""
 
 
 L = TypeVar("L")
@@ -85,20 +86,22 @@ def run_shots(
     pending = sum(len(job.plan.pending) for job in jobs)
     yield RunStarted(pending=pending)
     counts = dict.fromkeys(Status, 0)
-    repaired: dict[str, int] = {}
+    findings = _Findings(request.out_folder)
     stopped = ""
     started = time.perf_counter()
     for frame in run_until_stopped(run_shot(job, request.jobs) for job in jobs):
         counts[frame.status] += 1
         stopped = frame.message if frame.stops else ""
-        if frame.nonfinite:
-            repaired[frame.path.name] = frame.nonfinite
+        findings.add(frame)
         yield frame
     yield RunDone(
         folder=request.out_folder,
         seconds=time.perf_counter() - started,
         counts=counts,
-        repaired=repaired,
+        repaired=findings.repaired,
+        spoilt=findings.spoilt,
+        negative=findings.negative,
+        as_float=tuple(findings.as_float),
         stopped=stopped,
     )
     if stopped:
@@ -108,6 +111,29 @@ def run_shots(
         )
 
 
+class _Findings:
+    """What is told of single frames, by output, while they come in."""
+
+    def __init__(self, folder: Path) -> None:
+        """Start with nothing; outputs are named below `folder`."""
+        self.repaired: dict[str, int] = {}
+        self.spoilt: dict[str, int] = {}
+        self.negative: dict[str, int] = {}
+        self.as_float: list[str] = []
+        self._folder = folder
+
+    def add(self, frame: FrameDone) -> None:
+        """Take in a frame's end."""
+        name = frame.path.relative_to(self._folder).as_posix()
+        if frame.nonfinite:
+            failed = frame.status is Status.FAILED
+            (self.spoilt if failed else self.repaired)[name] = frame.nonfinite
+        if frame.negative:
+            self.negative[name] = frame.negative
+        if frame.as_float:
+            self.as_float.append(name)
+
+
 def run_shot(job: ShotJob[Any], jobs: int) -> Iterator[FrameDone]:
     """Run a shot; yield an event for every output that is asked for."""
     return (job.event(outcome) for outcome in run_job(job, job.pace(jobs)))
@@ -115,14 +141,20 @@ def run_shot(job: ShotJob[Any], jobs: int) -> Iterator[FrameDone]:
 
 def describe_outcome(plan: ShotPlan, outcome: Outcome[int]) -> dict[str, Any]:
     """Return what `FrameDone` says of an outcome."""
-    failed = outcome.error is not None
+    error = outcome.error
+    failed = error is not None
+    found = dict.fromkeys((NONFINITE, NEGATIVE), 0) | {AS_FLOAT: False}
+    if isinstance(error, NonfiniteOutputError):
+        found[NONFINITE] = error.count
+    elif not failed:
+        found |= {name: outcome.facts[name] for name in found if name in outcome.facts}
     return {
         "shot": plan.inputs.name,
         "number": outcome.key,
         "status": outcome.status,
         "path": plan.path(outcome.key),
-        "message": str(outcome.error) if failed else "",
+        "message": str(error) if failed else "",
         "seconds": 0.0 if failed else outcome.seconds,
-        "nonfinite": 0 if failed else outcome.facts.get(NONFINITE, 0),
+        **found,
         "stops": outcome.stops,
     }

@@ -23,8 +23,12 @@ from rtsr_cli.core.files.atomic_write import (
     write_atomically,
     write_text_atomically,
 )
+from rtsr_cli.core.files.tensor_values import check_finite
 
 STATE_FILE = "state.json"
+
+NETWORKS = frozenset({"network", "average"})
+"""Parts whose numbers the next step takes as they are: none of them may be NaN or Inf."""
 
 
 def save_state(
@@ -72,7 +76,7 @@ def load_state(folder: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, An
     """Return the parts and facts of a state, None if there is none.
 
     Raises:
-        CheckpointError: there is one, and it cannot be read.
+        CheckpointError: there is one, and it cannot be read, or its network holds NaN or Inf.
     """
     path = folder / STATE_FILE
     if not path.exists():
@@ -89,6 +93,8 @@ def load_state(folder: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, An
     for key, tensor in tensors.items():
         part, _, name = key.partition("/")
         parts.setdefault(part, {})[name] = tensor
+    for part in sorted(NETWORKS & parts.keys()):
+        check_finite(folder / facts["tensors"], parts[part])
     return parts, facts
 
 

@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.imaging.coverage import multiply_coverage
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.run.outputs import OutputFrame
 from rtsr_cli.core.run.prediction import NetworkRun, Predictor
-from rtsr_cli.core.shapes import Image
+from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import Prediction
 
 
@@ -34,27 +36,37 @@ class Reconstruction:
         self._colorspace = source.reader.conventions.colorspace
         self._tag = name_color_space(source.reader.conventions)
         self._previews, self._debug = previews, debug
+        self._name = f"system '{run.system.name}'"
 
     def __call__(self, moment: FrameInTurn) -> Product | None:
         """Predict a frame; return what writes it."""
         prediction = self._predictor.predict_if_due(moment)
-        if not moment.wanted or prediction is None:
+        if prediction is None:
             return None
-        return moment.product(self._picture(moment, prediction).write)
+        if not moment.wanted:
+            # it fails as it would if it were wanted, and is no history then
+            if prediction.image is not None:
+                moment.check_output(prediction.image, self._name)
+            return None
+        picture = self._picture(moment, prediction)
+        return moment.product(picture.write, as_float=picture.as_float)
 
     def _picture(self, moment: FrameInTurn, prediction: Prediction) -> OutputFrame:
         """Return the output of a prediction.
 
         Raises:
-            FrameFolderError: the system gave no image.
+            FrameFolderError: the system gave no image, or one that is not finite.
         """
         if prediction.image is None:
-            raise FrameFolderError(f"{moment.source}: system '{self._system.name}' gave no image")
+            raise FrameFolderError(f"{moment.source}: {self._name} gave no image")
+        image = cover_image(moment, prediction.image)
+        largest = moment.check_output(image, self._name)
         known = moment.provenance({"rtsr:system": self._system.name, **self._tag})
         return OutputFrame(
             path=moment.path,
-            color=prediction.image,
+            color=image,
             alpha=enlarge_alpha(moment),
+            as_float=largest > MAX_HALF,
             attributes={**moment.attributes, **known},
             windows=moment.windows,
             colorspace=self._colorspace,
@@ -62,6 +74,14 @@ class Reconstruction:
             previews=self._previews,
             debug=list_debug_pictures(moment, prediction) if self._debug else None,
         )
+
+
+def cover_image(moment: FrameInTurn, straight: Color) -> Color:
+    """Premultiply a picture by the coverage that its LR radiance was divided by, if it was."""
+    weight, jitter_px = moment.pair.weight, moment.pair.lr.camera.jitter_px
+    if weight is None:
+        return straight
+    return multiply_coverage(straight, weight, moment.window.scale, jitter_px)
 
 
 def enlarge_alpha(moment: FrameInTurn) -> Image | None:

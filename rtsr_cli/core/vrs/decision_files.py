@@ -80,10 +80,14 @@ class RateChoice:
     def __call__(self, moment: FrameInTurn) -> Product | None:
         """Predict and decide; return what writes the decisions."""
         predicted = self.predict(moment)
+        if predicted is not None:
+            moment.check_output(predicted, f"system '{self.system}'")
         if not moment.wanted:
             return None
         frame = moment.pair.lr
         decision = self.decide(moment, predicted)
+        for name, plane in decision.channels.items():
+            moment.check_output(torch.from_numpy(plane), f"system '{self.system}', '{name}',")
         facts = {"rtsr:system": self.system, FACTS: json.dumps(decision.facts)}
         known = moment.provenance(facts)
         codes = decision.codes[0].permute(1, 2, 0).cpu().to(torch.uint8).numpy()
