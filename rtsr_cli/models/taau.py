@@ -17,7 +17,7 @@ sharpening, whole frames only (the state has the target's size).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import torch
@@ -26,6 +26,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.frames.vector_length import vector_length
 from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
 from rtsr_cli.core.imaging.disocclusion import bound_depth, depth_slope
@@ -102,6 +103,12 @@ class LrSamples:
     jitter_px: Jitter
     reactive: Plane | None = None
 
+    @property
+    def brightest(self) -> float:
+        """Tone-mapped value that interpolation may reach; samples in float64 are brighter."""
+        color = self.color_tonemapped
+        return MAX_ENCODED if color.dtype == torch.float32 else float(color.amax())
+
 
 @dataclass(frozen=True, kw_only=True)
 class TaauState:
@@ -111,6 +118,16 @@ class TaauState:
     count: Plane
     samples: LrSamples
     pre_exposure: float
+
+    def to(self, dtype: torch.dtype) -> TaauState:
+        """Return the same history in the precision of the samples that it meets."""
+        if self.count.dtype == dtype:
+            return self
+        color, count, before = self.color_tonemapped, self.count, self.samples
+        samples = replace(before, depth_m=before.depth_m.to(dtype))
+        return replace(
+            self, color_tonemapped=color.to(dtype), count=count.to(dtype), samples=samples
+        )
 
 
 def to_ycocg(color: Color) -> Image:
@@ -150,7 +167,7 @@ def spatial_estimate(samples: LrSamples, scale: int, a: float) -> Color:
     """Cubic enlargement of the frame alone."""
     kernel = Kernel(weight=lambda distance: cubic_kernel(distance, a), support_px=2.0)
     enlarged = upsample(samples.color_tonemapped, scale, samples.jitter_px, kernel=kernel)
-    return enlarged.clamp_(0.0, MAX_ENCODED)
+    return enlarged.clamp_(0.0, samples.brightest)
 
 
 def find_rejected(now: LrSamples, before: LrSamples, depth_tolerance: float) -> Mask:
@@ -227,13 +244,17 @@ def accumulate(
         total = weight + config.prior_weight
         color = (summed + prior * config.prior_weight) / total
     else:
+        state = state.to(samples.color_tonemapped.dtype)
         history, count, prior_weight = judge_history(state, samples, scale, config, pre_exposure)
         total = count + weight + prior_weight
         color = (history * count + summed + prior * prior_weight) / total
     kept = TaauState(
         color_tonemapped=color, count=total, samples=samples, pre_exposure=pre_exposure
     )
-    return decode_reinhard(color), kept
+    most = samples.brightest
+    if most <= MAX_ENCODED:
+        return decode_reinhard(color), kept
+    return decode_reinhard(color, most / (1.0 - most)).float(), kept
 
 
 def judge_history(
@@ -244,7 +265,7 @@ def judge_history(
     dilated = dilate_motion(samples.motion_px, samples.depth_m)
     motion_px = upsample(dilated, scale, jitter_px, kernel=BILINEAR) * scale
     warped, inside = backward_warp(_adjust_exposure(state, pre_exposure), motion_px, mode="bicubic")
-    warped = warped.clamp_(0.0, MAX_ENCODED)
+    warped = warped.clamp_(0.0, samples.brightest)
     count = backward_warp(state.count, motion_px)[0] * inside
 
     rejected = find_rejected(samples, state.samples, config.depth_tolerance)
@@ -268,7 +289,7 @@ def judge_history(
     clipped = clip_to_neighbourhood(history, colors, deviations, scale, jitter_px)
     alone = config.prior_weight * (1.0 - count.clamp(max=1.0))
     prior_weight = torch.lerp(torch.full_like(still, config.moving_prior_weight), alone, still)
-    return from_ycocg(clipped).clamp_(0.0, MAX_ENCODED), count, prior_weight
+    return from_ycocg(clipped).clamp_(0.0, samples.brightest), count, prior_weight
 
 
 def clip_to_neighbourhood(
@@ -296,6 +317,10 @@ def _adjust_exposure(state: TaauState, pre_exposure: float) -> Color:
 def predict_taau(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Accumulate the current frame."""
     frame = window.current
+    if float(frame.gbuffer[Buffer.COLOR].amax()) > MAX_HALF:
+        # c/(1+c) in float32 has too few steps left
+        doubled = frame.gbuffer.map(lambda _, t: t.double() if t.is_floating_point() else t)
+        frame = replace(frame, gbuffer=doubled)
     buffers = frame.gbuffer.buffers
     samples = LrSamples(
         color_tonemapped=encode_reinhard(frame.gbuffer[Buffer.COLOR]),

@@ -32,11 +32,11 @@ def encode_reinhard(color: Image) -> Image:
     return positive / (1.0 + positive)
 
 
-def decode_reinhard(tonemapped: Image) -> Image:
-    """Expand y to y / (1 - y), at most the largest half."""
-    bounded = tonemapped.clamp(0.0, MAX_HALF / (1.0 + MAX_HALF))
+def decode_reinhard(tonemapped: Image, most: float = MAX_HALF) -> Image:
+    """Expand y to y / (1 - y), at most the largest half, or `most`."""
+    bounded = tonemapped.clamp(0.0, most / (1.0 + most))
     # float32 has few steps left so near 1, and rounds past it
-    return (bounded / (1.0 - bounded)).clamp(max=MAX_HALF)
+    return (bounded / (1.0 - bounded)).clamp(max=most)
 
 
 def encode_reinhard_wide(color: Image) -> Image:

@@ -15,9 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 
 from rtsr_cli.core.frames.motion import Jitter
-from rtsr_cli.core.imaging.resampling import grow_valid, upsample_bicubic
+from rtsr_cli.core.imaging.resampling import (
+    BICUBIC_SUPPORT_PX,
+    grow_valid,
+    upsample_bicubic,
+    upsample_nearest,
+)
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane
 
 LEAST_COVERAGE = 1.0 / 256.0
@@ -26,6 +32,9 @@ LEAST_COVERAGE = 1.0 / 256.0
 UNEXPLAINED = 2.0
 """Light of so many times what faint coverage explains is added light; halves that are nearly 0 err
 by less."""
+
+EDGE_STEP = 1.0 / 64.0
+"""Difference of weights among neighbours from which they are an edge of what is covered."""
 
 REACH_PX = 16
 """Pixels that colour is filled into around what is covered: kernels see 3, networks more."""
@@ -37,6 +46,10 @@ class CoveredColor:
 
     color: Color
     weight: Plane
+
+    def to(self, device: torch.device | str) -> CoveredColor:
+        """Return the same on another device."""
+        return CoveredColor(color=self.color.to(device), weight=self.weight.to(device))
 
 
 def divide_coverage(color: Color, alpha: Plane) -> CoveredColor | None:
@@ -71,13 +84,32 @@ def fill_around(image: Image, mask: Mask) -> Image:
     return grow_valid(image, mask.to(image.dtype), REACH_PX)[0]
 
 
-def multiply_coverage(color: Color, weight: Plane, scale: int, jitter_px: Jitter) -> Color:
+def multiply_coverage(enlarged: Color, small: CoveredColor, scale: int, jitter_px: Jitter) -> Color:
     """Premultiply an enlarged colour by the enlarged weight.
 
+    Where coverage ends, colour is held within that of the samples around: a network sees a surface
+    end there, and what it makes of that is no part of the layer.
+
     Args:
-        color: at the target size.
-        weight: of `CoveredColor`, at the rendered size.
+        enlarged: the colour at the target size.
+        small: what it was made from.
         scale: output pixels per LR pixel.
         jitter_px: of the samples.
     """
-    return color * upsample_bicubic(weight, scale, jitter_px).clamp(0.0, 1.0)
+    weight = upsample_bicubic(small.weight, scale, jitter_px).clamp(0.0, 1.0)
+    darkest, brightest = (
+        upsample_nearest(b, scale) for b in _find_bounds(small.color.clamp(min=0.0))
+    )
+    least, most = _find_bounds(small.weight)
+    ends = upsample_nearest(most - least > EDGE_STEP, scale)
+    bounded = torch.minimum(torch.maximum(enlarged, darkest), brightest)
+    return torch.where(ends, bounded, enlarged) * weight
+
+
+def _find_bounds(image: Image) -> tuple[Image, Image]:
+    """Least and largest of the samples that a cubic kernel sees."""
+    reach = BICUBIC_SUPPORT_PX
+    lowest, highest = (
+        F.max_pool2d(sign * image, 2 * reach + 1, stride=1, padding=reach) for sign in (-1, 1)
+    )
+    return -lowest, highest

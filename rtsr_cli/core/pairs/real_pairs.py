@@ -98,7 +98,7 @@ class RealPairs:
         reads = self.resolve(inputs)
         checked = check_frame(self.lr.read(number, reads.lr.stored), inputs)
         lr = build_lr(checked.frame, reads.lr, inputs.derivation)
-        pair = FramePair(lr, None, checked.fixed, checked.negative, checked.weight)
+        pair = FramePair(lr, None, checked.fixed, checked.negative, checked.covered)
         if self.hr is None or not inputs.hr + inputs.hr_optional:
             return pair
         stored = reads.hr.stored - RADIANCE_BUFFERS

@@ -94,7 +94,7 @@ class SimulatedPairs:
         small = decimate_frame(full, reads.lr.stored, self.simulation)
         checked = check_frame(small, inputs)
         lr = build_lr(checked.frame, reads.lr, derivation)
-        pair = FramePair(lr, None, checked.fixed, checked.negative, checked.weight)
+        pair = FramePair(lr, None, checked.fixed, checked.negative, checked.covered)
         if not reads.hr.used:
             return pair
         hr, fixed_hr = apply_policy(select_hr(full, reads.hr), inputs.on_nonfinite)

@@ -18,11 +18,11 @@ from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.coverage import divide_coverage
+from rtsr_cli.core.imaging.coverage import CoveredColor, divide_coverage
 from rtsr_cli.core.imaging.derivation import DerivationConfig
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.window import Reads, resolve_reads
-from rtsr_cli.core.shapes import Plane, Size
+from rtsr_cli.core.shapes import Size
 
 DECLARED_MOTION = "a declared motion convention"
 """What is missing where nothing decides how vectors are stored."""
@@ -38,7 +38,7 @@ class PairInputs:
         derivation: what divides radiance.
         on_nonfinite: policy for NaN and Inf.
         straight: take premultiplied LR radiance apart, so that a system sees the colour of what
-            covers a pixel; `FramePair.weight` puts it together again.
+            covers a pixel; `FramePair.covered` puts it together again.
     """
 
     lr: tuple[Buffer, ...]
@@ -58,20 +58,20 @@ class FramePair:
         lr, hr: the frames.
         fixed: NaN and Inf that were repaired.
         negative: values of radiance below 0.
-        weight: that the LR radiance was divided by, None where it is as stored.
+        covered: what the LR radiance was taken apart to, None where it is as stored.
     """
 
     lr: Frame
     hr: Frame | None
     fixed: int = 0
     negative: int = 0
-    weight: Plane | None = None
+    covered: CoveredColor | None = None
 
     def to(self, device: torch.device | str) -> FramePair:
         """Return the same pair on another device."""
-        weight = None if self.weight is None else self.weight.to(device)
+        covered = None if self.covered is None else self.covered.to(device)
         hr = None if self.hr is None else self.hr.to(device)
-        return replace(self, lr=self.lr.to(device), hr=hr, weight=weight)
+        return replace(self, lr=self.lr.to(device), hr=hr, covered=covered)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,13 +80,13 @@ class CheckedFrame:
 
     Attributes:
         frame: NaN and Inf repaired, radiance taken apart where that was asked for.
-        fixed, negative, weight: as in `FramePair`.
+        fixed, negative, covered: as in `FramePair`.
     """
 
     frame: Frame
     fixed: int
     negative: int
-    weight: Plane | None
+    covered: CoveredColor | None
 
 
 def check_frame(frame: Frame, inputs: PairInputs) -> CheckedFrame:
@@ -101,11 +101,10 @@ def check_frame(frame: Frame, inputs: PairInputs) -> CheckedFrame:
     covered = None
     if inputs.straight and Buffer.COLOR in buffers and Buffer.ALPHA in buffers:
         covered = divide_coverage(buffers[Buffer.COLOR], buffers[Buffer.ALPHA])
-    if covered is None:
-        return CheckedFrame(frame=frame, fixed=fixed, negative=negative, weight=None)
-    gbuffer = frame.gbuffer.with_buffers({Buffer.COLOR: covered.color})
-    straight = replace(frame, gbuffer=gbuffer)
-    return CheckedFrame(frame=straight, fixed=fixed, negative=negative, weight=covered.weight)
+    if covered is not None:
+        gbuffer = frame.gbuffer.with_buffers({Buffer.COLOR: covered.color})
+        frame = replace(frame, gbuffer=gbuffer)
+    return CheckedFrame(frame=frame, fixed=fixed, negative=negative, covered=covered)
 
 
 class PairSource(Protocol):

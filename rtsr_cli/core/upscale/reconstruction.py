@@ -78,10 +78,10 @@ class Reconstruction:
 
 def cover_image(moment: FrameInTurn, straight: Color) -> Color:
     """Premultiply a picture by the coverage that its LR radiance was divided by, if it was."""
-    weight, jitter_px = moment.pair.weight, moment.pair.lr.camera.jitter_px
-    if weight is None:
+    covered, jitter_px = moment.pair.covered, moment.pair.lr.camera.jitter_px
+    if covered is None:
         return straight
-    return multiply_coverage(straight, weight, moment.window.scale, jitter_px)
+    return multiply_coverage(straight, covered, moment.window.scale, jitter_px)
 
 
 def enlarge_alpha(moment: FrameInTurn) -> Image | None:
