@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 
 from torch import Tensor
 
-from rtsr_cli.core.evaluation.judged_frames import JudgedFrame
+from rtsr_cli.core.errors import MetricError, ShapeMismatchError
+from rtsr_cli.core.evaluation.judged_frames import REFERENCE, JudgedFrame
 from rtsr_cli.core.evaluation.metric_table import (
+    LEAST_PIXELS,
     METRICS,
     REFERENCE_WARPED,
     WARPED,
@@ -23,6 +27,10 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.warping import fetch_nearest
 from rtsr_cli.core.shapes import Mask
 
+NOTHING_FINITE = "no pixel that it is computed for is finite in both pictures"
+NOTHING_SEEN = f"fewer than {LEAST_PIXELS} pixels show a surface that the frame before shows, too"
+"""Why a metric has no value, where it is none of its own."""
+
 
 def score_frame(
     frame: JudgedFrame, before: JudgedFrame | None, rules: MetricRules, *, counted: bool
@@ -37,31 +45,34 @@ def score_frame(
     """
     previous = None if before is None else before.gbuffer
     regions = find_regions(frame.gbuffer, previous, frame.reference)
-    reference = ShownPicture(frame.reference, rules.protocol)
-    reference_before = None if before is None else ShownPicture(before.reference, rules.protocol)
+    signed = any(any(f.negative.values()) for f in (frame, before) if f is not None)
+    show = partial(ShownPicture, protocol=rules.protocol, signed=signed)
+    reference = show(frame.reference)
+    reference_before = None if before is None else show(before.reference)
     motion = _motion_of(frame) if previous is not None else None
     disoccluded = regions[Region.DISOCCLUDED]
     by_method = {}
     for method, linear in frame.tests.items():
         valid = frame.valid[method]
         pair = JudgedPair(
-            test=ShownPicture(linear, rules.protocol),
+            test=show(linear),
             reference=reference,
             rules=rules,
-            test_before=None
-            if before is None
-            else ShownPicture(before.tests[method], rules.protocol),
+            test_before=None if before is None else show(before.tests[method]),
             reference_before=reference_before,
             motion_px=motion,
             history=_valid_history(frame, before, method, disoccluded),
         )
-        scores, by_region = _score_pair(pair, valid, regions)
+        found = _score_pair(pair, valid, regions)
         by_method[method] = FrameScores(
             number=frame.number,
-            scores=scores,
-            regions=by_region,
+            scores=found.scores,
+            regions=found.regions,
             nonfinite=frame.nonfinite[method],
             nonfinite_reference=frame.nonfinite_reference,
+            negative=frame.negative[method],
+            negative_reference=frame.negative[REFERENCE],
+            reasons=found.reasons,
             counted=counted,
         )
     return by_method
@@ -86,38 +97,78 @@ def _valid_history(
     return frame.valid[method] & ~disoccluded & was_valid
 
 
+@dataclass(frozen=True)
+class _PairScores:
+    """Scores over the frame, and over each region; and metric -> why there is none."""
+
+    scores: dict[str, float | None]
+    regions: dict[str, dict[str, float | None] | None]
+    reasons: dict[str, str]
+
+
 def _score_pair(
     pair: JudgedPair, valid: Mask, regions: Mapping[Region, Mask | None]
-) -> tuple[dict[str, float | None], dict[str, dict[str, float | None] | None]]:
-    """Scores over the frame, and over each region."""
-    masks = {Region.ALL: valid} | {r: None if m is None else m & valid for r, m in regions.items()}
-    by_region: dict[str, dict[str, float | None] | None] = {
-        region.value: None if mask is None else {"share": float(mask.float().mean())}
-        for region, mask in masks.items()
-    }
-    scores: dict[str, float | None] = {}
+) -> _PairScores:
+    masks = {r: None if m is None else m & valid for r, m in regions.items()}
+    result = _PairScores(
+        scores={},
+        regions={
+            region.value: None if mask is None else {"share": float(mask.float().mean())}
+            for region, mask in ({Region.ALL: valid} | masks).items()
+        },
+        reasons={},
+    )
     for name in pair.rules.metrics:
-        metric = METRICS[name]
-        if metric.whole is not None:
-            scores[name] = metric.whole(pair)
-        if metric.measure is None:
-            continue
-        error = metric.measure(pair)
-        for region, mask in masks.items():
-            held = by_region[region.value]
-            if mask is not None and held is not None:
-                held[name] = _mean_of_region(error, pair, mask, seen=metric.needs_motion)
-        scores[name] = _mean_of_region(error, pair, valid, seen=metric.needs_motion)
-        if name == WARPED:
-            truth = warp_change(pair.reference, pair.reference_before, pair.motion_px)
-            scores[REFERENCE_WARPED] = _mean_of_region(truth, pair, valid, seen=True)
-    return scores, by_region
+        try:
+            _score_metric(name, pair, valid, masks=masks, result=result)
+        except (ShapeMismatchError, MetricError) as small:
+            result.scores[name], result.reasons[name] = None, str(small)
+    return result
+
+
+def _score_metric(
+    name: str,
+    pair: JudgedPair,
+    valid: Mask,
+    *,
+    masks: Mapping[Region, Mask | None],
+    result: _PairScores,
+) -> None:
+    """Add a metric's scores.
+
+    Raises:
+        ShapeMismatchError, MetricError: the metric cannot compare frames of this size.
+    """
+    metric, scores = METRICS[name], result.scores
+    if metric.whole is not None:
+        scores[name] = metric.whole(pair)
+    if metric.measure is None:
+        return
+    error, seen = metric.measure(pair), metric.needs_motion
+    whole = _mean_of_region(error, pair, valid, seen=seen, least=LEAST_PIXELS if seen else 1)
+    scores[name] = whole
+    if whole is None and error is not None and not (seen and pair.history is None):
+        result.reasons[name] = NOTHING_SEEN if seen else NOTHING_FINITE
+    for region, mask in ({Region.ALL: valid} | dict(masks)).items():
+        held = result.regions[region.value]
+        if mask is not None and held is not None:
+            of_all = region is Region.ALL
+            held[name] = whole if of_all else _mean_of_region(error, pair, mask, seen=seen)
+    if name == WARPED:
+        truth = warp_change(pair.reference, pair.reference_before, pair.motion_px)
+        scores[REFERENCE_WARPED] = _mean_of_region(truth, pair, valid, seen=True)
 
 
 def _mean_of_region(
-    error: ErrorMap | None, pair: JudgedPair, mask: Mask, *, seen: bool
+    error: ErrorMap | None,
+    pair: JudgedPair,
+    mask: Mask,
+    *,
+    seen: bool,
+    least: int = LEAST_PIXELS,
 ) -> float | None:
     """Mean over a region, or over what of it the frame before shows; None where nobody can tell."""
     if error is None or (seen and pair.history is None):
         return None
-    return error.over(mask & pair.history if seen and pair.history is not None else mask)
+    counted = mask & pair.history if seen and pair.history is not None else mask
+    return error.over(counted, least=least)

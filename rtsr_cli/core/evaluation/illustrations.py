@@ -13,8 +13,8 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rtsr_cli.core.evaluation.judged_frames import JudgedFrame, read_judged
-from rtsr_cli.core.evaluation.judgement import REFERENCE, JudgedShot, Judgement
+from rtsr_cli.core.evaluation.judged_frames import REFERENCE, JudgedFrame, read_judged
+from rtsr_cli.core.evaluation.judgement import JudgedShot, Judgement
 from rtsr_cli.core.evaluation.metric_table import METRICS, Better, MetricRules
 from rtsr_cli.core.evaluation.protocols import ShownPicture
 from rtsr_cli.core.files.picture_bytes import encode_picture

@@ -18,6 +18,9 @@ from rtsr_cli.core.imaging.primaries import to_rec709
 from rtsr_cli.core.pairs.simulation import average_samples
 from rtsr_cli.core.shapes import Color, Mask
 
+REFERENCE = ""
+"""Stands for the reference among methods."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class JudgedFrame:
@@ -30,6 +33,7 @@ class JudgedFrame:
         valid: method -> pixels that are finite there and in the reference, 1 x 1 x h x w booleans.
         nonfinite: method -> pixels that are not, in the test.
         nonfinite_reference: pixels that are not, in the reference.
+        negative: method, or "" for the reference, -> values of radiance below 0, as stored.
         known: pixels of the reference that are finite, as `valid`.
         gbuffer: buffers, None where there are none.
     """
@@ -40,6 +44,7 @@ class JudgedFrame:
     valid: Mapping[str, Mask]
     nonfinite: Mapping[str, int]
     nonfinite_reference: int
+    negative: Mapping[str, int]
     known: Mask
     gbuffer: Frame | None
 
@@ -68,10 +73,11 @@ def read_judged(
     """
     height, width = comparison.size
     inside = (height - 2 * border, width - 2 * border)
-    reference, known = _read_radiance(comparison.reference, number, comparison.samples)
+    reference, known, below = _read_radiance(comparison.reference, number, comparison.samples)
     tests, valid, nonfinite = {}, {}, {}
+    negative = {REFERENCE: below}
     for method, reader in comparison.tests.items():
-        test, finite = _read_radiance(reader, number, 1)
+        test, finite, negative[method] = _read_radiance(reader, number, 1)
         nonfinite[method] = int((~finite).sum())
         tests[method] = _cut(test, border).to(device)
         valid[method] = _cut(finite & known, border).to(device)
@@ -87,6 +93,7 @@ def read_judged(
         valid=valid,
         nonfinite=nonfinite,
         nonfinite_reference=int((~known).sum()),
+        negative=negative,
         known=_cut(known, border).to(device),
         gbuffer=gbuffer,
     )
@@ -96,11 +103,12 @@ def _cut(image: Tensor, border: int) -> Tensor:
     return image[..., border : image.shape[-2] - border, border : image.shape[-1] - border]
 
 
-def _read_radiance(reader: FrameReader, number: int, samples: int) -> tuple[Color, Tensor]:
-    """Linear Rec.709 of a frame, not finite pixels black, and which pixels are finite."""
+def _read_radiance(reader: FrameReader, number: int, samples: int) -> tuple[Color, Tensor, int]:
+    """Linear Rec.709 of a frame, not finite pixels black; which are finite; values below 0."""
     frame = reader.read(number, (Buffer.COLOR,))
     color = average_samples(frame, samples).gbuffer[Buffer.COLOR]
     finite = torch.isfinite(color).all(1, keepdim=True)
     if not bool(finite.all()):
         color = color.masked_fill(~finite, 0.0)
-    return to_rec709(color, reader.conventions.colorspace), finite
+    below = int((color < 0).sum()) if float(color.amin()) < 0 else 0
+    return to_rec709(color, reader.conventions.colorspace), finite, below

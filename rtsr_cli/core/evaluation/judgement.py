@@ -22,18 +22,16 @@ from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.evaluation import score_summary
 from rtsr_cli.core.evaluation.comparisons import Comparison
 from rtsr_cli.core.evaluation.events import FrameJudged
-from rtsr_cli.core.evaluation.judged_frames import JudgedFrame, read_judged
+from rtsr_cli.core.evaluation.judged_frames import REFERENCE, JudgedFrame, read_judged
 from rtsr_cli.core.evaluation.metric_table import METRICS, REFERENCE_WARPED, WARPED, MetricRules
 from rtsr_cli.core.evaluation.protocols import Protocol, ShownPicture
 from rtsr_cli.core.evaluation.regions import REGION_MEANINGS, Region
-from rtsr_cli.core.evaluation.score_summary import VMAF
+from rtsr_cli.core.evaluation.score_summary import REASONS, VMAF
+from rtsr_cli.core.evaluation.shot_notes import list_notes
 from rtsr_cli.core.evaluation.shot_scores import ScoringOptions, score_shot
 from rtsr_cli.core.frames.selection import Selection, format_ranges
-from rtsr_cli.core.metrics.vmaf import Vmaf, choose_model
+from rtsr_cli.core.metrics.vmaf import Vmaf, choose_model, describe_too_small
 from rtsr_cli.core.statistics import INTERVAL_RULE
-
-REFERENCE = ""
-"""Stands for the reference among methods."""
 
 MOST_ROWS = 512
 """Rows of an EPI picture; longer sequences are thinned."""
@@ -173,7 +171,9 @@ def judge_shot(
     height, width = (side - 2 * options.border for side in comparison.size)
     every = -(-len(comparison.numbers) // MOST_ROWS)
     sliced = FrameRow(row=height // 2)
-    videos: tuple[str, ...] = tuple(comparison.tests) if VMAF in options.rules.metrics else ()
+    wanted = tuple(comparison.tests) if VMAF in options.rules.metrics else ()
+    too_small = describe_too_small((height, width)) if wanted else ""
+    videos = () if too_small else wanted
     keep = _FrameKeeper(
         protocol=options.rules.protocol,
         row=sliced.row,
@@ -202,6 +202,8 @@ def judge_shot(
     for method, values in vmaf_scores.items():
         for facts, value in zip(frames[method].values(), values, strict=True):
             facts[VMAF] = value
+    for facts in (f for method in wanted if too_small for f in frames[method].values()):
+        facts |= {VMAF: None, REASONS: {**facts.get(REASONS, {}), VMAF: too_small}}
     return JudgedShot(
         comparison=comparison,
         frames=frames,
@@ -249,7 +251,7 @@ def assemble_result(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[s
                 "method": method,
                 "shot": name,
                 **summary,
-                "notes": _list_notes(shot, method),
+                "notes": list_notes(shot.comparison, method, frames),
             }
     result = {
         "protocol": rules.protocol.name,
@@ -306,29 +308,3 @@ def _describe_convention(name: str, rules: MetricRules) -> str:
         "flip": f"; {rules.ppd:g} pixels per degree",
         "hdr-flip": f"; {rules.ppd:g} pixels per degree",
     }.get(name, "")
-
-
-def _list_notes(shot: JudgedShot, method: str) -> list[str]:
-    bad = {n: f["nonfinite"] for n, f in shot.frames[method].items() if f["nonfinite"]}
-    test, truth = shot.comparison.tests[method], shot.comparison.reference
-    notes = [*test.warnings, *(f"the reference: {text}" for text in truth.warnings)]
-    if not (test.fills_region and truth.fills_region):
-        notes.append(
-            "data windows are smaller than what is compared; pixels that no file holds are black"
-        )
-    if bad:
-        frames = format_ranges(int(n) for n in bad)
-        notes.append(f"{sum(bad.values())} pixels are NaN or Inf in frames {frames}; left out")
-    hidden = {n: c for n, f in shot.frames[method].items() if (c := f["nonfinite_reference"])}
-    if hidden:
-        frames = format_ranges(int(n) for n in hidden)
-        count = sum(hidden.values())
-        notes.append(f"{count} pixels of the reference are NaN or Inf in frames {frames}; left out")
-    if shot.comparison.gbuffer is None:
-        notes.append("no buffers of this size: regions and temporal metrics cannot be made")
-    elif all(shot.comparison.previous(number) is None for number in shot.comparison.numbers):
-        notes.append(
-            "no judged frame has history (the frame before it in all folders, no cut between): "
-            "temporal metrics and the disoccluded region cannot be made"
-        )
-    return notes

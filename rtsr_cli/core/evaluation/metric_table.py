@@ -78,10 +78,10 @@ class ErrorMap:
     margin: int = 0
     reading: Callable[[float], float] = float
 
-    def over(self, mask: Mask) -> float | None:
-        """Mean over a region; None where it is too small."""
+    def over(self, mask: Mask, *, least: int = LEAST_PIXELS) -> float | None:
+        """Mean over a region; None where fewer than `least` pixels are in it."""
         inside = cut_margin(mask, self.margin).to(self.values)
-        if float(inside.sum()) < LEAST_PIXELS:
+        if float(inside.sum()) < least:
             return None
         return self.reading(float(masked_mean(self.values, inside)))
 

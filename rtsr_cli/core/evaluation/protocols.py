@@ -112,16 +112,30 @@ PROTOCOLS = {
 """Protocols by name."""
 
 
+def show_signed(display: Display, linear: Color) -> Color:
+    """Show radiance by a protocol, and -c / (1 - c) of what is below 0, which displays clip.
+
+    Black and a value below it, or two of these, are then as different as they are.
+    """
+    return display(linear.clamp(min=0.0)) - encode_reinhard(-linear)
+
+
 @dataclass(frozen=True)
 class ShownPicture:
-    """One picture as the metrics of a protocol see it, each form made when it is asked for."""
+    """One picture as the metrics of a protocol see it, each form made when it is asked for.
+
+    `signed` pictures hold radiance below 0, or are compared with such: PSNR then tells it apart.
+    """
 
     linear: Color
     protocol: Protocol
+    signed: bool = False
 
     @cached_property
     def psnr(self) -> Color:
         """What PSNR compares."""
+        if self.signed:
+            return show_signed(self.protocol.psnr, self.linear)
         return self.protocol.psnr(self.linear)
 
     @cached_property

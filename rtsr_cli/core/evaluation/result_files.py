@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.evaluation.score_summary import REASONS
 from rtsr_cli.core.files.atomic_write import check_writable
 
 Result = Mapping[str, Any]
@@ -19,7 +20,7 @@ INFINITE = {"inf": math.inf, "-inf": -math.inf}
 """How JSON, which has no infinite numbers, holds them."""
 
 CSV_HEAD, CSV_TAIL = ("test", "shot", "frame", "region", "share"), ("nonfinite",)
-"""Columns before and after those of the metrics."""
+"""Columns before and after those of the metrics, and of why some are empty."""
 
 REPORT_MARK = "rtsr report</title>"
 """Every report has it near its beginning."""
@@ -100,11 +101,13 @@ def _parse_frame(number: str, entry: Any, what: str) -> dict[str, Any]:
     _require(number.removeprefix("-").isdecimal(), f"{what} has no number")
     plain = {"nonfinite": int, "counted": bool, "regions": dict}
     _check_fields(entry, plain, what)
+    reasons = entry.get(REASONS, {})
+    _check_fields(reasons, dict.fromkeys(reasons, str), f"'{REASONS}' of {what}")
     regions = {
         region: None if scores is None else _parse_scores(scores, what)
         for region, scores in entry["regions"].items()
     }
-    scores = _parse_scores({k: v for k, v in entry.items() if k not in plain}, what)
+    scores = _parse_scores({k: v for k, v in entry.items() if k not in {*plain, REASONS}}, what)
     return {**entry, **scores, "regions": regions}
 
 
@@ -143,7 +146,7 @@ def encode_csv(result: Result) -> str:
     metrics = list(result["metrics"])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*CSV_HEAD, *metrics, *CSV_TAIL])
+    writer.writerow([*CSV_HEAD, *metrics, REASONS, *CSV_TAIL])
     for test in result["tests"].values():
         place = [test["method"], test["shot"]]
         for frame, facts in test["frames"].items():
@@ -151,15 +154,21 @@ def encode_csv(result: Result) -> str:
                 everything = facts if region == "all" else scores or {}
                 writer.writerow(
                     [*place, frame, region, (scores or {}).get("share"),
-                     *(everything.get(m) for m in metrics), facts["nonfinite"]]
+                     *(everything.get(m) for m in metrics),
+                     _join_reasons(facts) if region == "all" else "", facts["nonfinite"]]
                 )  # fmt: skip
         for region, scores in test["regions"].items():
             everything = test["mean"] if region == "all" else scores or {}
             writer.writerow(
                 [*place, "", region, (scores or {}).get("share"),
-                 *(everything.get(m) for m in metrics), test["nonfinite"]]
+                 *(everything.get(m) for m in metrics), "", test["nonfinite"]]
             )  # fmt: skip
     return text.getvalue()
+
+
+def _join_reasons(facts: Mapping[str, Any]) -> str:
+    """Why a frame lacks values, in one cell."""
+    return "; ".join(f"{metric}: {reason}" for metric, reason in facts.get(REASONS, {}).items())
 
 
 def check_outputs(paths: Sequence[Path], *, overwrite: bool) -> None:

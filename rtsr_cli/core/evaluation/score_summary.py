@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rtsr_cli.core import statistics
@@ -18,7 +18,13 @@ from rtsr_cli.core.frames.selection import format_ranges
 Scores = Mapping[str, float | None]
 """Metric -> value; None where a frame has none."""
 
-FACTS = frozenset({"nonfinite", "nonfinite_reference", "counted", "regions"})
+REASONS = "reasons"
+"""Of a frame: metric -> why it has no value; there only where one has none."""
+
+BELOW_ZERO = ("negative", "negative_reference")
+"""Of a frame: values of radiance below 0 in the test and in the reference."""
+
+FACTS = frozenset({"nonfinite", "nonfinite_reference", "counted", "regions", REASONS, *BELOW_ZERO})
 """What a frame's entry holds beside its scores."""
 
 INFINITE_RULE = (
@@ -69,6 +75,8 @@ class FrameScores:
         regions: region -> share of the pixels and metric -> value; None where it cannot be made.
         nonfinite: pixels that are NaN or Inf in the test.
         nonfinite_reference: pixels that are in the reference.
+        negative, negative_reference: values of radiance below 0.
+        reasons: metric -> why it has no value.
         counted: False where the frame is shown but takes no part in means (`--skip-first`).
     """
 
@@ -77,6 +85,9 @@ class FrameScores:
     regions: Mapping[str, Scores | None]
     nonfinite: int
     nonfinite_reference: int = 0
+    negative: int = 0
+    negative_reference: int = 0
+    reasons: Mapping[str, str] = field(default_factory=dict)
     counted: bool = True
 
     def facts(self) -> dict[str, Any]:
@@ -85,6 +96,9 @@ class FrameScores:
             **self.scores,
             "nonfinite": self.nonfinite,
             "nonfinite_reference": self.nonfinite_reference,
+            "negative": self.negative,
+            "negative_reference": self.negative_reference,
+            **({REASONS: dict(self.reasons)} if self.reasons else {}),
             "counted": self.counted,
             "regions": {name: None if r is None else dict(r) for name, r in self.regions.items()},
         }
@@ -103,7 +117,10 @@ def summarise_frames(frames: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "frames": dict(frames),
         "regions": _average_regions([f["regions"] for f in counted]),
         "nonfinite": sum(int(f["nonfinite"]) for f in frames.values()),
-        "nonfinite_reference": sum(int(f.get("nonfinite_reference", 0)) for f in frames.values()),
+        **{
+            name: sum(int(f.get(name, 0)) for f in frames.values())
+            for name in ("nonfinite_reference", *BELOW_ZERO)
+        },
     }
 
 

@@ -104,6 +104,25 @@ def _find_table_start(file: FileBytes) -> int | None:
         position = end
 
 
+def list_headers(path: Path) -> list[dict[bytes, bytes]]:
+    """Read the headers of a file: for each part, attribute name -> bytes of its value.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb", buffering=0) as file:
+        content = FileBytes(file)
+        headers, position = [], FIXED_BYTES
+        while True:
+            attributes, end = list_attributes(content, position)
+            if end is None or not attributes:
+                return headers
+            headers.append({a.name: content.at(a.position, a.size) for a in attributes})
+            if not content.flags & MULTIPART:
+                return headers
+            position = end
+
+
 def list_attributes(file: FileBytes, position: int) -> tuple[list[RawAttribute], int | None]:
     """Read the attributes of one header.
 

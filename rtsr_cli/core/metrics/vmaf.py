@@ -142,6 +142,13 @@ class _Reader(threading.Thread):
             self.content = stream.read()
 
 
+def describe_too_small(size: tuple[int, int]) -> str:
+    """Say why pictures of (height, width) have no VMAF; "" where they have one."""
+    if min(size) >= MIN_SIDE_PX:
+        return ""
+    return f"VMAF: {size[1]} x {size[0]} pixels are too few, it needs at least {MIN_SIDE_PX} a side"
+
+
 class Vmaf:
     """A running VMAF of one sequence: pictures are added as they come, `finish` has the scores.
 
@@ -160,11 +167,8 @@ class Vmaf:
         Raises:
             MetricError: there is no such model, or the pictures are smaller than 32 pixels.
         """
-        if min(size) < MIN_SIDE_PX:
-            raise MetricError(
-                f"VMAF: {size[1]} x {size[0]} pixels are too few, it needs at least "
-                f"{MIN_SIDE_PX} a side"
-            )
+        if too_small := describe_too_small(size):
+            raise MetricError(too_small)
         if model not in MODELS:
             raise MetricError(f"VMAF: there is no model '{model}'{did_you_mean(model, MODELS)}")
         self._size = size

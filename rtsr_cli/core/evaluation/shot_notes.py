@@ -1,0 +1,71 @@
+"""What is to be said of one method on one shot beside its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rtsr_cli.core.evaluation.comparisons import Comparison
+from rtsr_cli.core.evaluation.metric_table import METRICS
+from rtsr_cli.core.evaluation.score_summary import REASONS
+from rtsr_cli.core.frames.selection import format_ranges
+
+
+def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -> list[str]:
+    """List the notes of a method.
+
+    Args:
+        comparison: what was compared.
+        method: of the test.
+        frames: its frames by number, as `FrameScores.facts`.
+    """
+    bad = {n: f["nonfinite"] for n, f in frames.items() if f["nonfinite"]}
+    test, truth = comparison.tests[method], comparison.reference
+    notes = [*test.warnings, *(f"the reference: {text}" for text in truth.warnings)]
+    if not (test.fills_region and truth.fills_region):
+        notes.append(
+            "data windows are smaller than what is compared; pixels that no file holds are black"
+        )
+    if bad:
+        where = format_ranges(int(n) for n in bad)
+        notes.append(f"{sum(bad.values())} pixels are NaN or Inf in frames {where}; left out")
+    hidden = {n: c for n, f in frames.items() if (c := f["nonfinite_reference"])}
+    if hidden:
+        where = format_ranges(int(n) for n in hidden)
+        count = sum(hidden.values())
+        notes.append(f"{count} pixels of the reference are NaN or Inf in frames {where}; left out")
+    notes += _describe_negative(frames)
+    notes += _describe_reasons(frames)
+    if comparison.gbuffer is None:
+        notes.append("no buffers of this size: regions and temporal metrics cannot be made")
+    elif all(comparison.previous(number) is None for number in comparison.numbers):
+        notes.append(
+            "no judged frame has history (the frame before it in all folders, no cut between): "
+            "temporal metrics and the disoccluded region cannot be made"
+        )
+    return notes
+
+
+def _describe_negative(frames: Mapping[str, Any]) -> list[str]:
+    """Say where radiance is below 0, which displays show as black."""
+    notes = []
+    for key, whose in (("negative", "radiance is"), ("negative_reference", "the reference is")):
+        bad = {int(n): f[key] for n, f in frames.items() if f.get(key)}
+        if bad:
+            notes.append(
+                f"{whose} below 0 in {sum(bad.values())} values of frames {format_ranges(bad)}: "
+                "PSNR compares them as -c/(1-c), pictures show black"
+            )
+    return notes
+
+
+def _describe_reasons(frames: Mapping[str, Any]) -> list[str]:
+    """Say why frames have no value of a metric."""
+    lacking: dict[tuple[str, str], list[int]] = {}
+    for number, facts in frames.items():
+        for metric, reason in facts.get(REASONS, {}).items():
+            lacking.setdefault((metric, reason), []).append(int(number))
+    return [
+        f"no {METRICS[metric].title} of frames {format_ranges(numbers)}: {reason}"
+        for (metric, reason), numbers in lacking.items()
+    ]
