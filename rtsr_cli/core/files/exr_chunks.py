@@ -112,7 +112,8 @@ def list_headers(path: Path) -> list[dict[bytes, bytes]]:
     """
     with path.open("rb", buffering=0) as file:
         content = FileBytes(file)
-        headers, position = [], FIXED_BYTES
+        headers: list[dict[bytes, bytes]] = []
+        position = FIXED_BYTES
         while True:
             attributes, end = list_attributes(content, position)
             if end is None or not attributes:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.inspect.pixel_statistics import PixelStatistics
+from rtsr_cli.core.inspect.pixel_statistics import NEVER_NEGATIVE, PixelStatistics
 from rtsr_cli.core.inspect.shot_inspection import SetInspection, ShotInspection
 
 
@@ -52,6 +53,12 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
             for buffer, statistics in inspected.statistics.items()
             if statistics.nonfinite
         },
+        "negative": {
+            buffer.value: statistics.negative
+            for buffer, statistics in inspected.statistics.items()
+            if statistics.negative and buffer in NEVER_NEGATIVE
+        },
+        "lossy": {name: asdict(buffer) for name, buffer in inspected.lossy.items()},
         "problems": [problem.text for problem in inspected.problems],
         "notes": [] if inspected.settled is None else list(inspected.settled.notes),
     }

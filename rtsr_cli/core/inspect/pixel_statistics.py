@@ -21,6 +21,10 @@ HALF_STEP = 2.0**-11
 """Relative step of half precision: values of 0.5 to 1 are this far apart."""
 
 
+NEVER_NEGATIVE = frozenset({Buffer.COLOR, Buffer.LIGHTING, Buffer.EMISSION})
+"""Buffers of light."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PixelStatistics:
     """What the pixels of a buffer are, over the frames that were looked at, as stored.
@@ -28,6 +32,7 @@ class PixelStatistics:
     Attributes:
         low, high, median: of the finite values.
         nonfinite: frame -> number of NaN and Inf.
+        negative: frame -> number of values below 0.
         zero: frames in which every value is 0.
     """
 
@@ -35,6 +40,7 @@ class PixelStatistics:
     high: float
     median: float
     nonfinite: Mapping[int, int] = field(default_factory=dict)
+    negative: Mapping[int, int] = field(default_factory=dict)
     zero: tuple[int, ...] = ()
 
 
@@ -46,6 +52,7 @@ class _RunningStatistics:
     high: float = float("-inf")
     medians: list[float] = field(default_factory=list)
     nonfinite: dict[int, int] = field(default_factory=dict)
+    negative: dict[int, int] = field(default_factory=dict)
     zero: list[int] = field(default_factory=list)
 
     def add(self, number: int, stored: Tensor) -> None:
@@ -54,7 +61,10 @@ class _RunningStatistics:
         if finite.numel() < values.numel():
             self.nonfinite[number] = values.numel() - finite.numel()
         if finite.numel():
-            self.low = min(self.low, float(finite.amin()))
+            lowest = float(finite.amin())
+            self.low = min(self.low, lowest)
+            if lowest < 0:
+                self.negative[number] = int((finite < 0).sum())
             self.high = max(self.high, float(finite.amax()))
             self.medians.append(float(finite.median()))
         if not bool(values.any()):
@@ -67,6 +77,7 @@ class _RunningStatistics:
             high=0.0 if nothing else self.high,
             median=0.0 if nothing else sorted(self.medians)[len(self.medians) // 2],
             nonfinite=self.nonfinite,
+            negative=self.negative,
             zero=tuple(self.zero),
         )
 
@@ -95,6 +106,17 @@ def describe_nonfinite(statistics: Mapping[Buffer, PixelStatistics]) -> list[str
         f"{format_ranges(s.nonfinite)}: render them again, or use --on-nonfinite zero|inpaint"
         for buffer, s in statistics.items()
         if s.nonfinite and buffer is not Buffer.DEPTH
+    ]
+
+
+def describe_negative(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
+    """Say which radiance is below 0, which no light is."""
+    return [
+        f"{sum(s.negative.values())} values of '{buffer}' are below 0 in frames "
+        f"{format_ranges(s.negative)}, which no light is; render them again, or clamp "
+        "them, if they are not meant"
+        for buffer, s in statistics.items()
+        if s.negative and buffer in NEVER_NEGATIVE
     ]
 
 

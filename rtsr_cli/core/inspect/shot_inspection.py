@@ -21,8 +21,10 @@ from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import LayerChoiceError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.inspect.lossy_buffers import LossyBuffer, describe_lossy, find_lossy_buffers
 from rtsr_cli.core.inspect.pixel_statistics import (
     PixelStatistics,
+    describe_negative,
     describe_nonfinite,
     list_doubts,
     measure_statistics,
@@ -64,6 +66,7 @@ class SetInspection:
         settled: how it is read, None if it cannot be.
         statistics: of each buffer.
         looked_at: frames whose pixels were read.
+        lossy: buffers of numbers that are compressed with losses.
         problems: what is wrong, each with its remedy.
     """
 
@@ -78,6 +81,7 @@ class SetInspection:
     looked_at: tuple[int, ...]
     problems: tuple[ShotProblem, ...]
     layers: tuple[str, ...] = ()
+    lossy: Mapping[str, LossyBuffer] = field(default_factory=dict)
 
     @property
     def reader(self) -> FrameReader | None:
@@ -306,7 +310,9 @@ def _with_pixels(
     unsettled = ShotProblem(
         text=settled.undecided, gravity=Severity.REFUSED, lacks="a named layout"
     )
-    remarks = [*list_doubts(reader, statistics), *settled.warnings]
+    lossy = find_lossy_buffers(reader, unknown, looked_at)
+    remarks = [*describe_lossy(lossy), *describe_negative(statistics)]
+    remarks += [*list_doubts(reader, statistics), *settled.warnings]
     remarks += [settled.motion_undecided] if settled.motion_undecided else []
     problems = [
         *inspection.problems,
@@ -327,6 +333,7 @@ def _with_pixels(
         missing=missing,
         statistics=statistics,
         looked_at=looked_at,
+        lossy=lossy,
         problems=_drop_repeats(problems),
     )
 
