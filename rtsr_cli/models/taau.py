@@ -106,8 +106,8 @@ class LrSamples:
     @property
     def brightest(self) -> float:
         """Tone-mapped value that interpolation may reach; samples in float64 are brighter."""
-        color = self.color_tonemapped
-        return MAX_ENCODED if color.dtype == torch.float32 else float(color.amax())
+        wide = self.color_tonemapped.dtype == torch.float64
+        return float(self.color_tonemapped.amax()) if wide else MAX_ENCODED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,11 +123,9 @@ class TaauState:
         """Return the same history in the precision of the samples that it meets."""
         if self.count.dtype == dtype:
             return self
-        color, count, before = self.color_tonemapped, self.count, self.samples
-        samples = replace(before, depth_m=before.depth_m.to(dtype))
-        return replace(
-            self, color_tonemapped=color.to(dtype), count=count.to(dtype), samples=samples
-        )
+        samples = replace(self.samples, depth_m=self.samples.depth_m.to(dtype))
+        color, count = self.color_tonemapped.to(dtype), self.count.to(dtype)
+        return replace(self, color_tonemapped=color, count=count, samples=samples)
 
 
 def to_ycocg(color: Color) -> Image:
@@ -251,10 +249,8 @@ def accumulate(
     kept = TaauState(
         color_tonemapped=color, count=total, samples=samples, pre_exposure=pre_exposure
     )
-    most = samples.brightest
-    if most <= MAX_ENCODED:
-        return decode_reinhard(color), kept
-    return decode_reinhard(color, most / (1.0 - most)).float(), kept
+    most = MAX_HALF if color.dtype == torch.float32 else torch.finfo(torch.float32).max
+    return decode_reinhard(color, most).float(), kept
 
 
 def judge_history(

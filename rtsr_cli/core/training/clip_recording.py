@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import torch
 from torch import Tensor
@@ -38,6 +39,8 @@ from rtsr_cli.core.training.clips import (
     Clip,
     ClipFacts,
     leave_out_zeros,
+    list_doubts,
+    read_clips,
     write_clips,
 )
 
@@ -50,6 +53,9 @@ RADIANCE_PARTS = frozenset({Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK}
 """What HR frames need not give where their radiance lies apart."""
 
 HALF_BYTES = 2
+
+DOUBTS = "doubts"
+"""Of a recording: what is to be said of its radiance, each time that it is used."""
 
 MAX_CHANNELS = 24
 """Channels that a recording holds at most, about."""
@@ -185,7 +191,11 @@ def record_clips_of(
             also = "".join(f", {part.name}" for part in shot.beside)
             yield f"recording {root}, frames {format_ranges(numbers)}{also}"
             clip = _record_clip(shot, wanted, policy, numbers, targets)
-            write_clips(path, [clip], {"frames": format_ranges(numbers)})
+            doubts = list_doubts(clip)
+            about = {"frames": format_ranges(numbers)} | ({DOUBTS: doubts} if doubts else {})
+            write_clips(path, [clip], about)
+        said = cast(Sequence[str], read_clips(path)[1].get(DOUBTS, ()))
+        yield from (f"Warning: {root}, frames {format_ranges(numbers)}: {t}" for t in said)
         paths.append(path)
     return paths
 

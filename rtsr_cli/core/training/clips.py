@@ -20,6 +20,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.shapes import Size
 
 FORMAT = "rtsr-clips-1"
@@ -113,6 +114,24 @@ def leave_out_zeros(clip: Clip) -> Clip:
     )
     zeros = tuple(f"{size}.{name}" for size in empty)
     return replace(clip, facts=replace(clip.facts, zeros=zeros), hr=hr, lr=lr)
+
+
+def list_doubts(clip: Clip) -> list[str]:
+    """Say what of a clip's radiance is no light, or was too large for the half that it is kept in.
+
+    Planes hold what is beyond half as its largest number.
+    """
+    doubts = []
+    for size, planes in (("hr", clip.hr), ("lr", clip.lr)):
+        color = planes.get(Buffer.COLOR.value)
+        if color is None:
+            continue
+        below, beyond = int((color < 0).sum()), int((color >= MAX_HALF).sum())
+        if below:
+            doubts.append(f"{below} values of {size} radiance are below 0, which no light is")
+        if beyond:
+            doubts.append(f"{beyond} values of {size} radiance are trained on as {MAX_HALF:.0f}")
+    return doubts
 
 
 def write_clips(path: Path, clips: Sequence[Clip], about: Mapping[str, object]) -> None:
