@@ -8,7 +8,9 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from click.testing import Result
@@ -17,6 +19,7 @@ from torch import Tensor
 
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.network.weights import SHIPPED, read_weights
+from rtsr_cli.core.training.clips import read_clips
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -325,3 +328,44 @@ def test_two_processes_make_the_steps_of_one_with_twice_the_batch(
     losses = [[float(row.split(",")[1]) for row in table[1:]] for table in rows]
     assert len(losses[0]) == 4
     assert losses[0] == pytest.approx(losses[1], rel=1e-3)
+
+
+def test_radiance_that_is_no_light_or_too_large_is_said_each_time(
+    rtsr: Run, captures: Path, tmp_path: Path, changed: Callable[..., Path]
+) -> None:
+    def spoil(planes: dict[str, Any], number: int) -> None:
+        planes["R"] = planes["R"].astype(np.float32)
+        if number == 1:
+            planes["R"][4, 5:8] = -0.5
+            planes["R"][9, 5] = 1e6
+
+    shot = changed(captures / "one", spoil)
+    for out in ("a", "b"):
+        one = settings(training__steps=1)
+        result = train(rtsr, shot, tmp_path / "cache", tmp_path / out, *one)
+        assert result.exit_code == 0, result.output
+        assert "3 values of hr radiance are below 0" in result.output
+        assert "1 values of hr radiance are trained on as 65504" in result.output
+
+
+def test_a_network_is_trained_on_the_colour_of_what_covers_a_pixel(
+    rtsr: Run, captures: Path, tmp_path: Path, changed: Callable[..., Path]
+) -> None:
+    def cover(planes: dict[str, Any], number: int) -> None:
+        del number
+        alpha = np.full(planes["R"].shape, 0.25, np.float32)
+        planes["A"] = alpha
+        for channel in "RGB":
+            planes[channel] = (planes[channel] * alpha).astype(np.float32)
+
+    shot = changed(captures / "one", cover)
+    for source, cache in ((shot, "covered"), (captures / "one", "plain")):
+        result = train(
+            rtsr, source, tmp_path / cache, tmp_path / f"run-{cache}", *settings(training__steps=1)
+        )
+        assert result.exit_code == 0, result.output
+    (covered,), (plain,) = (
+        read_clips(next((tmp_path / cache).glob("*.rtsr-clips")))[0]
+        for cache in ("covered", "plain")
+    )
+    torch.testing.assert_close(covered.hr["color"], plain.hr["color"], rtol=1e-3, atol=1e-3)

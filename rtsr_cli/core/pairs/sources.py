@@ -18,9 +18,10 @@ from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.coverage import CoveredColor, divide_coverage
+from rtsr_cli.core.imaging.coverage import CoveredColor
 from rtsr_cli.core.imaging.derivation import DerivationConfig
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
+from rtsr_cli.core.pairs.straight_radiance import take_coverage_out
 from rtsr_cli.core.pairs.window import Reads, resolve_reads
 from rtsr_cli.core.shapes import Size
 
@@ -97,13 +98,9 @@ def check_frame(frame: Frame, inputs: PairInputs) -> CheckedFrame:
     """
     frame, fixed = apply_policy(frame, inputs.on_nonfinite)
     negative = count_negative(frame)
-    buffers = frame.gbuffer.buffers
     covered = None
-    if inputs.straight and Buffer.COLOR in buffers and Buffer.ALPHA in buffers:
-        covered = divide_coverage(buffers[Buffer.COLOR], buffers[Buffer.ALPHA])
-    if covered is not None:
-        gbuffer = frame.gbuffer.with_buffers({Buffer.COLOR: covered.color})
-        frame = replace(frame, gbuffer=gbuffer)
+    if inputs.straight:
+        frame, covered = take_coverage_out(frame)
     return CheckedFrame(frame=frame, fixed=fixed, negative=negative, covered=covered)
 
 

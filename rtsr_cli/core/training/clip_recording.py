@@ -6,13 +6,12 @@ import math
 from collections.abc import Collection, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import cast
 
 import torch
 from torch import Tensor
 
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.choices import DemodulationMode, NonfinitePolicy
+from rtsr_cli.core.choices import DemodulationMode, NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import FileDigests, digest_config, digest_values
 from rtsr_cli.core.frames.buffers import Buffer
@@ -31,16 +30,18 @@ from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.real_pairs import RealPairs
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
 from rtsr_cli.core.pairs.sources import PairInputs, PairSource
+from rtsr_cli.core.pairs.straight_radiance import take_coverage_out
 from rtsr_cli.core.system import System
+from rtsr_cli.core.training.clip_parts import cut_run
 from rtsr_cli.core.training.clips import (
     DERIVED,
+    DOUBTS,
     MATERIAL_GAIN,
     SUFFIX,
     Clip,
     ClipFacts,
     leave_out_zeros,
     list_doubts,
-    read_clips,
     write_clips,
 )
 
@@ -53,9 +54,6 @@ RADIANCE_PARTS = frozenset({Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK}
 """What HR frames need not give where their radiance lies apart."""
 
 HALF_BYTES = 2
-
-DOUBTS = "doubts"
-"""Of a recording: what is to be said of its radiance, each time that it is used."""
 
 MAX_CHANNELS = 24
 """Channels that a recording holds at most, about."""
@@ -73,6 +71,7 @@ class RecordedInputs:
         history: frames that go before a target.
         unroll: successive targets of a sample.
         beside: names of further radiance, recorded where it was captured.
+        straight: radiance without its coverage, as upscaling shows it to a system.
     """
 
     lr: tuple[Buffer, ...]
@@ -84,6 +83,7 @@ class RecordedInputs:
     history: int
     unroll: int = 1
     beside: tuple[str, ...] = ()
+    straight: bool = False
 
 
 def list_recorded_inputs(system: System, config: object, scale: int) -> RecordedInputs:
@@ -101,6 +101,7 @@ def list_recorded_inputs(system: System, config: object, scale: int) -> Recorded
         history=system.history_frames,
         unroll=system.learning.unroll,
         beside=system.learning.beside,
+        straight=system.task is SystemTask.UPSCALE,
     )
 
 
@@ -194,8 +195,6 @@ def record_clips_of(
             doubts = list_doubts(clip)
             about = {"frames": format_ranges(numbers)} | ({DOUBTS: doubts} if doubts else {})
             write_clips(path, [clip], about)
-        said = cast(Sequence[str], read_clips(path)[1].get(DOUBTS, ()))
-        yield from (f"Warning: {root}, frames {format_ranges(numbers)}: {t}" for t in said)
         paths.append(path)
     return paths
 
@@ -214,8 +213,11 @@ def _hash_recording(shot: CapturedShot, wanted: RecordedInputs, policy: Nonfinit
         files += [p for n in apart.numbers for p in apart.files(n, (Buffer.COLOR,))]
     files += [p for part in shot.beside for n in source.reader.numbers for p in part.files(n)]
     declarations = [reader.declaration for reader in shot.readers]
+    plain = asdict(wanted)
+    if plain.pop("straight") and any(Buffer.ALPHA in reader.stored for reader in shot.readers):
+        declarations.append("straight")
     return digest_values(
-        digest_config("clips", asdict(wanted), policy.value, declarations),
+        digest_config("clips", plain, policy.value, declarations),
         FileDigests().of_all(tuple(files)),
     )
 
@@ -227,23 +229,9 @@ def _cut_parts(source: PairSource, wanted: RecordedInputs) -> Iterator[tuple[Seq
     height, width = source.readers[-1].size
     length = CLIP_BYTES // (height * width * HALF_BYTES * MAX_CHANNELS)
     for run in sequence.runs():
-        yield from cut_run(run, min(MAX_CLIP_FRAMES, length), wanted)
-
-
-def cut_run(
-    run: Sequence[int], length: int, wanted: RecordedInputs
-) -> Iterator[tuple[Sequence[int], int]]:
-    """Cut one unbroken run into parts of about `length` frames.
-
-    Parts overlap by history and all but one target of a sample, so that every sample lies in
-    exactly one, with the history that there is. Yields numbers and the position of the first
-    target.
-    """
-    overlap = wanted.history + wanted.unroll - 1
-    length = max(overlap + 1, length)
-    for start in range(0, len(run), length):
-        first = max(0, start - overlap)
-        yield run[first : start + length], max(0, start - first - wanted.unroll + 1)
+        yield from cut_run(
+            run, min(MAX_CLIP_FRAMES, length), history=wanted.history, unroll=wanted.unroll
+        )
 
 
 def _record_clip(
@@ -259,9 +247,9 @@ def _record_clip(
     hr_required = wanted.hr if real else (*wanted.hr, *wanted.lr)
     hr_optional = wanted.hr_optional if real else (*wanted.hr_optional, *wanted.lr_optional)
     hr = list_recorded_buffers(hr_required, hr_optional, hr_reader, wanted.derivation)
-    hr_frames = [_read_frame(hr_reader, n, hr, wanted.derivation, policy) for n in numbers]
+    hr_frames = [_read_frame(hr_reader, n, hr, wanted, policy) for n in numbers]
     if shot.reference is not None:
-        hr_frames = [_add_radiance(f, shot.reference, policy) for f in hr_frames]
+        hr_frames = [_add_radiance(f, shot.reference, wanted, policy) for f in hr_frames]
         hr = tuple(dict.fromkeys((*hr, Buffer.COLOR)))
     planes = {b.value: _stack_planes(frame.gbuffer[b] for frame in hr_frames) for b in hr}
     gains = [_measure_material_gain(hr_reader, n, hr, wanted.derivation) for n in numbers]
@@ -272,7 +260,7 @@ def _record_clip(
     lr_planes: dict[str, Tensor] = {}
     if real:
         lr = list_recorded_buffers(wanted.lr, wanted.lr_optional, lr_reader, wanted.derivation)
-        lr_frames = [_read_frame(lr_reader, n, lr, wanted.derivation, policy) for n in numbers]
+        lr_frames = [_read_frame(lr_reader, n, lr, wanted, policy) for n in numbers]
         lr_planes = {b.value: _stack_planes(frame.gbuffer[b] for frame in lr_frames) for b in lr}
     else:
         simulation = Simulation(scale=wanted.scale)
@@ -299,18 +287,33 @@ def _read_frame(
     reader: FrameReader,
     number: int,
     buffers: Collection[Buffer],
-    derivation: DerivationConfig,
+    wanted: RecordedInputs,
     policy: NonfinitePolicy,
 ) -> Frame:
-    raw = _without_softening(derivation)
+    raw = _without_softening(wanted.derivation)
     stored = resolve_needs(buffers, reader.readable, has_camera=reader.has_camera, config=raw).read
-    frame, _ = apply_policy(reader.read(number, stored), policy)
-    return derive(frame, buffers, raw)
+    return derive(_read_stored(reader, number, stored, wanted, policy), buffers, raw)
 
 
-def _add_radiance(frame: Frame, reference: FrameReader, policy: NonfinitePolicy) -> Frame:
+def _read_stored(
+    reader: FrameReader,
+    number: int,
+    stored: Collection[Buffer],
+    wanted: RecordedInputs,
+    policy: NonfinitePolicy,
+) -> Frame:
+    """Read stored buffers; radiance is what the network will see."""
+    straight = wanted.straight and Buffer.COLOR in stored
+    coverage = {Buffer.ALPHA} & reader.readable if straight else set[Buffer]()
+    frame, _ = apply_policy(reader.read(number, {*stored, *coverage}), policy)
+    return take_coverage_out(frame)[0] if coverage else frame
+
+
+def _add_radiance(
+    frame: Frame, reference: FrameReader, wanted: RecordedInputs, policy: NonfinitePolicy
+) -> Frame:
     """Add the radiance of the reference's frame of the same number."""
-    truth, _ = apply_policy(reference.read(frame.number, (Buffer.COLOR,)), policy)
+    truth = _read_stored(reference, frame.number, (Buffer.COLOR,), wanted, policy)
     color = {Buffer.COLOR: truth.gbuffer[Buffer.COLOR]}
     return replace(frame, gbuffer=frame.gbuffer.with_buffers(color))
 

@@ -31,6 +31,9 @@ SUFFIX = ".rtsr-clips"
 DERIVED = frozenset({Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY})
 """Never stored: made again from the rest when a crop is used, as augmentation changes the rest."""
 
+DOUBTS = "doubts"
+"""Of what a file is about: what is to be said of its radiance, each time that it is used."""
+
 MATERIAL_GAIN = "material_gain"
 """Plane dF / dc: F of an albedo c' is F + gain (c' - c), so that materials can be swapped."""
 

@@ -7,6 +7,7 @@ from collections.abc import Generator, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import cast
 
 from rtsr_cli import __version__
 from rtsr_cli.core.captures.declarations import DeclarationFiles
@@ -31,7 +32,7 @@ from rtsr_cli.core.pairs.opening import (
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.training.clip_recording import CapturedShot, RecordedInputs, record_clips_of
-from rtsr_cli.core.training.clips import Clip, read_clips
+from rtsr_cli.core.training.clips import DOUBTS, Clip, read_clips
 from rtsr_cli.core.training.config import DataConfig
 
 MANIFEST = "manifest.json"
@@ -80,7 +81,10 @@ def gather_clips(folders: Sequence[Path], how: ClipSources) -> Generator[str, No
     for shot in choose_shots(folders, how):
         paths = yield from record_clips(shot, how)
         for path in paths:
-            clips += [_name_clip(clip, shot) for clip in read_clips(path)[0]]
+            held, about = read_clips(path)
+            clips += [_name_clip(clip, shot) for clip in held]
+            said = cast(Sequence[str], about.get(DOUBTS, ()))
+            yield from (f"Warning: {shot.name}, frames {about['frames']}: {t}" for t in said)
     return clips
 
 

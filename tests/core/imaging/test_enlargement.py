@@ -94,3 +94,27 @@ def test_where_no_sky_is_near_the_plain_enlargement_stands_in() -> None:
     color = 0.1 + torch.rand(1, 3, 8, 8)
     large = enlarge_masked_radiance(color, torch.zeros(1, 1, 8, 8), 2, (0.0, 0.0))
     assert torch.allclose(large, enlarge_radiance(color, 2, (0.0, 0.0)), rtol=1e-5)
+
+
+@pytest.mark.parametrize("value", [7e4, 2e5, 1e12, 3e38])
+def test_radiance_that_half_cannot_hold_stays_constant(value: float) -> None:
+    color = torch.full((1, 3, 5, 6), value)
+    large = enlarge_radiance(color, 4, MIDDLE)
+    assert large.dtype == torch.float32
+    torch.testing.assert_close(large, torch.full_like(large, value), rtol=1e-5, atol=0.0)
+    sky = enlarge_masked_radiance(color, torch.ones(1, 1, 5, 6), 4, MIDDLE)
+    torch.testing.assert_close(sky, torch.full_like(sky, value), rtol=1e-5, atol=0.0)
+
+
+def test_one_bright_pixel_leaves_the_others_as_they_are() -> None:
+    color = torch.rand(1, 3, 12, 12) * 3.0
+    plain = enlarge_radiance(color, 4, MIDDLE)
+    color[..., 10, 10] = 1e6
+    large = enlarge_radiance(color, 4, MIDDLE)
+    torch.testing.assert_close(large[..., :24, :24], plain[..., :24, :24], rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(large[..., 42, 42], color[..., 10, 10], rtol=1e-5, atol=0.0)
+
+
+def test_the_largest_half_is_not_exceeded() -> None:
+    large = enlarge_radiance(torch.full((1, 3, 5, 6), 65504.0), 4, MIDDLE)
+    assert float(large.max()) <= 65504.0

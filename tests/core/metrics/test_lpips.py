@@ -16,7 +16,12 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor
 
-from rtsr_cli.core.errors import MetricError, MetricUnavailableError, ShapeMismatchError
+from rtsr_cli.core.errors import (
+    CheckpointError,
+    MetricError,
+    MetricUnavailableError,
+    ShapeMismatchError,
+)
 from rtsr_cli.core.metrics import lpips_weights
 from rtsr_cli.core.metrics.lpips import Lpips
 from rtsr_cli.core.metrics.lpips_weights import (
@@ -237,6 +242,16 @@ def test_a_damaged_safetensors_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "damaged.safetensors"
     path.write_bytes(b"no weights at all")
     with pytest.raises(MetricUnavailableError, match=r"damaged\.safetensors"):
+        read_lpips_weights(path)
+
+
+def test_safetensors_that_are_no_numbers_are_refused(
+    tmp_path: Path, random_tensors: dict[str, Tensor]
+) -> None:
+    random_tensors["heads.3"].view(-1)[0] = float("nan")
+    path = tmp_path / "bad.safetensors"
+    save_file(random_tensors, path)
+    with pytest.raises(CheckpointError, match=r"bad\.safetensors: 1 of the .*'heads\.3'"):
         read_lpips_weights(path)
 
 

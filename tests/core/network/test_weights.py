@@ -140,3 +140,28 @@ def test_auto_is_settled_by_the_device() -> None:
     cpu = torch.device("cpu")
     assert resolve_precision(Precision.FP16, cpu) is Precision.FP16
     assert resolve_precision(Precision.AUTO, cpu) in (Precision.FP32, Precision.BF16)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+@pytest.mark.parametrize("half", [False, True])
+def test_weights_that_are_no_numbers_are_refused(tmp_path: Path, bad: float, half: bool) -> None:
+    network = SYSTEM.build(SYSTEM.config(), 4)
+    tensors = {name: tensor.clone() for name, tensor in network.state_dict().items()}
+    spoilt = [name for name, tensor in tensors.items() if tensor.is_floating_point()][1:3]
+    for name in spoilt:
+        tensors[name].view(-1)[0] = bad
+    path = tmp_path / "bad.safetensors"
+    config = to_plain(SYSTEM.config())
+    save_weights(path, tensors, system="fusesr-fast", scale=4, config=config, about={}, half=half)
+    with pytest.raises(CheckpointError, match=r"bad\.safetensors: 1 of the .* NaN or Inf") as told:
+        read_weights(path)
+    assert any(f"tensor '{name}'" in str(told.value) for name in spoilt)
+    assert "1 other tensors hold some" in str(told.value)
+
+
+def test_large_weights_whose_sum_overflows_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "large.safetensors"
+    config = to_plain(SYSTEM.config())
+    large = {"a": torch.full((64,), 3e38)}
+    save_weights(path, large, system="fusesr-fast", scale=4, config=config, about={})
+    assert torch.equal(read_weights(path).tensors["a"], large["a"])
