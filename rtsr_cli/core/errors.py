@@ -39,8 +39,8 @@ class InputChangedError(FrameFolderError):
     """A file that is no longer what it was when the run was planned."""
 
 
-class NonfiniteOutputError(FrameFolderError):
-    """An output that would hold NaN or Inf, and is not written; `count` says how many."""
+class NonfiniteError(FrameFolderError):
+    """A frame whose inputs hold NaN or Inf, or whose output would; `count` says how many."""
 
     def __init__(self, message: str, count: int) -> None:
         """Remember how many there are."""

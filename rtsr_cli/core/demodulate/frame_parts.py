@@ -77,7 +77,7 @@ def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> F
     cannot hold is made again as float.
 
     Raises:
-        NonfiniteOutputError: not even float can hold it; the frame is not written.
+        NonfiniteError: not even float can hold it; the frame is not written.
     """
     sheet = FrameLayers(frame.size, full=full)
     error, count = 0.0, 0.0
@@ -132,7 +132,7 @@ def recompose_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> Fr
     """Multiply lighting by material, and add the emission.
 
     Raises:
-        NonfiniteOutputError: the product is NaN or Inf somewhere; the frame is not written.
+        NonfiniteError: the product is NaN or Inf somewhere; the frame is not written.
     """
     del config
     gbuffer = frame.gbuffer

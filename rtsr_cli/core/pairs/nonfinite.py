@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.choices import NonfinitePolicy
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import NonfiniteError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import grow_valid
@@ -21,7 +21,7 @@ def apply_policy(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
     """Apply the policy for NaN and Inf; return the frame and the number of bad values.
 
     Raises:
-        FrameFolderError: policy `error` and a bad value; names folder, frame and buffer.
+        NonfiniteError: policy `error` and a bad value; names folder, frame and buffer.
     """
     # a sum that is finite has finite terms only, and costs one fast pass
     suspects = [
@@ -35,9 +35,10 @@ def apply_policy(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
         return frame, 0
     if policy is NonfinitePolicy.ERROR:
         listed = ", ".join(f"{count} values of '{b}'" for b, count in bad.items())
-        raise FrameFolderError(
+        raise NonfiniteError(
             f"{frame.gbuffer.where}: {listed} are NaN or Inf; render the frame again, or choose "
-            "--on-nonfinite zero|inpaint"
+            "--on-nonfinite zero|inpaint",
+            sum(bad.values()),
         )
     fixed = {
         b: _repair_ids(frame.gbuffer[b])

@@ -86,8 +86,8 @@ class FrameDone:
         path: of the output.
         message: why it failed.
         seconds: from reading's end to the writer's hands.
-        nonfinite: NaN and Inf that were repaired in its inputs; of a frame that failed, those that
-            it would have held.
+        nonfinite: NaN and Inf that were repaired in its inputs; of a frame that failed of them,
+            those in its inputs, or that it would have held.
         negative: values of radiance below 0 in its inputs.
         as_float: True if it is written as float, since half cannot hold its radiance.
         stops: True if no other frame could be written either, so that the run ended.
@@ -119,7 +119,7 @@ class RunDone:
         seconds: from the first frame to the last; None where nobody is told.
         counts: frames by what became of them.
         repaired: output, below OUT -> NaN and Inf that were repaired in its inputs.
-        spoilt: output -> NaN and Inf that it would have held; it failed, and is not written.
+        spoilt: output -> NaN and Inf that it failed of, and is not written for.
         negative: output -> values of radiance below 0 in its inputs.
         as_float: outputs that are float, since half cannot hold their radiance.
         stopped: why nothing more could be written; empty if all went on.

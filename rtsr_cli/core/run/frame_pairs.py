@@ -159,7 +159,7 @@ class FrameInTurn:
             maker: what made it, for the message.
 
         Raises:
-            NonfiniteOutputError: says how many; the frame fails, and nothing is written of it.
+            NonfiniteError: says how many; the frame fails, and nothing is written of it.
         """
         return check_output(made, f"{self.source}: {maker}", "other weights or another --system")
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows
-from rtsr_cli.core.errors import NonfiniteOutputError, OutputError
+from rtsr_cli.core.errors import NonfiniteError, OutputError
 from rtsr_cli.core.files.exr import PixelWindow, Plane, write_exr
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.files.provenance import read_stamp
@@ -119,13 +119,13 @@ def check_output(made: Tensor, what: str, remedy: str) -> float:
         remedy: what to try.
 
     Raises:
-        NonfiniteOutputError: says how many; the frame fails, and nothing is written of it.
+        NonfiniteError: says how many; the frame fails, and nothing is written of it.
     """
     largest = largest_magnitude(made)
     if math.isfinite(largest):
         return largest
     count = int((~torch.isfinite(made)).sum())
-    raise NonfiniteOutputError(
+    raise NonfiniteError(
         f"{what} gave {count} NaN or Inf values, and nothing is written; try {remedy}", count
     )
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from rtsr_cli.core.errors import NonfiniteOutputError, OutputBlockedError, RtsrError
+from rtsr_cli.core.errors import NonfiniteError, OutputBlockedError, RtsrError
 from rtsr_cli.core.files.atomic_write import check_writable
 from rtsr_cli.core.files.streaming import count_reads_ahead
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, Status
@@ -144,7 +144,7 @@ def describe_outcome(plan: ShotPlan, outcome: Outcome[int]) -> dict[str, Any]:
     error = outcome.error
     failed = error is not None
     found = dict.fromkeys((NONFINITE, NEGATIVE), 0) | {AS_FLOAT: False}
-    if isinstance(error, NonfiniteOutputError):
+    if isinstance(error, NonfiniteError):
         found[NONFINITE] = error.count
     elif not failed:
         found |= {name: outcome.facts[name] for name in found if name in outcome.facts}
