@@ -100,7 +100,7 @@ def log_pixel_findings(done: RunDone) -> None:
         )
     if done.as_float:
         LOG.warning(
-            "Warning: radiance above 65504, which half cannot hold: written as float: %s",
+            "Warning: numbers beyond 65504, which half cannot hold: written as float: %s",
             _list_some(done.as_float),
         )
 

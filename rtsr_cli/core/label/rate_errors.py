@@ -52,12 +52,18 @@ class RateErrors:
     previews: bool = False
 
     def __call__(self, moment: FrameInTurn) -> Product | None:
-        """Measure; return what writes the labels."""
+        """Measure; return what writes the labels.
+
+        Raises:
+            NonfiniteError: an error is NaN or Inf; the frame fails.
+        """
         frame = moment.pair.lr
         color = frame.gbuffer[Buffer.COLOR]
         ids = frame.gbuffer.buffers.get(Buffer.OBJECT_ID) if self.config.keep_edges else None
         captured = join_planes(moment.passed, CAPTURED_NAMES)
         errors = measure_true_errors(color, self.config.error, captured=captured, object_id=ids)
+        for rate, values in errors.items():
+            moment.check_output(values, f"the error of rate {rate.label}")
         label = json.dumps(asdict(self.config), default=str)
         known = moment.provenance({"rtsr:label": label})
         channels = name_error_channels({rate.label: values for rate, values in errors.items()})
