@@ -23,6 +23,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from rtsr_cli.core.errors import MetricUnavailableError
+from rtsr_cli.core.files.folders import is_file
 
 ENVIRONMENT_VARIABLE = "RTSR_LPIPS_WEIGHTS"
 """Names a file of weights, for where the package cannot be installed."""
@@ -106,7 +107,7 @@ def find_weights(path: Path | None = None) -> Path:
     """
     named = path or os.environ.get(ENVIRONMENT_VARIABLE)
     if named:
-        if Path(named).is_file():
+        if is_file(Path(named)):
             return Path(named)
         source = "" if path else f", which {ENVIRONMENT_VARIABLE} names,"
         raise MetricUnavailableError(
@@ -128,7 +129,7 @@ def _find_in_package() -> Path | None:
     except importlib.metadata.PackageNotFoundError:
         return None
     path = Path(str(package.locate_file(FILE_IN_PACKAGE)))
-    return path if path.is_file() else None
+    return path if is_file(path) else None
 
 
 def read_lpips_weights(path: Path) -> LpipsWeights:

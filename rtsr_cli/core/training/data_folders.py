@@ -15,6 +15,7 @@ from rtsr_cli.core.captures.shots import FrameSet, Shot, collect_frame_set
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
+from rtsr_cli.core.files.folders import is_file, is_folder
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
@@ -187,7 +188,7 @@ def read_manifest_split(folder: Path) -> dict[str, str]:
         FrameFolderError: it is no manifest.
     """
     path = folder / MANIFEST
-    if not path.is_file():
+    if not is_file(path):
         return {}
     try:
         sequences = json.loads(path.read_text(encoding="utf-8"))["sequences"]
@@ -210,9 +211,9 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     shot = chosen.shot
     opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
     index = how.cache / f"{_hash_shot(opened, how)}.json"
-    if index.is_file():
+    if is_file(index):
         paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]
-        if all(path.is_file() for path in paths):
+        if all(is_file(path) for path in paths):
             return paths
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
@@ -248,7 +249,7 @@ def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | Non
     """
     hr = source.readers[-1]
     beside = opened.shot.root / REFERENCE_FOLDER
-    if Buffer.COLOR in hr.stored or not beside.is_dir():
+    if Buffer.COLOR in hr.stored or not is_folder(beside):
         return None
     frames = collect_frame_set(beside, ())
     if frames is None:
@@ -270,7 +271,7 @@ def _hash_shot(opened: OpenedShot, how: ClipSources) -> str:
     """Hash of names, sizes and times of a shot's files, and of everything declared about it."""
     shot = opened.shot
     folders = [shot.root / name for name in (REFERENCE_FOLDER, *how.wanted.beside)]
-    apart = [collect_frame_set(beside, ()) for beside in folders if beside.is_dir()]
+    apart = [collect_frame_set(beside, ()) for beside in folders if is_folder(beside)]
     sets = [frames for frames in (shot.frames, shot.hr, *apart) if frames is not None]
     # what is recorded does not depend on K, but whether it may be: that is checked for each
     samples = () if how.samples_per_pixel == 1 else (how.samples_per_pixel,)
