@@ -16,6 +16,8 @@ from rtsr_cli.core.captures.layout_files import list_declared_buffers, load_layo
 from rtsr_cli.core.captures.layouts import SCOPE, Component, Layout
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.captures.shots import Shot
+from rtsr_cli.core.documents import shorten_value
+from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.files.folders import is_file
 from rtsr_cli.core.frames.buffers import Buffer
 
@@ -71,7 +73,7 @@ class DeclarationFiles:
         capture = CaptureDeclaration() if path is None else self._capture(path)
         cameras = shot.side_car
         if path is not None and capture.camera:
-            cameras = path.parent / capture.camera
+            cameras = self._place_side_car(path, capture.camera)
         rows: Mapping[int, CameraRow] = {}
         if cameras is not None:
             side_car = self._side_car(cameras)
@@ -91,6 +93,21 @@ class DeclarationFiles:
         """What is named capture.toml from a folder up to IN, the nearest first."""
         above = [folder, *(p for p in folder.parents if p.is_relative_to(self._root))]
         return [p / CAPTURE_FILE for p in above if os.path.lexists(p / CAPTURE_FILE)]
+
+    def _place_side_car(self, capture: Path, name: str) -> Path:
+        """Say where a side-car lies that a capture.toml names.
+
+        Raises:
+            ConfigError: it is neither beside or below that file nor below IN.
+        """
+        path = Path(os.path.normpath(capture.parent / name))
+        around = (Path(os.path.normpath(folder)) for folder in (capture.parent, self._root))
+        if not any(path.is_relative_to(folder) for folder in around):
+            raise ConfigError(
+                f"{capture}: camera = '{shorten_value(name)}' leads out of {self._root}; put the "
+                "side-car beside capture.toml"
+            )
+        return path
 
     def list_searched_layouts(self, folder: Path) -> tuple[Layout, ...]:
         """Layouts whose folders a folder is searched for: the one that is named for it, or all.

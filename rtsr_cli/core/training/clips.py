@@ -16,6 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.frames.buffers import Buffer
@@ -139,22 +140,41 @@ def read_clips(path: Path) -> tuple[list[Clip], dict[str, object]]:
         FrameFolderError: it is not there, or no file of clips.
     """
     try:
+        check_regular(path)
         with safe_open(path, "pt") as opened:
             metadata = opened.metadata() or {}
             if metadata.get("format") != FORMAT:
                 raise FrameFolderError(f"{path}: no packed clips; make them with rtsr train --pack")
             tensors = {key: opened.get_tensor(key) for key in opened.keys()}  # noqa: SIM118
-    except (OSError, SafetensorError) as error:
+            about = parse_json(metadata["about"])
+            clips = _make_clips(parse_json(metadata["clips"]), tensors)
+    except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FrameFolderError(f"{path}: cannot be read as packed clips ({error})") from error
+    return clips, about
+
+
+def _make_clips(
+    listed: Sequence[Mapping[str, object]], tensors: Mapping[str, Tensor]
+) -> list[Clip]:
+    """Make the clips of a file; what does not fit ends in an error of Python's."""
     clips = [
         Clip(
             _read_facts(facts),
             _read_planes(tensors, f"{i:06d}/hr."),
             _read_planes(tensors, f"{i:06d}/lr."),
         )
-        for i, facts in enumerate(json.loads(metadata["clips"]))
+        for i, facts in enumerate(listed)
     ]
-    return clips, json.loads(metadata["about"])
+    for i, clip in enumerate(clips):
+        planes = [*clip.hr.values(), *clip.lr.values()]
+        frames = len(clip.facts.numbers)
+        whole = clip.hr and all(plane.ndim == 4 and len(plane) == frames for plane in planes)
+        if not whole or not 0 <= clip.facts.targets < frames:
+            raise ValueError(f"clip {i} does not hold the frames that it lists")
+        for named in (clip.hr, clip.lr):
+            if len({tuple(plane.shape[-2:]) for plane in named.values()}) > 1:
+                raise ValueError(f"buffers of clip {i} are of several sizes")
+    return clips
 
 
 def _read_planes(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

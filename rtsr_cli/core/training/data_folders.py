@@ -13,6 +13,7 @@ from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot, collect_frame_set
 from rtsr_cli.core.choices import NonfinitePolicy
+from rtsr_cli.core.documents import DocumentError, read_json
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.folders import is_file, is_folder
@@ -191,9 +192,9 @@ def read_manifest_split(folder: Path) -> dict[str, str]:
     if not is_file(path):
         return {}
     try:
-        sequences = json.loads(path.read_text(encoding="utf-8"))["sequences"]
+        sequences = read_json(path)["sequences"]
         return {f"{s['scene']}/{s['sequence']}": str(s["split"]) for s in sequences}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise FrameFolderError(
             f"{path}: not a list of sequences with scene, sequence and split ({error!r}); mend it, "
             "or give data.validation"
@@ -212,8 +213,8 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
     index = how.cache / f"{_hash_shot(opened, how)}.json"
     if is_file(index):
-        paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]
-        if all(is_file(path) for path in paths):
+        paths = _read_index(index)
+        if paths and all(is_file(path) for path in paths):
             return paths
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
@@ -239,6 +240,17 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     names = json.dumps([path.name for path in paths])
     write_text_atomically(index, names)
     return paths
+
+
+def _read_index(index: Path) -> list[Path]:
+    """Files of clips that a shot was recorded to; none where the list of them is damaged."""
+    try:
+        names = read_json(index)
+    except DocumentError:
+        return []
+    listed = names if isinstance(names, list) else []
+    plain = [name for name in listed if isinstance(name, str) and Path(name).name == name]
+    return [index.parent / name for name in plain] if plain == names else []
 
 
 def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | None:
