@@ -5,7 +5,20 @@ What unpacks to more than its bytes is measured before memory is taken.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 MIB = 1 << 20
+
+MOST_CHANNELS, MOST_PARTS = 4096, 512
+"""Of an EXR file, over all its parts; the library's time grows with their square."""
+
+MOST_HEADER_BYTES = 32 * MIB
+"""Of an EXR file: previews and manifests are in it, and the library holds it four times."""
+
+MOST_UNPACKED_BYTES, MOST_UNPACKED_RATIO = 1024 * MIB, 100
+"""Pixels of an EXR file may take so much, or so many times the bytes of the file: rendered frames
+compress to a half or a tenth, large files of nothing are taken for bombs."""
 
 MOST_TOML_BYTES = 4 * MIB
 """Of a capture.toml, a layout, settings: jitter of 100,000 frames is 3 MiB."""
@@ -39,3 +52,24 @@ LARGEST_WHOLE = 10**30
 
 LARGEST_FACTOR = 1e12
 """Factors and offsets of stored values go so far."""
+
+
+class _FileLimits:
+    """Whether the limits on EXR files hold, in this process."""
+
+    lifted = False
+
+
+@contextmanager
+def lift_file_limits() -> Iterator[None]:
+    """Read EXR files of any size inside: in all threads, for who knows where they come from."""
+    before, _FileLimits.lifted = _FileLimits.lifted, True
+    try:
+        yield
+    finally:
+        _FileLimits.lifted = before
+
+
+def are_files_limited() -> bool:
+    """Tell whether the limits on EXR files hold."""
+    return not _FileLimits.lifted
