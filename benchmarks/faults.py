@@ -268,7 +268,7 @@ SHOT_COMMANDS = (
     "upscale {in}/shot {out} --system bicubic",
     "upscale {in}/shot {out} --system taau --on-nonfinite zero",
     "upscale {in}/shot {out} --system demod-guided --on-missing hold",
-    "demodulate {in}/shot/lr {out} --preview",
+    "demodulate {in}/shot/lr {out}",
     "evaluate {in}/shot/lr {in}/shot/lr --metric psnr --output {out}/r.html",
     "predict-vrs {in}/shot/lr {out} --tile 8",
 )

@@ -41,6 +41,9 @@ MOST_DEPTH = 64
 MOST_LETTERS = 60
 """Letters of a value that a message repeats."""
 
+MOST_PATH_LETTERS = 1024
+"""Letters of a path that a file names."""
+
 MOST_PROBLEMS = 20
 """Wrong fields of a file that are listed; the rest is counted."""
 

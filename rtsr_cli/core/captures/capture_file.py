@@ -40,7 +40,7 @@ from rtsr_cli.core.frames.conventions import (
 )
 from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
-from rtsr_cli.core.limits import LARGEST_FACTOR, LARGEST_FRAME, MOST_PROBLEMS
+from rtsr_cli.core.limits import LARGEST_FACTOR, LARGEST_FRAME, MOST_PATH_LETTERS, MOST_PROBLEMS
 
 CAPTURE_FILE = "capture.toml"
 
@@ -216,7 +216,7 @@ class CaptureDeclaration(ConventionTables):
     `layer` that of the layer or view that is read of files with several.
     """
 
-    layout: str | None = None
+    layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
     layer: str | None = Field(default=None, min_length=1)
     region: RegionRule | None = None
     buffers: BufferTable = {}
@@ -224,7 +224,7 @@ class CaptureDeclaration(ConventionTables):
     scale: int | None = Field(default=None, ge=1, le=MOST_SCALE)
     frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
     camera_cuts: frozenset[FrameNumber] = frozenset()
-    camera: str | None = None
+    camera: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
 
     def jitter(self, number: int) -> Jitter | None:
         """Jitter of a frame as declared, None if it is not."""

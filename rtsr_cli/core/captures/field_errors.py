@@ -32,6 +32,7 @@ TEXTS = {
     "too_long": "has {actual_length} entries (allowed: {max_length} or less)",
     "missing": "is missing",
     "string_too_short": "is empty",
+    "string_too_long": "{value} is longer than {max_length} letters",
 }
 """What is said, by the type of an error."""
 
