@@ -16,6 +16,7 @@ import click
 from rtsr_cli import __version__
 from rtsr_cli.commands.interrupts import INTERRUPTED, SIGNALLED, STOPPING, end_at_once
 from rtsr_cli.core.errors import RequestError, RtsrError, did_you_mean
+from rtsr_cli.core.limits import lift_file_limits
 
 COMMANDS = {
     "inspect": "Say what a folder of frames holds, and find out how its motion is stored.",
@@ -120,13 +121,19 @@ class EchoHandler(logging.Handler):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="rtsr")
-def group() -> None:
+@click.option(
+    "--unlimited", is_flag=True, help="Read EXR files of any number of channels and any size."
+)
+@click.pass_context
+def group(ctx: click.Context, *, unlimited: bool) -> None:
     """Neural reconstruction for real-time rendering, over folders of EXR frames.
 
     Point it at any engine's EXR folder: every command says what it understood and refuses what
     is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused, or
     nothing can be written. inspect gives the code that its frames would lead to.
     """
+    if unlimited:
+        ctx.with_resource(lift_file_limits())
     logger = logging.getLogger("rtsr")
     logger.handlers = [EchoHandler()]
     logger.propagate = False

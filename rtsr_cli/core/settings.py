@@ -7,8 +7,6 @@ Runs without the libraries that `capture.toml` is checked with, as training has 
 from __future__ import annotations
 
 import json
-import math
-import tomllib
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -16,6 +14,13 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from rtsr_cli.core.documents import (
+    DocumentError,
+    describe_value,
+    parse_toml,
+    read_toml_text,
+    shorten_value,
+)
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 
 T = TypeVar("T")
@@ -58,7 +63,7 @@ def _fill_fields(
             dotted = f"{above}{name}"
             if name not in known:
                 hint = did_you_mean(name, known)
-                problems.append(f"{source.name}: there is no '{dotted}'{hint}")
+                problems.append(f"{source.name}: there is no '{shorten_value(dotted)}'{hint}")
             elif is_dataclass(known[name]):
                 if isinstance(value, Mapping):
                     tables.setdefault(name, []).append(SettingsSource(source.name, value))
@@ -68,7 +73,7 @@ def _fill_fields(
                 try:
                     values[name] = _convert_value(known[name], value)
                 except ValueError as error:
-                    problems.append(f"{source.name}: {dotted} = {value!r}: {error}")
+                    problems.append(f"{source.name}: {dotted} = {describe_value(value)}: {error}")
     for name, parts in tables.items():
         nested = known[name]
         values[name] = nested(**_fill_fields(nested, parts, f"{above}{name}.", problems))
@@ -111,21 +116,32 @@ def _convert_number(hint: Any, value: object) -> Any:
     raise ValueError(f"{names.get(hint, hint)} is wanted")
 
 
-def check_numbers(config: Any, table: str, least: Mapping[str, float]) -> None:
-    """Hold numbers of settings to be finite, and no smaller than they may be.
+LARGEST_SETTING = 1e9
+"""Numbers of settings go so far, where nothing else is said."""
+
+
+def check_numbers(
+    config: Any, table: str, least: Mapping[str, float], most: Mapping[str, float] | None = None
+) -> None:
+    """Hold numbers of settings to be no smaller, and no larger, than they may be.
 
     Args:
         config: a dataclass.
         table: what its settings are below, for messages.
         least: name -> smallest value.
+        most: name -> largest value; `LARGEST_SETTING` of the others.
 
     Raises:
         ConfigError: some are not; lists them all.
     """
-    wrong = [
-        f"{table}.{name} = {value:g}: a number from {smallest:g} on"
+    ranges = {
+        name: (smallest, (most or {}).get(name, LARGEST_SETTING))
         for name, smallest in least.items()
-        if not smallest <= (value := getattr(config, name)) < math.inf
+    }
+    wrong = [
+        f"{table}.{name} = {getattr(config, name):g}: a number from {smallest:g} to {largest:g}"
+        for name, (smallest, largest) in ranges.items()
+        if not smallest <= getattr(config, name) <= largest
     ]
     if wrong:
         raise ConfigError("; ".join(wrong))
@@ -138,10 +154,8 @@ def read_toml(path: Path) -> SettingsSource:
         ConfigError: it is not there, or no TOML; names file and line.
     """
     try:
-        return SettingsSource(path.name, tomllib.loads(path.read_text(encoding="utf-8-sig")))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from error
-    except tomllib.TOMLDecodeError as error:
+        return SettingsSource(path.name, read_toml_text(path))
+    except DocumentError as error:
         raise ConfigError(f"{path}: {error}") from error
 
 
@@ -155,21 +169,22 @@ def parse_assignments(texts: Sequence[str]) -> SettingsSource:
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals or not name.strip():
-            raise ConfigError(f"--set {text}: write it as name.of.setting=value")
+            raise ConfigError(f"--set {shorten_value(text)}: write it as name.of.setting=value")
         *tables, last = name.strip().split(".")
         table = values
         for part in tables:
             table = table.setdefault(part, {})
             if not isinstance(table, dict):
-                raise ConfigError(f"--set {text}: '{part}' was given a value before")
+                raise ConfigError(f"--set {shorten_value(text)}: '{part}' was given a value before")
         table[last] = _parse_value(value.strip())
     return SettingsSource("--set", values)
 
 
 def _parse_value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except (DocumentError, KeyError):
+        # what is no value is taken as the text that it is: of a name, a pattern
         return text
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +14,16 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from rtsr_cli.core.captures.capture_file import (
     CaptureDeclaration,
+    FrameNumber,
     JitterPx,
     list_field_names,
     validate_content,
 )
 from rtsr_cli.core.captures.nss_cameras import NssClip, is_nss_content
+from rtsr_cli.core.documents import DocumentError, parse_json, read_text
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.limits import LARGEST_FACTOR, MOST_COLUMNS, MOST_ROWS
 
 
 def _flatten_numbers(value: object) -> object:
@@ -43,11 +45,11 @@ class CameraRow(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
-    frame: int
+    frame: FrameNumber
     world_to_camera: Matrix | None = Field(default=None, alias="worldToCamera")
     world_to_ndc: Matrix | None = Field(default=None, alias="worldToNDC")
     jitter_px: Annotated[JitterPx, BeforeValidator(_flatten_numbers)] | None = None
-    pre_exposure: float = Field(default=1.0, gt=0.0)
+    pre_exposure: float = Field(default=1.0, gt=0.0, le=LARGEST_FACTOR)
     cut: bool = False
 
     def metadata(self) -> CameraMetadata:
@@ -86,13 +88,12 @@ def read_side_car(path: Path) -> SideCar:
     """
     is_json = path.suffix.lower() == ".json"
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        content = json.loads(text) if is_json else None
+        text = read_text(path)
+        content = parse_json(text) if is_json else None
         rows = _parse_json_rows(content, path) if is_json else _parse_csv_rows(text)
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: the camera side-car cannot be read ({error.strerror})"
-        ) from error
+        _check_count(rows)
+    except DocumentError as error:
+        raise ConfigError(f"{path}: the camera side-car {error}") from error
     except (ValueError, csv.Error) as error:
         raise ConfigError(f"{path}: is not a camera side-car: {error}") from error
     _check_columns(rows, path)
@@ -129,7 +130,15 @@ def _parse_json_rows(content: object, path: Path) -> object:
 
 def _parse_csv_rows(text: str) -> list[dict[str, str]]:
     rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    if len(rows.fieldnames or ()) > MOST_COLUMNS:
+        raise ValueError(f"it has more than {MOST_COLUMNS} columns")
+    _check_count(range(text.count("\n")))
     return [{k: v for k, v in row.items() if k and v} for row in rows]
+
+
+def _check_count(rows: object) -> None:
+    if isinstance(rows, list | range) and len(rows) > MOST_ROWS:
+        raise ValueError(f"it has more than {MOST_ROWS} rows")
 
 
 def _check_columns(rows: object, path: Path) -> None:
@@ -139,5 +148,8 @@ def _check_columns(rows: object, path: Path) -> None:
     used = dict.fromkeys(key for row in listed if isinstance(row, Mapping) for key in row)
     unknown = [key for key in used if key not in {*known, *CameraRow.model_fields}]
     if unknown:
-        lines = (f"no column is called '{key}'{did_you_mean(str(key), known)}" for key in unknown)
+        lines = (
+            f"no column is called '{key}'{did_you_mean(str(key), known)}"
+            for key in unknown[:MOST_COLUMNS]
+        )
         raise ConfigError(f"{path}: " + "; ".join(lines))

@@ -5,10 +5,10 @@ Everything is validated together: one error lists every wrong field with its pat
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -18,7 +18,6 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
-    PositiveFloat,
     Tag,
     TypeAdapter,
     ValidationError,
@@ -28,6 +27,7 @@ from rtsr_cli.core.captures.channel_tables import BufferTable
 from rtsr_cli.core.captures.field_errors import describe_field_error
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.captures.regions import RegionRule
+from rtsr_cli.core.documents import DocumentError, read_toml_text, shorten_value
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import (
@@ -40,6 +40,7 @@ from rtsr_cli.core.frames.conventions import (
 )
 from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
+from rtsr_cli.core.limits import LARGEST_FACTOR, LARGEST_FRAME, MOST_PATH_LETTERS, MOST_PROBLEMS
 
 CAPTURE_FILE = "capture.toml"
 
@@ -59,8 +60,17 @@ def _length_in_metres(value: object) -> object:
     return UNIT_METRES[value]
 
 
-LengthUnit = Annotated[PositiveFloat, BeforeValidator(_length_in_metres)]
+LengthUnit = Annotated[float, Field(gt=0.0, le=LARGEST_FACTOR), BeforeValidator(_length_in_metres)]
 """Metres in one stored unit, or the unit's name."""
+
+FrameNumber = Annotated[int, Field(ge=-LARGEST_FRAME, le=LARGEST_FRAME)]
+
+Factor = Annotated[float, Field(ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False)]
+
+LARGEST_STORED = 3.5e38
+"""Values that float channels hold go so far."""
+
+Stored = Annotated[float, Field(ge=-LARGEST_STORED, le=LARGEST_STORED, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -80,8 +90,8 @@ class MotionCapture(_Strict):
     axes: Axes | None = None
     jittered: bool | None = None
     jitter_inverted: bool | None = None
-    scale: float | None = Field(default=None, allow_inf_nan=False)
-    zero: float | None = Field(default=None, allow_inf_nan=False)
+    scale: Factor | None = None
+    zero: Factor | None = None
     file_offset: int | None = Field(default=None, ge=-1, le=1)
 
     def decides(self) -> bool:
@@ -95,7 +105,7 @@ class DepthCapture(_Strict):
     kind: DepthKind | None = None
     reversed: bool | None = None
     unit: LengthUnit | None = None
-    sky: float | None = Field(default=None, allow_inf_nan=False)
+    sky: Stored | None = None
 
 
 class NormalCapture(_Strict):
@@ -103,7 +113,7 @@ class NormalCapture(_Strict):
 
     space: NormalSpace | None = None
     packed: bool | None = None
-    sky: tuple[float, float, float] | None = None
+    sky: tuple[Factor, Factor, Factor] | None = None
 
 
 class JitterPattern(StrEnum):
@@ -112,13 +122,20 @@ class JitterPattern(StrEnum):
     HALTON = "halton"
 
 
+MOST_PERIOD = 1 << 20
+"""Frames until a pattern comes again."""
+
+MOST_JITTER = 2.0
+"""Factor of a pattern, which reaches half a pixel to each side: offsets go from -1 to 1."""
+
+
 class JitterSequence(_Strict):
     """`jitter_px = {pattern = "halton", period = 8}`: element 1 is that of `first_frame`."""
 
     pattern: JitterPattern = JitterPattern.HALTON
-    period: int = Field(default=8, ge=1)
-    first_frame: int = 1
-    scale: float = 1.0
+    period: int = Field(default=8, ge=1, le=MOST_PERIOD)
+    first_frame: FrameNumber = 1
+    scale: float = Field(default=1.0, ge=-MOST_JITTER, le=MOST_JITTER)
 
     def at(self, number: int) -> Jitter:
         """Offset of a frame: Halton(2,3) - 0.5, times `scale`."""
@@ -146,7 +163,7 @@ def _tell_jitter_kind(value: object) -> str:
 JitterTable = Annotated[
     Annotated[JitterPx, Tag("offset")]
     | Annotated[JitterSequence, Tag("sequence")]
-    | Annotated[dict[int, JitterPx], Tag("frames")],
+    | Annotated[dict[FrameNumber, JitterPx], Tag("frames")],
     Discriminator(_tell_jitter_kind),
 ]
 """One offset for all frames, a pattern, or one a frame."""
@@ -188,6 +205,10 @@ class ConventionTables(_Strict):
         )
 
 
+MOST_SCALE = 64
+"""HR pixels per LR pixel, along an axis."""
+
+
 class CaptureDeclaration(ConventionTables):
     """The whole of `capture.toml`; every field may be left out.
 
@@ -195,15 +216,15 @@ class CaptureDeclaration(ConventionTables):
     `layer` that of the layer or view that is read of files with several.
     """
 
-    layout: str | None = None
+    layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
     layer: str | None = Field(default=None, min_length=1)
     region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None
-    scale: int | None = Field(default=None, ge=1)
-    frame_step: int = Field(default=1, ge=1)
-    camera_cuts: frozenset[int] = frozenset()
-    camera: str | None = None
+    scale: int | None = Field(default=None, ge=1, le=MOST_SCALE)
+    frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
+    camera_cuts: frozenset[FrameNumber] = frozenset()
+    camera: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
 
     def jitter(self, number: int) -> Jitter | None:
         """Jitter of a frame as declared, None if it is not."""
@@ -221,11 +242,9 @@ def read_capture(path: Path) -> CaptureDeclaration:
         ConfigError: not TOML, or wrong fields; lists every one with its path.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+        content = read_toml_text(path)
+    except DocumentError as error:
+        raise ConfigError(f"{path}: {error}") from error
     capture = validate_content(CaptureDeclaration, content, path)
     if capture.layout is not None and capture.layout.endswith(LAYOUT_SUFFIX):
         return capture.model_copy(update={"layout": str(path.parent / capture.layout)})
@@ -241,13 +260,18 @@ def validate_content(kind: type[T], content: object, path: Path) -> T:
     try:
         return TypeAdapter(kind).validate_python(content)
     except ValidationError as error:
-        lines = dict.fromkeys(_describe_error(item, kind) for item in error.errors())
-        raise ConfigError(f"{path}: " + "; ".join(lines)) from error
+        lines = dict.fromkeys(
+            _describe_error(item, kind)
+            for item in islice(error.errors(include_url=False), MOST_PROBLEMS)
+        )
+        more = error.error_count() - MOST_PROBLEMS
+        rest = f"; and {more} more" if more > 0 else ""
+        raise ConfigError(f"{path}: " + "; ".join(lines) + rest) from error
 
 
 def _describe_error(item: Mapping[str, Any], kind: Any) -> str:
     loc = [part for part in item["loc"] if part not in _TAGS]
-    place = ".".join(str(part) for part in loc)
+    place = ".".join(shorten_value(str(part)) for part in loc)
     if "[key]" in item["loc"] and item["type"] == "enum":
         return f"{place}: no such buffer{did_you_mean(str(loc[-1]), [b.value for b in Buffer])}"
     if item["type"] != "extra_forbidden":

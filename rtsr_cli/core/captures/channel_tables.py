@@ -21,6 +21,7 @@ from pydantic import (
 
 from rtsr_cli.core.captures.layouts import ChannelPlace, Component
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.limits import LARGEST_FACTOR
 
 SHORTHANDS = frozenset(
     {"RGB", "XYZ", "UVW", "RG", "XY", "UV", "rgb", "xyz", "uvw", "rg", "xy", "uv"}
@@ -35,8 +36,8 @@ class ChannelSpec(BaseModel):
 
     channel: str = Field(min_length=1)
     file: str = Field(default="*", min_length=1)
-    factor: float = Field(default=1.0, allow_inf_nan=False)
-    zero: float = Field(default=0.0, allow_inf_nan=False)
+    factor: float = Field(default=1.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False)
+    zero: float = Field(default=0.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 
 from rtsr_cli.core.captures.cameras import CameraRow, add_depth_sense, read_side_car
@@ -14,6 +16,9 @@ from rtsr_cli.core.captures.layout_files import list_declared_buffers, load_layo
 from rtsr_cli.core.captures.layouts import SCOPE, Component, Layout
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.captures.shots import Shot
+from rtsr_cli.core.documents import shorten_value
+from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.files.folders import is_file
 from rtsr_cli.core.frames.buffers import Buffer
 
 
@@ -26,12 +31,14 @@ class Declarations:
         side_car: row of the camera side-car by frame number; empty without one.
         layout: that the option, capture.toml or the data set's folders name; None to detect one.
         spelled_out: components of each buffer of a layout file or of `[buffers]`.
+        remarks: what is named like a capture.toml and was not read, for the user.
     """
 
     capture: CaptureDeclaration
     side_car: Mapping[int, CameraRow]
     layout: Layout | None
     spelled_out: Mapping[Buffer, tuple[Component, ...]]
+    remarks: tuple[str, ...] = ()
 
 
 class DeclarationFiles:
@@ -61,11 +68,12 @@ class DeclarationFiles:
             ConfigError: a file is not valid.
             FrameFolderError: there is no layout of a name.
         """
-        path = self._capture_file or self._nearest(shot.root)
+        above = () if self._capture_file else self._list_capture_files(shot.root)
+        path = self._capture_file or next(filter(is_file, above), None)
         capture = CaptureDeclaration() if path is None else self._capture(path)
         cameras = shot.side_car
         if path is not None and capture.camera:
-            cameras = path.parent / capture.camera
+            cameras = self._place_side_car(path, capture.camera)
         rows: Mapping[int, CameraRow] = {}
         if cameras is not None:
             side_car = self._side_car(cameras)
@@ -78,11 +86,28 @@ class DeclarationFiles:
             side_car=rows,
             layout=layout,
             spelled_out=list_declared_buffers(named, layout, capture),
+            remarks=tuple(_describe_no_file(p) for p in takewhile(lambda p: p != path, above)),
         )
 
-    def _nearest(self, folder: Path) -> Path | None:
+    def _list_capture_files(self, folder: Path) -> list[Path]:
+        """What is named capture.toml from a folder up to IN, the nearest first."""
         above = [folder, *(p for p in folder.parents if p.is_relative_to(self._root))]
-        return next((p / CAPTURE_FILE for p in above if (p / CAPTURE_FILE).is_file()), None)
+        return [p / CAPTURE_FILE for p in above if os.path.lexists(p / CAPTURE_FILE)]
+
+    def _place_side_car(self, capture: Path, name: str) -> Path:
+        """Say where a side-car lies that a capture.toml names.
+
+        Raises:
+            ConfigError: it is neither beside or below that file nor below IN.
+        """
+        path = Path(os.path.normpath(capture.parent / name))
+        around = (Path(os.path.normpath(folder)) for folder in (capture.parent, self._root))
+        if not any(path.is_relative_to(folder) for folder in around):
+            raise ConfigError(
+                f"{capture}: camera = '{shorten_value(name)}' leads out of {self._root}; put the "
+                "side-car beside capture.toml"
+            )
+        return path
 
     def list_searched_layouts(self, folder: Path) -> tuple[Layout, ...]:
         """Layouts whose folders a folder is searched for: the one that is named for it, or all.
@@ -92,7 +117,7 @@ class DeclarationFiles:
         """
         path = self._capture_file or folder / CAPTURE_FILE
         capture = (
-            self._capture(path) if self._capture_file or path.is_file() else CaptureDeclaration()
+            self._capture(path) if self._capture_file or is_file(path) else CaptureDeclaration()
         )
         name = self._layout_name or capture.layout
         return tuple(LAYOUTS.values()) if name is None else (self._layout(name),)
@@ -104,7 +129,7 @@ class DeclarationFiles:
             RtsrError: a layout or capture.toml is not valid.
         """
         path = folder / CAPTURE_FILE
-        if not path.is_file():
+        if not is_file(path):
             return ()
         capture = self._capture(path)
         own = Layout(
@@ -112,6 +137,12 @@ class DeclarationFiles:
         )
         named = () if capture.layout is None else (self._layout(capture.layout),)
         return list_folder_patterns((own, *named))
+
+
+def _describe_no_file(path: Path) -> str:
+    """Say why a capture.toml is not read."""
+    what = "is a link to no file" if path.is_symlink() else "is no regular file"
+    return f"{path}: {what}, nothing is taken from it; mend or remove it"
 
 
 def list_folder_patterns(layouts: Iterable[Layout]) -> tuple[str, ...]:

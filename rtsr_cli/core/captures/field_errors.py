@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from rtsr_cli.core.documents import describe_value
 from rtsr_cli.core.errors import did_you_mean
 
 KINDS = {
@@ -31,11 +32,9 @@ TEXTS = {
     "too_long": "has {actual_length} entries (allowed: {max_length} or less)",
     "missing": "is missing",
     "string_too_short": "is empty",
+    "string_too_long": "{value} is longer than {max_length} letters",
 }
 """What is said, by the type of an error."""
-
-LONGEST = 60
-"""Letters of a value that a message repeats."""
 
 
 def describe_field_error(error: Mapping[str, Any]) -> str:
@@ -45,18 +44,13 @@ def describe_field_error(error: Mapping[str, Any]) -> str:
         error: of pydantic's `ValidationError.errors()`.
     """
     kind, context = error["type"], error.get("ctx", {})
-    value = shorten_value(repr(error["input"]))
+    value = describe_value(error["input"])
     if kind in TEXTS:
         return TEXTS[kind].format(value=value, **context)
     if kind in {"enum", "literal_error"}:
         names = re.findall(r"'([^']*)'", context["expected"])
-        return f"{value} is not known{did_you_mean(str(error['input']), names, listed='allowed')}"
+        return f"{value} is not known{did_you_mean(value, names, listed='allowed')}"
     for begin, what in KINDS.items():
         if kind.startswith(begin):
             return f"{value} is not {what}"
     return f"{error['msg'].removeprefix('Value error, ')} (got {value})"
-
-
-def shorten_value(text: str) -> str:
-    """Cut what would not fit into a line with the rest of the message."""
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from rtsr_cli.core.captures.layout_detection import detect_layout
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.captures.layouts import Component, Layout
 from rtsr_cli.core.captures.presets import LAYOUTS
+from rtsr_cli.core.documents import DocumentError, read_toml_text
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, LayerChoiceError, did_you_mean
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import Conventions
@@ -45,11 +45,9 @@ def read_layout(path: Path) -> Layout:
         ConfigError: not there, not TOML, or wrong fields; lists every one with its path.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"{path}: the layout cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+        content = read_toml_text(path)
+    except DocumentError as error:
+        raise ConfigError(f"{path}: the layout {error}") from error
     file = validate_content(LayoutFile, content, path)
     return Layout(
         name=path.name,

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from rtsr_cli.core.captures.shots import FrameSet
+from rtsr_cli.core.files.folders import is_file, is_folder
 
 FRAME_NAME = re.compile(r"\d\.exr$", re.IGNORECASE)
 """Ends the name of a numbered frame."""
@@ -26,12 +27,12 @@ def _find_no_files(folder: Path) -> list[Path]:
     return sorted(
         path
         for path in others
-        if FRAME_NAME.search(path.name) and not (path.name.startswith(".") or path.is_file())
+        if FRAME_NAME.search(path.name) and not (path.name.startswith(".") or is_file(path))
     )
 
 
 def _describe(path: Path) -> str:
-    if path.is_dir():
+    if is_folder(path):
         return f"{path}: is a folder that is named like a frame; rename it, or put the frame there"
     if not path.is_symlink():
         return f"{path}: is no file, though it is named like a frame; rename or remove it"

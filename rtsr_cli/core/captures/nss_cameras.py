@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.limits import LARGEST_FACTOR
 
 Matrix4 = NDArray[np.float64]
 
@@ -54,8 +55,8 @@ class _Liberal(BaseModel):
 class NssOffset(_Liberal):
     """A pair of numbers."""
 
-    x: float = Field(alias="X")
-    y: float = Field(alias="Y")
+    x: float = Field(alias="X", allow_inf_nan=False)
+    y: float = Field(alias="Y", allow_inf_nan=False)
 
 
 class NssFrame(_Liberal):
@@ -64,10 +65,14 @@ class NssFrame(_Liberal):
     frame: int = Field(validation_alias=AliasChoices("Frame", "FrameNumber"))
     fov_x: float = Field(alias="FovX", gt=0.0, lt=math.pi)
     fov_y: float = Field(alias="FovY", gt=0.0, lt=math.pi)
-    near: float = Field(alias="CameraNearPlane", gt=0.0)
-    far: float = Field(default=INFINITE_FAR, alias="CameraFarPlane")
+    near: float = Field(alias="CameraNearPlane", gt=1 / LARGEST_FACTOR, le=LARGEST_FACTOR)
+    far: float = Field(
+        default=INFINITE_FAR, alias="CameraFarPlane", ge=INFINITE_FAR, le=LARGEST_FACTOR
+    )
     view_projection: Annotated[
-        list[float], Field(min_length=16, max_length=16), BeforeValidator(_flatten)
+        list[Annotated[float, Field(ge=-LARGEST_FACTOR, le=LARGEST_FACTOR)]],
+        Field(min_length=16, max_length=16),
+        BeforeValidator(_flatten),
     ] = Field(alias="ViewProjection")
     jitter: NssOffset = Field(alias="Jitter")
     cut: bool = Field(default=False, alias="CameraCut")

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-import fileseq
-
+from rtsr_cli.core.captures.file_sequences import FileSequence, list_sequences
+from rtsr_cli.core.captures.folder_visits import FolderVisits
 from rtsr_cli.core.captures.layouts import FolderTree, Layout
 from rtsr_cli.core.errors import FrameFolderError, OutputError
+from rtsr_cli.core.files.folders import find_real_path, is_file, is_folder, list_names
 
 LR_FOLDER, HR_FOLDER = "lr", "hr"
 """Names of a shot's two resolutions."""
-
-FRAME_SUFFIX = ".exr"
 
 SCALE = re.compile(r"\d+(_\d+)?")
 """A ratio of resolutions as folders write it: 2, 1_5."""
@@ -28,15 +26,6 @@ USUAL_SCALE = "2"
 
 OTHER_RATE = re.compile(r"output_[1-4]x[1-4]")
 """Folders beside frames that hold the same ones at another shading rate: no shots of their own."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileSequence:
-    """One numbered file sequence: what one wildcard would name."""
-
-    key: str
-    base: str
-    files: Mapping[int, Path]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +45,8 @@ class FrameSet:
 class Shot:
     """One sequence of a tree: `name` is its path relative to IN ('.' for IN itself).
 
-    `layout` and `side_car` (a file of cameras) are known where a data set's folders tell them.
+    `layout` and `side_car` (a file of cameras) are known where a data set's folders tell them;
+    `remarks` say what the search left out.
     """
 
     name: str
@@ -65,48 +55,14 @@ class Shot:
     hr: FrameSet | None = None
     layout: str | None = None
     side_car: Path | None = None
-
-
-def _list_streams(folder: Path, prefix: str = "") -> dict[str, FileSequence]:
-    """Return the numbered EXR sequences directly in a folder."""
-    files_by_key: dict[str, dict[int, str]] = {}
-    bases: dict[str, str] = {}
-    for sequence in fileseq.findSequencesOnDisk(str(folder)):
-        frames = sequence.frameSet()
-        if frames is None or sequence.extension().lower() != FRAME_SUFFIX:
-            continue
-        base = sequence.basename().rstrip("._- ")
-        key = f"{prefix}{base}"
-        files = files_by_key.setdefault(key, {})
-        for index, number in enumerate(frames):
-            file = os.path.basename(str(sequence[index]))  # noqa: PTH119
-            other = files.setdefault(int(number), file)
-            if other != file:
-                raise FrameFolderError(
-                    f"{folder}: frame {number} is there twice ({other} and {file}); "
-                    "remove one of them"
-                )
-        bases[key] = base
-    return {
-        key: FileSequence(key=key, base=bases[key], files=_sort_files(folder, files, bases[key]))
-        for key, files in files_by_key.items()
-    }
-
-
-def _sort_files(folder: Path, files: Mapping[int, str], base: str) -> dict[int, Path]:
-    """Sort by number; a dash that follows the name in every file separates, it is no sign."""
-    after = [name[len(base) : len(base) + 2] for name in files.values()]
-    separated = base and all(text[:1] == "-" and text[1:].isdigit() for text in after)
-    numbered = sorted((-n if separated else n, name) for n, name in files.items())
-    return {number: folder / name for number, name in numbered}
+    remarks: tuple[str, ...] = ()
 
 
 def _list_buffer_folders(folder: Path, buffer_folders: Iterable[str]) -> list[Path]:
     """Subfolders that are named like buffers."""
     patterns = tuple(buffer_folders)
-    with os.scandir(folder) as entries:
-        names = sorted(e.name for e in entries if e.is_dir() and not e.name.startswith("."))
-    return [folder / n for n in names if any(fnmatchcase(n, p) for p in patterns)]
+    named = (n for n in list_names(folder) if any(fnmatchcase(n, p) for p in patterns))
+    return [folder / n for n in named if not n.startswith(".") and is_folder(folder / n)]
 
 
 def collect_frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | None:
@@ -118,9 +74,9 @@ def collect_frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> Frame
             has frames, they belong together, and to those of the folder itself.
     """
     claimed = [
-        _list_streams(sub, f"{sub.name}/") for sub in _list_buffer_folders(folder, buffer_folders)
+        list_sequences(sub, f"{sub.name}/") for sub in _list_buffer_folders(folder, buffer_folders)
     ]
-    streams = _list_streams(folder)
+    streams = list_sequences(folder)
     if sum(map(bool, claimed)) > 1:
         streams |= {key: stream for part in claimed for key, stream in part.items()}
     return FrameSet(root=folder, streams=streams) if streams else None
@@ -139,6 +95,7 @@ class _Search:
     trees: tuple[Layout, ...]
     scale: int | None
     declared: Callable[[Path], Iterable[str]]
+    visits: FolderVisits
     entered: list[Path] = field(default_factory=list)
 
 
@@ -168,18 +125,20 @@ def find_shots(
         FrameFolderError: the folder does not exist, is a file, or holds no numbered EXR frame.
         OutputError: what is written would be taken for frames of IN.
     """
-    if root.is_file():
+    if is_file(root):
         raise FrameFolderError(f"{root}: is a file; name the folder that holds the frames")
-    if not root.is_dir():
+    if not is_folder(root):
         raise FrameFolderError(f"{root}: no such folder")
+    list_names(root)
     search = _Search(
         root=root,
         buffer_folders=tuple(buffer_folders),
         trees=tuple(trees),
         scale=scale,
         declared=declared,
+        visits=FolderVisits(),
     )
-    shots = list(_walk_folder(root, search))
+    shots = _walk_tree(root, search)
     if output is not None:
         _check_output(output, shots, search)
     if not shots:
@@ -187,19 +146,27 @@ def find_shots(
             f"{root}: no numbered EXR frames here or below (expected names like "
             "'frame.0001.exr', 'lr/0001.exr')"
         )
-    return shots
+    return [replace(shots[0], remarks=search.visits.remarks), *shots[1:]]
+
+
+def _walk_tree(root: Path, search: _Search) -> list[Shot]:
+    """Shots of a folder and those below, sorted by path; links are followed at the end."""
+    shots = list(_walk_folder(root, search))
+    for link in search.visits.next_links():
+        shots += _walk_folder(link, search)
+    return sorted(shots, key=lambda shot: Path(shot.name))
 
 
 def _check_output(output: Path, shots: Iterable[Shot], search: _Search) -> None:
     """Raise where outputs would lie among the frames, or where a search of IN would find them."""
-    if output.resolve() == search.root.resolve():
+    if find_real_path(output) == find_real_path(search.root):
         raise OutputError(f"{output}: OUT is IN itself; choose another output folder")
     for shot in shots:
         for frames in (shot.frames, shot.hr):
             refuse_among(output / shot.name, frames)
-    above = next(p for p in output.resolve().parents if p.is_dir())
+    above = next(p for p in find_real_path(output).parents if is_folder(p))
     hidden = output.name.startswith(".")
-    if not hidden and above in {folder.resolve() for folder in search.entered}:
+    if not hidden and above in {find_real_path(folder) for folder in search.entered}:
         raise OutputError(
             f"{output}: lies inside IN, where its frames would be taken for inputs; choose an "
             f"output folder outside of {search.root}"
@@ -214,13 +181,16 @@ def refuse_among(output: Path, frames: FrameSet | None) -> None:
     """
     streams = {} if frames is None else frames.streams
     folders = {path.parent for s in streams.values() for path in s.files.values()}
-    if output.resolve() in {folder.resolve() for folder in folders}:
+    if find_real_path(output) in {find_real_path(folder) for folder in folders}:
         raise OutputError(
             f"{output}: holds frames that are read; choose another output folder than theirs"
         )
 
 
 def _walk_folder(folder: Path, search: _Search) -> Iterable[Shot]:
+    subfolders = search.visits.enter(folder)
+    if subfolders is None:
+        return
     name = folder.relative_to(search.root).as_posix()
     names = (*search.buffer_folders, *search.declared(folder))
     both = _find_lr_and_hr(folder, name, names, search)
@@ -234,10 +204,9 @@ def _walk_folder(folder: Path, search: _Search) -> Iterable[Shot]:
         if any("/" in key for key in here.streams):
             return
     search.entered.append(folder)
-    for child in sorted(folder.iterdir()):
-        beside = here is not None and OTHER_RATE.fullmatch(child.name)
-        if child.is_dir() and not child.name.startswith(".") and not beside:
-            yield from _walk_folder(child, search)
+    beside = OTHER_RATE.fullmatch if here is not None else (lambda _: None)
+    for child in search.visits.put_off_links(f for f in subfolders if not beside(f.name)):
+        yield from _walk_folder(child, search)
 
 
 def _find_lr_and_hr(
@@ -245,12 +214,12 @@ def _find_lr_and_hr(
 ) -> Shot | None:
     """Return the shot of a folder with `lr/`, and `hr/` beside it."""
     lr, hr = (
-        collect_frame_set(folder / sub, names) if (folder / sub).is_dir() else None
+        collect_frame_set(folder / sub, names) if is_folder(folder / sub) else None
         for sub in (LR_FOLDER, HR_FOLDER)
     )
     if lr is not None:
         return Shot(name=name, root=folder, frames=lr, hr=hr)
-    if hr is not None and (folder / LR_FOLDER).is_dir():
+    if hr is not None and is_folder(folder / LR_FOLDER):
         _check_not_empty(folder / LR_FOLDER, search)
     return None
 
@@ -263,7 +232,7 @@ def _find_data_set(folder: Path, search: _Search) -> list[Shot]:
 
 def _check_not_empty(lr: Path, search: _Search) -> None:
     """Raise where HR frames have no LR frames beside them, though there is a folder for such."""
-    if not any(_walk_folder(lr, search)):
+    if not any(_walk_folder(lr, replace(search, visits=FolderVisits(), entered=[]))):
         raise FrameFolderError(
             f"{lr}: no numbered EXR frames here, though '{HR_FOLDER}' beside it has some; render "
             "the LR frames, or make them with --simulate-lr from the 'hr' folder"
@@ -293,7 +262,7 @@ def _list_tree_shots(folder: Path, layout: Layout, search: _Search) -> list[Shot
                 frames=lr.get(shot) or hr[shot],
                 hr=hr.get(shot) if lr else None,
                 layout=layout.name,
-                side_car=side_car if side_car is not None and side_car.is_file() else None,
+                side_car=side_car if side_car is not None and is_file(side_car) else None,
             )
         )
     return shots
@@ -305,11 +274,11 @@ def _collect_sets(folder: Path, template: str, buffers: tuple[str, ...]) -> dict
     above = template.partition("{shot}")[0]
     for buffer in buffers:
         held = folder / above.format(buffer=buffer)
-        for child in sorted(held.iterdir()) if held.is_dir() else ():
-            path = folder / template.format(buffer=buffer, shot=child.name)
-            if not child.name.startswith(".") and path.is_dir():
-                sequences = _list_streams(path, prefix=f"{buffer}/")
-                streams.setdefault(child.name, {}).update(sequences)
+        for name in list_names(held) if is_folder(held) else ():
+            path = folder / template.format(buffer=buffer, shot=name)
+            if not name.startswith(".") and is_folder(path):
+                sequences = list_sequences(path, prefix=f"{buffer}/")
+                streams.setdefault(name, {}).update(sequences)
     root = folder / template.partition("{buffer}")[0].partition("{shot}")[0]
     return {shot: FrameSet(root=root, streams=s) for shot, s in streams.items() if s}
 
@@ -325,7 +294,7 @@ def _choose_scale(
     """
     first = tree.lr.partition("/")[0]
     before, _, after = first.partition("{scale}")
-    names = (c.name for c in folder.iterdir() if c.name.startswith(before))
+    names = (n for n in list_names(folder) if n.startswith(before))
     scales = (n.removeprefix(before).removesuffix(after) for n in names if n.endswith(after))
     there = sorted(s for s in scales if SCALE.fullmatch(s) and _is_lr(folder, tree, buffers, s))
     if not there:

@@ -16,6 +16,7 @@ from rtsr_cli.core.captures.cameras import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_matching import Binding
 from rtsr_cli.core.captures.color_tags import describe_contradictions, read_color_space
+from rtsr_cli.core.captures.frame_numbers import choose_numbers
 from rtsr_cli.core.captures.layers import bind_layers, list_luminance_layers, list_readable
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
@@ -91,7 +92,7 @@ def open_frames(
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
     used = sorted({c.stream for components in binding.values() for c in components})
     _check_channels(frames, headers, binding)
-    numbers, held = _choose_numbers(frames, used, capture.frame_step, on_missing)
+    numbers, held = choose_numbers(frames, used, capture.frame_step, on_missing)
     places = list_places({key: headers[key] for key in used}, binding)
     region = find_region(places, str(frames.root), capture.region)
     conventions, contradictions = _settle_colors(frames, headers, binding, capture, bound.layout)
@@ -341,47 +342,6 @@ def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> Non
                     f"'{c.channel}') is of another view than in other frames; write all frames "
                     "with the same views"
                 )
-
-
-def _choose_numbers(
-    frames: FrameSet, used: list[str], step: int, policy: MissingPolicy
-) -> tuple[tuple[int, ...], dict[int, int]]:
-    """Frames that every used stream has, and stand-ins for the others where they are held."""
-    complete = frozenset.intersection(*(frozenset(frames.streams[key].files) for key in used))
-    expected = _list_expected(frames, used, step)
-    missing = list_missing_frames(frames, used, step)
-    if missing and policy is MissingPolicy.ERROR:
-        listed = "; ".join(f"'{key}' lacks {format_ranges(m)}" for key, m in missing.items())
-        raise FrameFolderError(
-            f"{frames.root}: frames are missing: {listed}. Render them, or use --on-missing "
-            "skip|hold (history restarts there); dumps numbered in steps declare frame_step"
-        )
-    if not complete:
-        listed = "; ".join(
-            f"'{key}' has {format_ranges(frames.streams[key].files)}" for key in used
-        )
-        raise FrameFolderError(f"{frames.root}: no frame has all of its files: {listed}")
-    held: dict[int, int] = {}
-    if policy is MissingPolicy.HOLD:
-        last = None
-        for number in expected:
-            last = number if number in complete else last
-            if last is not None and last != number:
-                held[number] = last
-    return tuple(sorted(complete | set(held))), held
-
-
-def _list_expected(frames: FrameSet, used: Collection[str], step: int) -> list[int]:
-    """Numbers that any stream has, and those between them in steps."""
-    union = {number for key in used for number in frames.streams[key].files}
-    return sorted(union | set(range(min(union), max(union) + 1, step)))
-
-
-def list_missing_frames(frames: FrameSet, used: Collection[str], step: int) -> dict[str, list[int]]:
-    """For each of the streams the numbers that it lacks; streams that lack none are left out."""
-    expected = _list_expected(frames, used, step)
-    lacking = {key: sorted(set(expected) - set(frames.streams[key].files)) for key in used}
-    return {key: numbers for key, numbers in lacking.items() if numbers}
 
 
 def _read_camera(

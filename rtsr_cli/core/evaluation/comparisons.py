@@ -18,6 +18,7 @@ from rtsr_cli.core.captures.shots import Shot, collect_frame_set
 from rtsr_cli.core.captures.survey import HeaderFiles
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.selection import Selection, format_ranges
@@ -182,7 +183,7 @@ def _find_shot(root: Path, name: str, below: Sequence[str]) -> Shot:
     """
     for sub in below:
         folder = root / name / sub
-        frames = collect_frame_set(folder) if folder.is_dir() else None
+        frames = collect_frame_set(folder) if is_folder(folder) else None
         if frames is not None:
             return Shot(name=name or ".", root=folder, frames=frames)
     others = [] if name else find_shots_of(root, ReadOptions())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rtsr_cli.core.documents import read_text
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, did_you_mean
 from rtsr_cli.core.evaluation import score_summary
 from rtsr_cli.core.evaluation.comparisons import Comparison
@@ -124,8 +125,8 @@ def merge_files(paths: Sequence[Path]) -> Evaluation:
     parts = []
     for path in paths:
         try:
-            parts.append((str(path), decode_json(path.read_text(encoding="utf-8"))))
-        except (OSError, ValueError, OverflowError) as error:
+            parts.append((str(path), decode_json(read_text(path))))
+        except (ValueError, OverflowError) as error:
             raise FrameFolderError(
                 f"{path}: is no result of 'rtsr evaluate --output part.json' ({error})"
             ) from error

@@ -21,6 +21,7 @@ from rtsr_cli.core.evaluation.metric_table import MetricRules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.request import EvaluateRequest
 from rtsr_cli.core.evaluation.shot_scores import ScoringOptions
+from rtsr_cli.core.files.folders import is_file, is_folder
 from rtsr_cli.core.frames.selection import Selection, Shard, format_ranges
 from rtsr_cli.core.metrics.flip import DEFAULT_PPD
 from rtsr_cli.core.metrics.lpips import Lpips
@@ -84,11 +85,11 @@ def check_folders(request: EvaluateRequest) -> None:
     if request.gbuffer is not None:
         named.append((request.gbuffer, "--gbuffer"))
     for folder, role in named:
-        if folder.is_file():
+        if is_file(folder):
             raise FrameFolderError(
                 f"{folder}: is a file ({role}); name the folder that holds the frames"
             )
-        if not folder.is_dir():
+        if not is_folder(folder):
             raise FrameFolderError(f"{folder}: no such folder ({role})")
         others = _picture_suffixes(folder)
         if others:

@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rtsr_cli.core.documents import check_regular, parse_json, read_json, shorten_value
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.evaluation.score_summary import REASONS
 from rtsr_cli.core.files.atomic_write import check_writable
+from rtsr_cli.core.limits import LARGEST_FRAME
 
 Result = Mapping[str, Any]
 
@@ -24,6 +26,12 @@ CSV_HEAD, CSV_TAIL = ("test", "shot", "frame", "region", "share"), ("nonfinite",
 
 REPORT_MARK = "rtsr report</title>"
 """Every report has it near its beginning."""
+
+MOST_DIGITS = 29
+"""Of a frame's number."""
+
+LARGEST_SCORE = 1e30
+"""Scores that are finite go so far."""
 
 HEAD_CHARACTERS = 1 << 16
 
@@ -55,10 +63,7 @@ def decode_json(content: str) -> dict[str, Any]:
     Raises:
         ValueError: it is none; says what is wrong.
     """
-    try:
-        entry = json.loads(content)
-    except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
+    entry = parse_json(content)
     _check_fields(entry, JSON_FIELDS, "the result")
     _check_fields(entry, {k: dict for k in ("inputs", "regions", "versions") if k in entry}, "it")
     for name, metric in entry["metrics"].items():
@@ -97,8 +102,10 @@ def _parse_test(entry: Any, what: str) -> dict[str, Any]:
 
 def _parse_frame(number: str, entry: Any, what: str) -> dict[str, Any]:
     """One frame's facts, infinite numbers as numbers."""
-    what = f"frame '{number}' of {what}"
-    _require(number.removeprefix("-").isdecimal(), f"{what} has no number")
+    what = f"frame '{shorten_value(number)}' of {what}"
+    right = number.isascii() and number.removeprefix("-").isdecimal()
+    _require(right and abs(int(number[:MOST_DIGITS])) <= LARGEST_FRAME, f"{what} has no number")
+    _require(len(number) < MOST_DIGITS, f"{what} has no number")
     plain = {"nonfinite": int, "counted": bool, "regions": dict}
     _check_fields(entry, plain, what)
     reasons = entry.get(REASONS, {})
@@ -122,18 +129,20 @@ def _parse_score(value: Any, what: str) -> float | None:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return None
     _require(type(value) in (int, float), f"{what} is no number")
+    _require(abs(value) <= LARGEST_SCORE or math.isinf(value), f"{what} is no score")
     return float(value)
 
 
 def is_result(path: Path) -> bool:
     """Tell whether `rtsr evaluate` wrote a file, by what its suffix promises."""
     try:
+        check_regular(path)
         with path.open(encoding="utf-8") as stream:
             if path.suffix.lower() == ".json":
-                entry = json.load(stream)
+                entry = read_json(path)
                 return isinstance(entry, dict) and entry.keys() >= JSON_FIELDS.keys()
             head = stream.read(HEAD_CHARACTERS)
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError):
         return False
     if path.suffix.lower() == ".csv":
         columns = tuple(head.partition("\n")[0].split(","))

@@ -13,6 +13,7 @@ from typing import Any
 
 from rtsr_cli.core import statistics
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.gaps import format_gaps, list_gaps
 from rtsr_cli.core.frames.selection import format_ranges
 
 Scores = Mapping[str, float | None]
@@ -55,7 +56,7 @@ def pooled_mean(values: Iterable[float | None]) -> float | None:
 
 def harmonic_mean(values: Iterable[float | None]) -> float | None:
     """n / sum(1 / (v + 1)) - 1, as libvmaf pools scores; None without values."""
-    known = [v for v in values if v is not None]
+    known = [v for v in values if v is not None and v > -1.0]
     return len(known) / math.fsum(1.0 / (v + 1.0) for v in known) - 1.0 if known else None
 
 
@@ -238,10 +239,10 @@ def _join_notes(
     """Notes of all parts once each, and what is to be said of the parts themselves."""
     notes = [note for _, part in parts for note in part["tests"][key].get("notes", ())]
     notes = [note for note in dict.fromkeys(notes) if not note.startswith(MISSING_PARTS)]
-    missing = set() if shard is None else _list_missing_parts(shard)
+    missing = [] if shard is None else _list_missing_parts(shard)
     if shard is not None and missing:
         notes.append(
-            f"{MISSING_PARTS}{format_ranges(missing)} of {shard['of']} (--shard); all figures are "
+            f"{MISSING_PARTS}{format_gaps(missing)} of {shard['of']} (--shard); all figures are "
             "of the other parts alone"
         )
     unsharded = len(parts) > 1 and any("shard" not in part for _, part in parts)
@@ -278,5 +279,5 @@ def _describe_shard(shard: Mapping[str, Any]) -> str:
     return f"part {format_ranges(shard['parts'])} of {shard['of']}{of_frames}"
 
 
-def _list_missing_parts(shard: Mapping[str, Any]) -> set[int]:
-    return set(range(1, shard["of"] + 1)) - set(shard["parts"])
+def _list_missing_parts(shard: Mapping[str, Any]) -> list[range]:
+    return list_gaps(set(shard["parts"]), {1, shard["of"]}, 1)

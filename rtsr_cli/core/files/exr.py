@@ -22,6 +22,11 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.files.channel_names import NamedPart, find_views, guess_views, name_channels
 from rtsr_cli.core.files.exr_chunks import ends_too_early
+from rtsr_cli.core.files.exr_limits import (
+    find_false_promise,
+    find_header_excess,
+    find_unpacked_excess,
+)
 from rtsr_cli.core.files.library_output import silence_library
 
 T = TypeVar("T")
@@ -41,18 +46,8 @@ one; everything else survives a copy."""
 MAX_PIXELS = 1 << 29
 """A window of more pixels than this is taken for a damaged header (32k x 16k)."""
 
-MAX_RATIO, MAX_RATIO_BLOCKS = 1100, 1 << 14
-"""Pixels may take this many times the bytes of their file. Deflate reaches 1032:1 and what is
-older less; DWA, HTJ2K and zstd were measured at up to 15900:1 on flat frames of 18 channels."""
-
-SMALL_BYTES, SMALL_BYTES_BLOCKS = 1 << 24, 448 << 20
-"""Less is never taken for a damaged header: black 4K frames in HTJ2K are 51000:1."""
-
 MAGIC = b"\x76\x2f\x31\x01"
 """First bytes of every OpenEXR file."""
-
-SAMPLE_BYTES = 2
-"""A sample takes so much at least; the header does not tell the types before pixels are read."""
 
 COMPRESSIONS = {
     "none": OpenEXR.NO_COMPRESSION,
@@ -190,8 +185,11 @@ def _make_unreadable_error(path: Path, why: str) -> FrameFolderError:
 
 
 def _open(path: Path, *, header_only: bool) -> OpenEXR.File:
-    if not path.is_file():
+    if not _ask_file_system(path, path.is_file):
         raise FrameFolderError(f"{path}: no such file")
+    excess = _ask_file_system(path, lambda: find_header_excess(path)) if header_only else ""
+    if excess:
+        raise FrameFolderError(f"{path}: {excess}")
     try:
         with silence_library():
             return OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
@@ -312,14 +310,12 @@ def _check_size(path: Path, headers: list[dict[str, Any]], data: list[PixelWindo
         _count_samples(header, window) for header, window in zip(headers, data, strict=True)
     )
     known = all(h.get("compression") in CHUNK_LINES for h in headers)
-    small, ratio = (SMALL_BYTES, MAX_RATIO) if known else (SMALL_BYTES_BLOCKS, MAX_RATIO_BLOCKS)
-    size = _ask_file_system(path, path.stat).st_size
-    most = max(small, size * ratio)
-    if samples * SAMPLE_BYTES > most:
-        promised = samples * SAMPLE_BYTES >> 20
-        raise _make_unreadable_error(
-            path, f"its header promises {promised} MiB of pixels in {size} bytes"
-        )
+    promise = _ask_file_system(path, lambda: find_false_promise(path, samples, known=known))
+    if promise:
+        raise _make_unreadable_error(path, promise)
+    excess = _ask_file_system(path, lambda: find_unpacked_excess(path))
+    if excess:
+        raise FrameFolderError(f"{path}: {excess}")
 
 
 def _count_samples(header: dict[str, Any], data: PixelWindow) -> int:

@@ -28,9 +28,6 @@ NAME_BYTES = 256
 FIRST_BYTES = 1 << 13
 """Read of a file at once."""
 
-MAX_HEADER_BYTES = 64 << 20
-"""Headers hold previews and manifests; one larger than this is not looked into."""
-
 
 class RawAttribute(NamedTuple):
     """An attribute of a header: its name, the name of its type, where its value's bytes are."""
@@ -132,7 +129,7 @@ def list_attributes(file: FileBytes, position: int) -> tuple[list[RawAttribute],
         position where it is not laid out as expected.
     """
     attributes: list[RawAttribute] = []
-    while position < MAX_HEADER_BYTES:
+    while position < file.size:
         # name, type, and 4 bytes that tell the value's size
         block, start = file.around(position, 2 * NAME_BYTES + SIZE_BYTES)
         if block[start : start + 1] in (b"\0", b""):

@@ -9,6 +9,7 @@ from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.gaps import flatten_gaps
 from rtsr_cli.core.inspect.pixel_statistics import NEVER_NEGATIVE, PixelStatistics
 from rtsr_cli.core.inspect.shot_inspection import SetInspection, ShotInspection
 
@@ -36,7 +37,7 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
         "layers": list(inspected.layers),
         "layer": (reader.layer or None) if reader is not None else None,
         "frames": list(inspected.numbers),
-        "missing": inspected.missing,
+        "missing": {key: flatten_gaps(gaps) for key, gaps in inspected.missing.items()},
         "size": None if reader is None else [reader.size[1], reader.size[0]],
         "channels": {key: list(names) for key, names in inspected.channels.items()},
         "unknown": {key: list(names) for key, names in inspected.unknown.items()},

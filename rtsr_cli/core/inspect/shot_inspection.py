@@ -12,15 +12,16 @@ from pathlib import Path
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import guess_buffers
 from rtsr_cli.core.captures.declarations import DeclarationFiles
+from rtsr_cli.core.captures.frame_numbers import list_missing_frames
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot
-from rtsr_cli.core.captures.survey import HeaderFiles, Headers, list_missing_frames, read_readable
+from rtsr_cli.core.captures.survey import HeaderFiles, Headers, read_readable
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import LayerChoiceError, RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.gaps import format_gaps
 from rtsr_cli.core.inspect.lossy_buffers import LossyBuffer, describe_lossy, find_lossy_buffers
 from rtsr_cli.core.inspect.pixel_statistics import (
     PixelStatistics,
@@ -75,7 +76,7 @@ class SetInspection:
     channels: Mapping[str, tuple[str, ...]]
     unknown: Mapping[str, tuple[str, ...]]
     guessed: Mapping[Buffer, tuple[str, ...]]
-    missing: Mapping[str, list[int]]
+    missing: Mapping[str, list[range]]
     settled: MeasuredReader | None
     statistics: Mapping[Buffer, PixelStatistics]
     looked_at: tuple[int, ...]
@@ -304,7 +305,7 @@ def _with_pixels(
     looked_at = _choose_numbers(reader.numbers, every=every)
     statistics, damaged = measure_statistics(reader, looked_at)
     holes = (
-        f"'{key}' lacks frames {format_ranges(lacking)}: render them, or use --on-missing skip|hold"
+        f"'{key}' lacks frames {format_gaps(lacking)}: render them, or use --on-missing skip|hold"
         for key, lacking in missing.items()
     )
     unsettled = ShotProblem(

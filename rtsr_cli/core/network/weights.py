@@ -14,11 +14,15 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import CheckpointError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.files.tensor_values import check_finite
 
 FORMAT = "rtsr-weights-1"
+
+FACTS: Mapping[str, type] = {"system": str, "scale": int, "config": dict, "about": dict}
+"""What weights say of themselves."""
 
 KEY = "rtsr"
 """Of the metadata: everything but the tensors, as JSON."""
@@ -91,22 +95,19 @@ def read_weights(path: Path) -> SavedWeights:
             or Inf.
     """
     try:
+        check_regular(path)
         with safe_open(path, "pt") as opened:
-            facts = json.loads((opened.metadata() or {}).get(KEY, "{}"))
+            facts = parse_json((opened.metadata() or {}).get(KEY, "{}"))
             tensors = {key: opened.get_tensor(key) for key in opened.keys()}  # noqa: SIM118
-    except (OSError, ValueError, SafetensorError) as error:
+    except (OSError, ValueError, SafetensorError, TypeError) as error:
         raise CheckpointError(f"{path}: cannot be read as weights ({error})") from error
-    if facts.get("format") != FORMAT:
+    if not isinstance(facts, dict) or facts.get("format") != FORMAT:
         raise CheckpointError(f"{path}: these are no weights of rtsr; rtsr train makes them")
+    wrong = [name for name, kind in FACTS.items() if type(facts.get(name)) is not kind]
+    if wrong:
+        raise CheckpointError(f"{path}: what it says of itself is damaged ({', '.join(wrong)})")
     check_finite(path, tensors)
-    return SavedWeights(
-        path=path,
-        system=facts["system"],
-        scale=int(facts["scale"]),
-        config=facts["config"],
-        about=facts["about"],
-        tensors=tensors,
-    )
+    return SavedWeights(path=path, tensors=tensors, **{name: facts[name] for name in FACTS})
 
 
 def name_shipped(pattern: str, scale: int, config: Any) -> str:

@@ -18,6 +18,7 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import Plane
+from rtsr_cli.core.files.folders import is_file, is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.opening import ReadOptions, open_single_sets
@@ -141,7 +142,7 @@ def _open_folder(
     """Survey the folder of a name; None if there is none."""
     own = source.reader
     folder = own.frames.root / name
-    if not folder.is_dir():
+    if not is_folder(folder):
         return None
     shots = list(open_single_sets(folder, options))
     if len(shots) != 1 or Buffer.COLOR not in shots[0][1].reader.stored:
@@ -160,7 +161,7 @@ def _open_folder(
         raise FrameFolderError(
             f"{folder}: frame {lacking[0]} is missing; capture it, or choose --frames without"
         )
-    return reader if (folder / CAPTURE_FILE).is_file() else _read_alike(reader, own)
+    return reader if is_file(folder / CAPTURE_FILE) else _read_alike(reader, own)
 
 
 def _read_alike(reader: FrameReader, own: FrameReader) -> FrameReader:

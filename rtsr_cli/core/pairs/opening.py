@@ -7,7 +7,7 @@ result goes to whatever reads frames of the shot.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
@@ -29,6 +29,7 @@ from rtsr_cli.core.captures.survey import HeaderFiles, Headers, open_frames, rea
 from rtsr_cli.core.captures.surveyed import list_needed
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import Selection
 from rtsr_cli.core.pairs.real_pairs import open_real_pairs
@@ -201,7 +202,12 @@ def measure_set(
     """
     known = opened.declarations
     reader = survey_set(frames, opened, jittered=jittered, headers=headers)
-    return measure_and_decide(reader, known.capture, named=known.layout is not None, motion=vectors)
+    settled = measure_and_decide(
+        reader, known.capture, named=known.layout is not None, motion=vectors
+    )
+    # said once, with the frames that lead
+    remarks = (*opened.shot.remarks, *known.remarks) if vectors else ()
+    return replace(settled, warnings=(*remarks, *settled.warnings))
 
 
 def survey_set(
@@ -340,8 +346,8 @@ def _list_frame_sets(
         FrameFolderError: there are none.
     """
     below = hr_folder / shot.name
-    chosen = hr_folder if only and not below.is_dir() else below
-    if not chosen.is_dir():
+    chosen = hr_folder if only and not is_folder(below) else below
+    if not is_folder(chosen):
         raise FrameFolderError(f"{chosen}: no such folder (--hr, for shot '{shot.name}')")
     frames = collect_frame_set(chosen, patterns)
     if frames is None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.frames.gaps import format_gaps, list_gaps
 from rtsr_cli.core.frames.selection import format_ranges
 
 
@@ -157,11 +158,10 @@ def describe_skipped(
 ) -> dict[str, str]:
     """Say which frames of a shot are not written, or are not themselves, and why; as ranges."""
     there = set(reader.frames.numbers)
-    expected = there | set(range(min(there), max(there) + 1, reader.step))
     reasons = {
-        "done": set(selected) - set(pending),
-        "not_selected": set(reader.numbers) - set(selected),
-        "missing": expected - set(reader.numbers),
-        "held": set(reader.held) & set(selected),
+        "done": format_ranges(set(selected) - set(pending)),
+        "not_selected": format_ranges(set(reader.numbers) - set(selected)),
+        "missing": format_gaps(list_gaps(reader.numbers, there, reader.step)),
+        "held": format_ranges(set(reader.held) & set(selected)),
     }
-    return {reason: format_ranges(numbers) for reason, numbers in reasons.items() if numbers}
+    return {reason: numbers for reason, numbers in reasons.items() if numbers}

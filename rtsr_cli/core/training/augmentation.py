@@ -21,6 +21,7 @@ from rtsr_cli.core.frames.buffers import NORMAL_BUFFERS, VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.pairs.simulation import Offset
+from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Image, Size
 from rtsr_cli.core.training.clips import MATERIAL_GAIN
 
@@ -38,6 +39,10 @@ SWAP_PLANES = frozenset(
     }
 )
 """What a change of material reads."""
+
+
+MOST_STOPS = 16.0
+"""Radiance is half float: a larger change leaves nothing of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +64,18 @@ class AugmentationConfig:
     material_share: float = 0.3
     material_stops: float = 1.5
     filtered_share: float = 0.3
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ConfigError: one is below 0, or far too large.
+        """
+        stops = dict.fromkeys(("exposure_stops", "tint_stops", "material_stops"), MOST_STOPS)
+        shares = dict.fromkeys(("material_share", "filtered_share"), 1.0)
+        check_numbers(
+            self, "training.augmentation", dict.fromkeys(stops | shares, 0.0), stops | shares
+        )
 
 
 NO_AUGMENTATION = AugmentationConfig(

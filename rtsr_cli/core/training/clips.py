@@ -16,11 +16,13 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.limits import LARGEST_FACTOR
 from rtsr_cli.core.shapes import Size
 
 FORMAT = "rtsr-clips-1"
@@ -33,6 +35,9 @@ DERIVED = frozenset({Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY})
 
 DOUBTS = "doubts"
 """Of what a file is about: what is to be said of its radiance, each time that it is used."""
+
+LARGEST_COUNT = 1 << 31
+"""Pixels and frames of a clip."""
 
 MATERIAL_GAIN = "material_gain"
 """Plane dF / dc: F of an albedo c' is F + gain (c' - c), so that materials can be swapped."""
@@ -161,22 +166,41 @@ def read_clips(path: Path) -> tuple[list[Clip], dict[str, object]]:
         FrameFolderError: it is not there, or no file of clips.
     """
     try:
+        check_regular(path)
         with safe_open(path, "pt") as opened:
             metadata = opened.metadata() or {}
             if metadata.get("format") != FORMAT:
                 raise FrameFolderError(f"{path}: no packed clips; make them with rtsr train --pack")
             tensors = {key: opened.get_tensor(key) for key in opened.keys()}  # noqa: SIM118
-    except (OSError, SafetensorError) as error:
+            about = parse_json(metadata["about"])
+            clips = _make_clips(parse_json(metadata["clips"]), tensors)
+    except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FrameFolderError(f"{path}: cannot be read as packed clips ({error})") from error
+    return clips, about
+
+
+def _make_clips(
+    listed: Sequence[Mapping[str, object]], tensors: Mapping[str, Tensor]
+) -> list[Clip]:
+    """Make the clips of a file; what does not fit ends in an error of Python's."""
     clips = [
         Clip(
             _read_facts(facts),
             _read_planes(tensors, f"{i:06d}/hr."),
             _read_planes(tensors, f"{i:06d}/lr."),
         )
-        for i, facts in enumerate(json.loads(metadata["clips"]))
+        for i, facts in enumerate(listed)
     ]
-    return clips, json.loads(metadata["about"])
+    for i, clip in enumerate(clips):
+        planes = [*clip.hr.values(), *clip.lr.values()]
+        frames = len(clip.facts.numbers)
+        whole = clip.hr and all(plane.ndim == 4 and len(plane) == frames for plane in planes)
+        if not whole or not 0 <= clip.facts.targets < frames:
+            raise ValueError(f"clip {i} does not hold the frames that it lists")
+        for named in (clip.hr, clip.lr):
+            if len({tuple(plane.shape[-2:]) for plane in named.values()}) > 1:
+                raise ValueError(f"buffers of clip {i} are of several sizes")
+    return clips
 
 
 def _read_planes(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
@@ -184,9 +208,58 @@ def _read_planes(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor
 
 
 def _read_facts(stored: Mapping[str, object]) -> ClipFacts:
+    """Make facts of plain values.
+
+    Raises:
+        ValueError: one is of another kind than it is written as.
+    """
     values = {key: tuple(v) if isinstance(v, list) else v for key, v in stored.items()}
     jitters = tuple(tuple(j) for j in values["jitters_px"])  # type: ignore[attr-defined]
-    return ClipFacts(**{**values, "jitters_px": jitters})  # type: ignore[arg-type]
+    facts = ClipFacts(**{**values, "jitters_px": jitters})  # type: ignore[arg-type]
+    wrong = [name for name, holds in _check_facts(facts).items() if not holds]
+    if wrong:
+        raise ValueError(f"its facts are damaged: {', '.join(wrong)}")
+    return facts
+
+
+def _check_facts(facts: ClipFacts) -> dict[str, bool]:
+    """Whether each fact is of its kind, and as many as there are frames."""
+    frames = len(facts.numbers) if isinstance(facts.numbers, tuple) else -1
+    counts = {
+        name: getattr(facts, name) for name in ("targets", "top", "left", "lr_scale", "group")
+    }
+    return {
+        **{name: _is_count(value) for name, value in counts.items()},
+        "name": isinstance(facts.name, str),
+        "numbers": frames > 0 and all(type(n) is int for n in facts.numbers),
+        "display": _is_size(facts.display),
+        "captured": facts.captured is None or _is_size(facts.captured),
+        "jitters_px": len(facts.jitters_px) in (0, frames)
+        and all(len(j) == 2 and all(map(_is_number, j)) for j in facts.jitters_px),
+        "lighting_scales": _are_numbers(facts.lighting_scales, frames),
+        "pre_exposures": _are_numbers(facts.pre_exposures, frames),
+        "validation": isinstance(facts.validation, bool),
+        "zeros": isinstance(facts.zeros, tuple) and all(isinstance(z, str) for z in facts.zeros),
+    }
+
+
+def _is_count(value: object) -> bool:
+    return type(value) is int and 0 <= value <= LARGEST_COUNT
+
+
+def _is_size(value: object) -> bool:
+    return isinstance(value, tuple) and len(value) == 2 and all(_is_count(v) and v for v in value)
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in (int, float) and abs(value) <= LARGEST_FACTOR  # type: ignore[arg-type]
+
+
+def _are_numbers(values: object, frames: int) -> bool:
+    """Tell whether there is a positive number for each frame, or none at all."""
+    if not isinstance(values, tuple) or len(values) not in (0, frames):
+        return False
+    return all(_is_number(v) and v > 0 for v in values)
 
 
 def count_frames(clips: Iterable[Clip]) -> int:

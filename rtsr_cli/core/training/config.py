@@ -111,11 +111,17 @@ class TrainingConfig:
             "scale", "samples_per_pixel", "steps", "batch", "accumulate", "crop", "validate_every",
             "save_every", "log_every", "picture_side",
         )  # fmt: skip
+        largest = {
+            "scale": 64, "samples_per_pixel": 16, "batch": 1 << 16, "accumulate": 1 << 16,
+            "crop": 1 << 16, "picture_side": 1 << 14, "validation_frames": 1 << 20,
+            "seed": 2**62, "ema": 1, "decay": 1,
+        }  # fmt: skip
         shares = (
             "learning_rate", "weight_decay", "decay", "warmup", "final_rate", "ema", "clip_norm",
-            "freeze_statistics", "validation_frames",
+            "freeze_statistics", "validation_frames", "seed",
         )  # fmt: skip
-        check_numbers(self, "training", dict.fromkeys(counts, 1) | dict.fromkeys(shares, 0))
+        least = dict.fromkeys(counts, 1) | dict.fromkeys(shares, 0)
+        check_numbers(self, "training", least, largest)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,3 +137,11 @@ class DataConfig:
     validation: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
     workers: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ConfigError: there are fewer threads than none.
+        """
+        check_numbers(self, "data", {"workers": 0}, {"workers": 1024})

@@ -14,8 +14,10 @@ from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot, collect_frame_set
 from rtsr_cli.core.choices import NonfinitePolicy
+from rtsr_cli.core.documents import DocumentError, read_json
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
+from rtsr_cli.core.files.folders import is_file, is_folder
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
@@ -191,12 +193,12 @@ def read_manifest_split(folder: Path) -> dict[str, str]:
         FrameFolderError: it is no manifest.
     """
     path = folder / MANIFEST
-    if not path.is_file():
+    if not is_file(path):
         return {}
     try:
-        sequences = json.loads(path.read_text(encoding="utf-8"))["sequences"]
+        sequences = read_json(path)["sequences"]
         return {f"{s['scene']}/{s['sequence']}": str(s["split"]) for s in sequences}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise FrameFolderError(
             f"{path}: not a list of sequences with scene, sequence and split ({error!r}); mend it, "
             "or give data.validation"
@@ -214,9 +216,9 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     shot = chosen.shot
     opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
     index = how.cache / f"{_hash_shot(opened, how)}.json"
-    if index.is_file():
-        paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]
-        if all(path.is_file() for path in paths):
+    if is_file(index):
+        paths = _read_index(index)
+        if paths and all(is_file(path) for path in paths):
             return paths
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
@@ -244,6 +246,17 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     return paths
 
 
+def _read_index(index: Path) -> list[Path]:
+    """Files of clips that a shot was recorded to; none where the list of them is damaged."""
+    try:
+        names = read_json(index)
+    except DocumentError:
+        return []
+    listed = names if isinstance(names, list) else []
+    plain = [name for name in listed if isinstance(name, str) and Path(name).name == name]
+    return [index.parent / name for name in plain] if plain == names else []
+
+
 def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | None:
     """Radiance beside the HR frames, in `reference/`, where they hold none themselves.
 
@@ -252,7 +265,7 @@ def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | Non
     """
     hr = source.readers[-1]
     beside = opened.shot.root / REFERENCE_FOLDER
-    if Buffer.COLOR in hr.stored or not beside.is_dir():
+    if Buffer.COLOR in hr.stored or not is_folder(beside):
         return None
     frames = collect_frame_set(beside, ())
     if frames is None:
@@ -274,7 +287,7 @@ def _hash_shot(opened: OpenedShot, how: ClipSources) -> str:
     """Hash of names, sizes and times of a shot's files, and of everything declared about it."""
     shot = opened.shot
     folders = [shot.root / name for name in (REFERENCE_FOLDER, *how.wanted.beside)]
-    apart = [collect_frame_set(beside, ()) for beside in folders if beside.is_dir()]
+    apart = [collect_frame_set(beside, ()) for beside in folders if is_folder(beside)]
     sets = [frames for frames in (shot.frames, shot.hr, *apart) if frames is not None]
     # what is recorded does not depend on K, but whether it may be: that is checked for each
     samples = () if how.samples_per_pixel == 1 else (how.samples_per_pixel,)

@@ -6,6 +6,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import replace
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.folders import is_file, is_folder
 from rtsr_cli.core.training.clips import SUFFIX, Clip, count_frames, read_clips
 from rtsr_cli.core.training.config import DataConfig
 from rtsr_cli.core.training.events import ClipsGathered, DataEvent
@@ -25,9 +26,9 @@ def gather_clips(
     clips: list[Clip] = []
     folders = []
     for path in request.data:
-        if path.suffix == SUFFIX or path.is_file():
+        if path.suffix == SUFFIX or is_file(path):
             clips += read_clips(path)[0]
-        elif not path.is_dir():
+        elif not is_folder(path):
             raise FrameFolderError(f"{path}: no such folder")
         else:
             folders.append(path)

@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.folders import is_file
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.imaging.color import encode_reinhard, encode_srgb
 from rtsr_cli.core.metrics.flip import ldr_flip
@@ -100,7 +101,7 @@ def _write_file(path: Path, content: bytes) -> None:
 
 
 def _read_rows(path: Path) -> list[dict[str, str]]:
-    if not path.is_file():
+    if not is_file(path):
         return []
     with path.open(encoding="utf-8", newline="") as file:
         return [row for row in csv.DictReader(file) if (row.get("step") or "").isdigit()]

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from rtsr_cli.core.choices import JitterMode
-from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.streaming import prefetch
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import Tensors
@@ -85,6 +85,7 @@ class SampleDrawer:
             )
         self._groups = [groups[key] for key in sorted(groups)]
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
+        self._crop = choose_crop(clips, task, config)
         self._goals: dict[tuple[int, SampleRegion, JitterMode], list[Tensors]] = {}
         self._shares = [counts / counts.sum() for counts in frames]
 
@@ -102,7 +103,7 @@ class SampleDrawer:
         choices = draw_choices(config.augmentation, rng)
         region = draw_region(
             clip,
-            (config.crop, config.crop),
+            self._crop,
             block=choose_block(clip, task),
             unroll=task.learning.unroll,
             rng=rng,
@@ -147,32 +148,36 @@ class SampleDrawer:
         return range(first, first + self._config.batch)
 
 
-def check_sizes(clips: Sequence[Clip], config: TrainingConfig) -> str:
-    """Say which clips are smaller than a crop, which then shrinks to them; empty if none is.
+def choose_crop(clips: Sequence[Clip], task: SampleTask, config: TrainingConfig) -> Size:
+    """(height, width) of samples in LR pixels: what all clips hold, so that a batch is of one size.
 
-    Raises:
-        RtsrError: samples of a batch would differ in size.
+    Quarter turns exchange height and width: samples that may be turned are square. A batch of one
+    is of the size that its clip has.
     """
-    side = config.crop * config.scale
+    sizes = [_lr_size(clip, task) for clip in clips if not clip.facts.validation]
+    if config.batch == 1 or not sizes:
+        return config.crop, config.crop
+    height, width = (min(config.crop, *extents) for extents in zip(*sizes, strict=True))
+    side = min(height, width)
+    return (side, side) if config.augmentation.turns else (height, width)
+
+
+def describe_crop(clips: Sequence[Clip], task: SampleTask, config: TrainingConfig) -> str:
+    """Say that samples are smaller than a crop is asked to be; empty if none is."""
+    chosen = choose_crop(clips, task, config)
     sizes = {
-        tuple(min(s, side) for s in _output_size(clip, config))
+        tuple(min(pair) for pair in zip(chosen, _lr_size(clip, task), strict=True))
         for clip in clips
         if not clip.facts.validation
     }
-    if sizes == {(side, side)} or not sizes:
+    if sizes <= {(config.crop, config.crop)}:
         return ""
-    if len(sizes) > 1 and config.batch > 1:
-        listed = ", ".join(f"{w} x {h}" for h, w in sorted(sizes))
-        raise RtsrError(
-            f"crops of {side} x {side} pixels do not fit all shots (they would be {listed}); "
-            "choose a smaller training.crop, or training.batch=1"
-        )
-    height, width = next(iter(sizes))
-    return f"crops shrink to {width} x {height} pixels, the size of the frames"
+    listed = " or ".join(f"{w * task.scale} x {h * task.scale}" for h, w in sorted(sizes))
+    return f"crops shrink to {listed} pixels, as the frames are smaller than training.crop"
 
 
-def _output_size(clip: Clip, config: TrainingConfig) -> Size:
-    """(height, width) of a clip in output pixels; HR frames of real pairs hold just those."""
-    k = 1 if clip.facts.lr_scale else config.samples_per_pixel
+def _lr_size(clip: Clip, task: SampleTask) -> Size:
+    """(height, width) of a clip in LR pixels."""
+    block = choose_block(clip, task)
     height, width = clip.size
-    return height // k, width // k
+    return height // block, width // block

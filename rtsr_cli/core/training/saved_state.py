@@ -17,6 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
+from rtsr_cli.core.documents import DocumentError, check_regular, read_json
 from rtsr_cli.core.errors import CheckpointError
 from rtsr_cli.core.files.atomic_write import (
     remove_leftovers,
@@ -29,6 +30,9 @@ STATE_FILE = "state.json"
 
 NETWORKS = frozenset({"network", "average"})
 """Parts whose numbers the next step takes as they are: none of them may be NaN or Inf."""
+
+MOST_STEPS = 10**12
+"""More is no state of ours."""
 
 
 def save_state(
@@ -67,8 +71,8 @@ def save_state(
 def read_saved_step(folder: Path) -> int:
     """Steps that a state on disk has done, 0 if there is none that can be read."""
     try:
-        return int(json.loads((folder / STATE_FILE).read_text(encoding="utf-8"))["step"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return _read_facts(folder / STATE_FILE)["step"]  # type: ignore[no-any-return]
+    except DocumentError:
         return 0
 
 
@@ -82,9 +86,10 @@ def load_state(folder: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, An
     if not path.exists():
         return None
     try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
+        facts = _read_facts(path)
+        check_regular(folder / facts["tensors"])
         tensors = load_file(folder / facts["tensors"])
-    except (OSError, ValueError, KeyError, SafetensorError) as error:
+    except (OSError, ValueError, SafetensorError) as error:
         raise CheckpointError(
             f"{path}: cannot be read ({error}); start again in another folder, or with "
             "--init from best.safetensors"
@@ -96,6 +101,24 @@ def load_state(folder: Path) -> tuple[dict[str, dict[str, Tensor]], dict[str, An
     for part in sorted(NETWORKS & parts.keys()):
         check_finite(folder / facts["tensors"], parts[part])
     return parts, facts
+
+
+def _read_facts(path: Path) -> dict[str, Any]:
+    """Read what a state says of itself.
+
+    Raises:
+        DocumentError: it cannot be read, or is none.
+    """
+    facts = read_json(path)
+    if not isinstance(facts, dict):
+        raise DocumentError("is no table")
+    step, tensors, best = (facts.get(name) for name in ("step", "tensors", "best"))
+    number = best is None or isinstance(best, int | float)
+    if type(step) is not int or not 0 <= step <= MOST_STEPS or not number:
+        raise DocumentError("its step or best score is no number")
+    if not isinstance(tensors, str) or Path(tensors).name != tensors:
+        raise DocumentError("it names no file beside it")
+    return facts
 
 
 def list_optimiser_tensors(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:

@@ -178,20 +178,30 @@ class Trainer:
             return False
         parts, facts = state
         try:
-            self.network.load_state_dict(parts["network"])
-        except RuntimeError as error:
+            self._restore(parts, facts)
+        except (RuntimeError, KeyError, TypeError, ValueError) as error:
             raise CheckpointError(
-                f"{self.run.folder}: holds the state of another network; choose another --out"
+                f"{self.run.folder}: holds the state of another network, or a damaged one; choose "
+                "another --out"
             ) from error
+        return True
+
+    def _restore(self, parts: Mapping[str, Mapping[str, Tensor]], facts: Mapping[str, Any]) -> None:
+        """Take over a state; what does not fit ends in an error of torch's, or of Python's."""
+        self.network.load_state_dict(dict(parts["network"]))
         restore_optimiser(self.optimiser, parts.get("optimiser", {}))
         if self.average:
-            self.average = {k: v.to(self.run.device) for k, v in parts["average"].items()}
+            average = {k: v.to(self.run.device) for k, v in parts["average"].items()}
+            if {k: v.shape for k, v in average.items()} != {
+                k: v.shape for k, v in self.average.items()
+            }:
+                raise ValueError("the moving average is of other tensors")
+            self.average = average
         torch.set_rng_state(parts["random"]["torch"])
         if self.scaler.is_enabled() and "scaler" in facts:
             self.scaler.load_state_dict(facts["scaler"])
         self.step = int(facts["step"])
         self.best = -math.inf if facts["best"] is None else float(facts["best"])
-        return True
 
     def cast(self) -> AbstractContextManager[Any]:
         """Autocast of the run's precision."""

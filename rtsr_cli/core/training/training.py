@@ -35,7 +35,7 @@ from rtsr_cli.core.training.packs import pack_crops
 from rtsr_cli.core.training.ranks import ProcessRanks, join_processes, resolve_local_device
 from rtsr_cli.core.training.request import TrainRequest
 from rtsr_cli.core.training.run_settings import CONFIG_FILE, RunSettings, resolve_request
-from rtsr_cli.core.training.sampler import check_sizes
+from rtsr_cli.core.training.sampler import describe_crop
 from rtsr_cli.core.training.samples import SampleTask, make_task
 from rtsr_cli.core.training.saved_state import read_saved_step
 from rtsr_cli.core.training.trainer import STATE_FOLDER, TrainingProgress, TrainingRun
@@ -149,7 +149,7 @@ def _follow_lead(run: TrainingRun, network: nn.Module) -> Iterator[TrainEvent]:
 def _lead_processes(run: TrainingRun, network: nn.Module, baseline: System) -> Iterator[TrainEvent]:
     """Run the loop; log and draw what it reports."""
     config, task = run.config, run.task
-    warning = check_sizes(run.clips, config)
+    warning = describe_crop(run.clips, task, config)
     if warning:
         yield CropsShrunk(message=warning)
     frames = choose_validation_frames(run.clips, config.validation_frames)

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from rtsr_cli.core.documents import parse_json
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.files.exr import PixelWindow as ExrWindow
 from rtsr_cli.core.files.exr import read_header, write_exr
@@ -125,8 +126,8 @@ def read_figures(path: Path, config_hash: str) -> dict[str, Any] | None:
         attributes = read_header(path).attributes
         if attributes.get("rtsr:configHash") != config_hash or FACTS not in attributes:
             return None
-        return dict(json.loads(str(attributes[FACTS])))
-    except (RtsrError, ValueError):
+        return dict(parse_json(str(attributes[FACTS])))
+    except (RtsrError, ValueError, TypeError):
         return None
 
 

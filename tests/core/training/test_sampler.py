@@ -1,0 +1,72 @@
+"""Samples of frames smaller than a crop: a batch is of one size, whatever the frames' shapes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from torch import Tensor
+
+from rtsr_cli.core.training.augmentation import NO_AUGMENTATION
+from rtsr_cli.core.training.clips import Clip
+from rtsr_cli.core.training.config import TrainingConfig
+from rtsr_cli.core.training.run_settings import resolve_sources
+from rtsr_cli.core.training.sample_steps import stack_samples
+from rtsr_cli.core.training.sampler import SampleDrawer, choose_crop, describe_crop
+from rtsr_cli.core.training.samples import SampleTask, make_task
+from rtsr_cli.models import list_trainable_names, load_system
+
+CONFIG = TrainingConfig()
+
+
+def cut(clip: Clip, height: int, width: int) -> Clip:
+    """The top left corner of every frame."""
+
+    def corner(plane: Tensor) -> Tensor:
+        return plane[..., :height, :width]
+
+    facts = replace(clip.facts, display=(height, width))
+    return Clip(facts, {name: corner(plane) for name, plane in clip.hr.items()})
+
+
+@pytest.fixture
+def fast() -> SampleTask:
+    return make_task(load_system("fusesr-fast"), load_system("fusesr-fast").config(), CONFIG)
+
+
+@pytest.mark.parametrize("name", list_trainable_names())
+def test_the_defaults_of_every_system_take_frames_of_any_shape(clip: Clip, name: str) -> None:
+    settings = resolve_sources(load_system(name), [])
+    task = make_task(settings.system, settings.network, settings.training)
+    seen = {**clip.hr, "view_normal": clip.hr["normal"], "roughness": 0.5 + 0 * clip.hr["depth"]}
+    whole = replace(clip, hr=seen)
+    clips = [whole, cut(whole, 48, 36), cut(whole, 32, 64)]
+    drawer = SampleDrawer(clips, task, replace(settings.training, seed=5))
+    samples = [drawer.make(i) for i in range(6)]
+    assert len({sample.region.size for sample in samples}) == 1
+    batch = stack_samples([sample.steps for sample in samples])
+    assert all(len(t) == 6 for step in batch for t in (*step.inputs.values(), *step.goal.values()))
+
+
+def test_samples_that_may_be_turned_are_square_and_fit_all_frames(
+    clip: Clip, fast: SampleTask
+) -> None:
+    clips = [clip, cut(clip, 40, 64)]
+    assert choose_crop(clips, fast, CONFIG) == (10, 10)
+    upright = replace(CONFIG, augmentation=NO_AUGMENTATION)
+    assert choose_crop(clips, fast, upright) == (10, 16)
+    assert choose_crop(clips, fast, replace(CONFIG, crop=8)) == (8, 8)
+    assert choose_crop(clips, fast, replace(CONFIG, batch=1)) == (64, 64)
+
+
+def test_what_is_only_judged_on_shrinks_no_sample(clip: Clip, fast: SampleTask) -> None:
+    small = cut(clip, 16, 16)
+    judged = replace(small, facts=replace(small.facts, validation=True))
+    assert choose_crop([clip, judged], fast, CONFIG) == (12, 12)
+
+
+def test_smaller_crops_are_said_in_output_pixels(clip: Clip, fast: SampleTask) -> None:
+    assert "crops shrink to 48 x 48 pixels" in describe_crop([clip], fast, CONFIG)
+    assert describe_crop([clip], fast, replace(CONFIG, crop=12)) == ""
+    alone = describe_crop([clip, cut(clip, 40, 64)], fast, replace(CONFIG, batch=1))
+    assert "64 x 40 or 64 x 48 pixels" in alone
