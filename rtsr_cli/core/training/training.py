@@ -13,6 +13,7 @@ from torch import nn
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import RequestError
 from rtsr_cli.core.files.atomic_write import check_writable, write_text_atomically
+from rtsr_cli.core.marks import TOML_MARK_LINE
 from rtsr_cli.core.memory import keep_freed
 from rtsr_cli.core.settings import to_toml
 from rtsr_cli.core.system import System
@@ -34,6 +35,7 @@ from rtsr_cli.core.training.journal import Journal
 from rtsr_cli.core.training.packs import pack_crops
 from rtsr_cli.core.training.ranks import ProcessRanks, join_processes, resolve_local_device
 from rtsr_cli.core.training.request import TrainRequest
+from rtsr_cli.core.training.run_files import refuse_foreign_files
 from rtsr_cli.core.training.run_settings import CONFIG_FILE, RunSettings, resolve_request
 from rtsr_cli.core.training.sampler import check_sizes
 from rtsr_cli.core.training.samples import SampleTask, make_task
@@ -80,6 +82,7 @@ def train(
     yield TrainingPlanned(settings=settings.plain)
     if request.dry_run:
         return
+    refuse_foreign_files(request)
     # before frames are decoded: weights that do not fit are told at once
     network = make_network(task, training, request.init_file)
     device = torch.device(resolve_local_device(resolve_device(request.device)))
@@ -125,7 +128,7 @@ def _prepare_run(
     folder, plain = request.output_folder, settings.plain
     if ranks.first:
         check_writable(folder)
-        write_text_atomically(folder / CONFIG_FILE, to_toml(plain))
+        write_text_atomically(folder / CONFIG_FILE, TOML_MARK_LINE + to_toml(plain))
     return TrainingRun(
         folder=folder,
         task=task,

@@ -13,13 +13,13 @@ from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.atomic_write import check_writable
 from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.ownership import refuse_foreign
 from rtsr_cli.core.files.provenance import STAMP
 from rtsr_cli.core.run.outputs import (
     OutputFrame,
     OutputState,
     name_output,
     read_output_state,
-    refuse_foreign,
 )
 
 
