@@ -14,6 +14,9 @@ from typing import Any
 HIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """Control characters, what turns the direction of writing, and halves of characters."""
 
+INDENTED = "\n    "
+"""Begins the further lines of messages that have some."""
+
 BYTES = range(0xDC80, 0xDD00)
 """What Python puts for bytes of a file's name that are not UTF-8 (PEP 383)."""
 
@@ -26,12 +29,13 @@ def make_visible(text: str, *, lines: bool = False) -> str:
 
     Args:
         text: of any origin.
-        lines: leave the ends of lines as they are.
+        lines: leave ends of lines before indented lines as they are; nothing that looks like a
+            message of its own can follow them.
     """
     if text.isprintable():
         return text
     if lines:
-        return "\n".join(make_visible(line) for line in text.split("\n"))
+        return INDENTED.join(make_visible(line) for line in text.split(INDENTED))
     return HIDDEN.sub(_escape, text)
 
 

@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.atomic_write import write_atomically
 
 METADATA = "__metadata__"
@@ -49,6 +50,9 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
     Raises:
         OutputError: the file cannot be written.
     """
+    for name, tensor in tensors.items():
+        if tensor.dtype not in DTYPES:
+            raise OutputError(f"{path}: {name}: tensors of {tensor.dtype} cannot be written")
     order = list(DTYPES)
     names = sorted(tensors, key=lambda name: (order.index(tensors[name].dtype), name))
     header = _encode_header({name: tensors[name] for name in names}, metadata)

@@ -12,7 +12,7 @@ from rtsr_cli.core.visible_text import make_all_visible, make_visible
 
 def escape_text(value: object) -> str:
     """Escape a value for element content and for quoted attributes; what nobody sees is named."""
-    return html.escape(make_visible(str(value), lines=True), quote=True)
+    return html.escape(make_visible(str(value)), quote=True)
 
 
 def make_element(name: str, *children: str, **attributes: object) -> str:

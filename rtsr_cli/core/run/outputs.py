@@ -28,6 +28,9 @@ from rtsr_cli.core.shapes import Color, Image
 
 PREVIEW_SUFFIX = ".png"
 
+DEBUG_FOLDER = "debug"
+"""Beside the outputs: what was seen and decided."""
+
 HALF_BYTES, FLOAT_BYTES, HEADER_BYTES = 2, 4, 1 << 14
 """Sizes for estimates: of samples, and of all that is no pixel in a file, generously."""
 
@@ -52,7 +55,7 @@ def name_output(reader: FrameReader, number: int) -> str:
 
 def name_debug_file(path: Path) -> Path:
     """Return the file of an output's debug pictures."""
-    return path.parent / "debug" / path.name
+    return path.parent / DEBUG_FOLDER / path.name
 
 
 def read_output_state(path: Path, stamp: str) -> OutputState:

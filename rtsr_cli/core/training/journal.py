@@ -34,6 +34,9 @@ PICTURE_FILES = "step-*.png"
 COLUMNS = ("step", "learning_rate", "steps_per_s")
 """Columns that every table of a run has, beside losses and scores."""
 
+EMPTY = ("step",)
+"""The only one before the first row."""
+
 GAP_PX = 4
 """Between the panels of a picture."""
 
@@ -94,7 +97,7 @@ class Journal:
         """The table is small: written whole, it is never half there."""
         text = io.StringIO(newline="")
         columns = dict.fromkeys(name for row in self._rows for name in row)
-        table = csv.DictWriter(text, tuple(columns) or COLUMNS, restval="")
+        table = csv.DictWriter(text, tuple(columns) or EMPTY, restval="")
         table.writeheader()
         table.writerows(self._rows)
         content = text.getvalue().encode()
@@ -105,7 +108,8 @@ def is_log(path: Path) -> bool:
     """Tell by its columns whether a table is that of a run."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            return set(COLUMNS) <= set(next(csv.reader(file), ()))
+            head, *rows = list(csv.reader(file)) or [[]]
+            return set(COLUMNS) <= set(head) or (tuple(head) == EMPTY and not rows)
     except (OSError, ValueError, csv.Error):
         return False
 

@@ -12,7 +12,11 @@ from torch import nn
 
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.files.atomic_write import check_writable, write_text_atomically
+from rtsr_cli.core.files.atomic_write import (
+    check_writable,
+    remove_leftovers,
+    write_text_atomically,
+)
 from rtsr_cli.core.marks import TOML_MARK_LINE
 from rtsr_cli.core.memory import keep_freed
 from rtsr_cli.core.settings import to_toml
@@ -31,7 +35,7 @@ from rtsr_cli.core.training.events import (
     TrainingStarted,
     TrainingStep,
 )
-from rtsr_cli.core.training.journal import Journal
+from rtsr_cli.core.training.journal import PICTURES_FOLDER, Journal
 from rtsr_cli.core.training.packs import pack_crops
 from rtsr_cli.core.training.ranks import ProcessRanks, join_processes, resolve_local_device
 from rtsr_cli.core.training.request import TrainRequest
@@ -76,13 +80,13 @@ def train(
     """
     if system.learning is None:
         raise RequestError(f"system '{system.name}' has nothing to train")
+    refuse_foreign_files(request)
     settings = resolve_request(system, request)
     training = settings.training
     task = make_task(system, settings.network, training)
     yield TrainingPlanned(settings=settings.plain)
     if request.dry_run:
         return
-    refuse_foreign_files(request)
     # before frames are decoded: weights that do not fit are told at once
     network = make_network(task, training, request.init_file)
     device = torch.device(resolve_local_device(resolve_device(request.device)))
@@ -128,6 +132,8 @@ def _prepare_run(
     folder, plain = request.output_folder, settings.plain
     if ranks.first:
         check_writable(folder)
+        for below in (STATE_FOLDER, PICTURES_FOLDER):
+            remove_leftovers(folder / below)
         write_text_atomically(folder / CONFIG_FILE, TOML_MARK_LINE + to_toml(plain))
     return TrainingRun(
         folder=folder,
