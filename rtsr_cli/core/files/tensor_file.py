@@ -90,12 +90,34 @@ def _write_bytes(file: BinaryIO, tensor: Tensor) -> None:
 def read_metadata(path: Path) -> Mapping[str, Any] | None:
     """Return the texts of a file of tensors, None where it is none."""
     try:
-        with path.open("rb") as file:
-            size = int.from_bytes(file.read(SIZE_BYTES), "little")
-            if not 0 < size <= MAX_HEADER_BYTES:
-                return None
-            header = json.loads(file.read(size))
-    except (OSError, ValueError, RecursionError):
+        known = _read_header(path)[0].get(METADATA, {})
+    except (OSError, ValueError, TypeError, RecursionError):
         return None
-    known = header.get(METADATA, {}) if isinstance(header, dict) else None
     return known if isinstance(known, dict) else None
+
+
+def is_whole_tensor_file(path: Path) -> bool:
+    """Tell whether a file of tensors reaches to the end that its header tells."""
+    try:
+        header, start = _read_header(path)
+        ends = [entry["data_offsets"][1] for name, entry in header.items() if name != METADATA]
+        return path.stat().st_size == start + max(ends, default=0)
+    except (OSError, ValueError, RecursionError, LookupError, TypeError):
+        return False
+
+
+def _read_header(path: Path) -> tuple[dict[str, Any], int]:
+    """The header, and where the tensors' bytes begin.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError, TypeError: it is none of tensors.
+    """
+    with path.open("rb") as file:
+        size = int.from_bytes(file.read(SIZE_BYTES), "little")
+        if not 0 < size <= MAX_HEADER_BYTES:
+            raise ValueError("a header of no size, or too large")
+        header = json.loads(file.read(size))
+    if not isinstance(header, dict):
+        raise TypeError("the header is no object")
+    return header, SIZE_BYTES + size

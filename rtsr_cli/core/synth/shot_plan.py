@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -147,7 +148,7 @@ def _has_other_declaration(plan: SynthPlan) -> bool:
     """Tell whether another capture.toml lies where this shot's goes."""
     path = plan.folder / CAPTURE_FILE
     try:
-        return path.exists() and path.read_text(encoding="utf-8") != plan.capture
+        return os.path.lexists(path) and path.read_text(encoding="utf-8") != plan.capture
     except (OSError, UnicodeDecodeError):
         return True
 

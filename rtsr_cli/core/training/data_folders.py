@@ -16,6 +16,7 @@ from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.provenance import digest_config, digest_values
+from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
@@ -210,10 +211,9 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     shot = chosen.shot
     opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
     index = how.cache / f"{_hash_shot(opened, how)}.json"
-    if index.is_file():
-        paths = [how.cache / name for name in json.loads(index.read_text(encoding="utf-8"))]
-        if all(path.is_file() for path in paths):
-            return paths
+    recorded = _list_recorded(index)
+    if recorded is not None:
+        return recorded
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
     source = open_pair(
@@ -238,6 +238,16 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     names = json.dumps([path.name for path in paths])
     write_text_atomically(index, names)
     return paths
+
+
+def _list_recorded(index: Path) -> list[Path] | None:
+    """Files that an index names beside it, None unless all of them are there, and whole."""
+    try:
+        names = json.loads(index.read_text(encoding="utf-8"))
+        paths = [index.with_name(name) for name in names]
+    except (OSError, ValueError, TypeError, RecursionError):
+        return None
+    return paths if all(map(is_whole_tensor_file, paths)) else None
 
 
 def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | None:

@@ -7,7 +7,12 @@ import torch
 from safetensors.torch import load_file, save
 
 from rtsr_cli.core.errors import OutputError
-from rtsr_cli.core.files.tensor_file import DTYPES, read_metadata, write_tensors
+from rtsr_cli.core.files.tensor_file import (
+    DTYPES,
+    is_whole_tensor_file,
+    read_metadata,
+    write_tensors,
+)
 
 
 def tensors() -> dict[str, torch.Tensor]:
@@ -41,3 +46,14 @@ def test_what_is_no_file_of_tensors_has_no_metadata(tmp_path: Path, content: byt
     (tmp_path / "f").write_bytes(content)
     assert read_metadata(tmp_path / "f") is None
     assert read_metadata(tmp_path / "none") is None
+    assert not is_whole_tensor_file(tmp_path / "f")
+
+
+def test_a_file_that_was_cut_or_grew_is_not_whole(tmp_path: Path) -> None:
+    path = tmp_path / "f"
+    write_tensors(path, tensors(), {})
+    content = path.read_bytes()
+    assert is_whole_tensor_file(path)
+    for other in (content[:-1], content[: len(content) // 2], content[:20], content + b"x"):
+        path.write_bytes(other)
+        assert not is_whole_tensor_file(path)
