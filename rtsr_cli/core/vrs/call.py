@@ -29,6 +29,7 @@ from rtsr_cli.core.run.system_inputs import (
     resolve_system_inputs,
 )
 from rtsr_cli.core.shapes import TileMap
+from rtsr_cli.core.visible_text import make_all_visible
 from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, list_captured_labels
 from rtsr_cli.core.vrs.decision_files import (
     OVERLAY_SUFFIX,
@@ -245,5 +246,5 @@ def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) 
         },
     }
     path = folder / SUMMARY
-    write_text_atomically(path, json.dumps(content, indent=1))
+    write_text_atomically(path, json.dumps(make_all_visible(content), indent=1))
     return RatesSummary(path=path, options=options, total=total)
