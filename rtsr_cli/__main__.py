@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
 
 def _leave(number: int, _: FrameType | None) -> NoReturn:
     """End at once, as nothing has begun; `cli.leave` takes over once it is imported."""
-    os.write(2, b"Interrupted: nothing was done\n")
+    with suppress(OSError):
+        os.write(2, b"Interrupted: nothing was done\n")
     os._exit(128 + number)
 
 

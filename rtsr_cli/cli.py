@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import gc
 import logging
 import os
@@ -14,9 +13,13 @@ from typing import NoReturn
 import click
 
 from rtsr_cli import __version__
-from rtsr_cli.commands.interrupts import INTERRUPTED, SIGNALLED, STOPPING, end_at_once
+from rtsr_cli.commands.exit_codes import EXIT_CODES, REFUSED, SIGNALLED
+from rtsr_cli.commands.interrupts import INTERRUPTED, STOPPING, end_at_once
+from rtsr_cli.commands.log import LOG, EchoHandler, show
 from rtsr_cli.core.errors import RequestError, RtsrError, did_you_mean
+from rtsr_cli.core.files.standard_streams import find_loss, make_streams_tolerant
 from rtsr_cli.core.limits import lift_file_limits
+from rtsr_cli.core.visible_text import make_visible
 
 COMMANDS = {
     "inspect": "Say what a folder of frames holds, and find out how its motion is stored.",
@@ -31,12 +34,6 @@ COMMANDS = {
     "systems": "List the systems, their inputs, scales and weights.",
 }
 """Command -> one-line help; `predict-vrs` lives in `commands/predict_vrs.py`."""
-
-EXIT_REFUSED = 3
-"""Exit code of an input that is refused; usage errors are click's 2, failed frames 1."""
-
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
-"""What a redirected output fails with."""
 
 
 class LazyGroup(click.Group):
@@ -71,52 +68,43 @@ class LazyGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table of exit codes."""
+        del ctx
+        with formatter.section("Exit codes"):
+            formatter.write_dl([(str(code), meaning) for code, meaning in EXIT_CODES.items()])
+
     def invoke(self, ctx: click.Context) -> object:
         """Run a command; what a user can cause ends in one message and an exit code."""
         try:
             return super().invoke(ctx)
         except RequestError as error:
-            raise click.UsageError(str(error), ctx) from error
-        except RtsrError as error:
-            click.echo(f"Error: {error}", err=True)
-            _emit_error(ctx, error)
-            ctx.exit(EXIT_REFUSED)
+            raise click.UsageError(make_visible(str(error), lines=True), ctx) from error
+        except (RtsrError, OSError) as error:
+            _refuse(ctx, _describe_error(error))
         except KeyboardInterrupt as interrupt:
             number = interrupt.args[0] if interrupt.args else signal.SIGINT
-            click.echo(INTERRUPTED, err=True)
+            show(INTERRUPTED, err=True)
             ctx.exit(SIGNALLED + number)
-        except BrokenPipeError:
-            # the reader of a pipe went away; nothing is left to tell it
-            _close_output()
-            ctx.exit(1)
-        except OSError as error:
-            # files name themselves; a stream that a shell opened does not
-            if error.filename is not None or error.errno not in FULL:
-                raise
-            _close_output()
-            click.echo(f"Error: standard output: cannot be written ({error.strerror})", err=True)
-            ctx.exit(EXIT_REFUSED)
 
 
-def _close_output() -> None:
-    """Let what is still buffered go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _describe_error(error: RtsrError | OSError) -> str:
+    """What is said of an error; where no layer knew more of a file, the system's own words."""
+    if isinstance(error, RtsrError):
+        return str(error)
+    name = error.filename
+    place = f"{os.fsdecode(name)}: " if isinstance(name, str | bytes) else ""
+    return f"{place}{error.strerror or error}; check that it is there, and its permissions"
 
 
-def _emit_error(ctx: click.Context, error: RtsrError) -> None:
-    """Say an error as an event, too, where events are what a script reads."""
+def _refuse(ctx: click.Context, message: str) -> NoReturn:
+    """Say why nothing is done, as an event, too, where events are what a script reads."""
     from rtsr_cli.commands.options import JSON_CHOSEN, emit
 
+    show(f"Error: {message}", err=True)
     if ctx.meta.get(JSON_CHOSEN):
-        emit({"event": "error", "message": str(error), "exit": EXIT_REFUSED})
-
-
-class EchoHandler(logging.Handler):
-    """Writes messages where click writes: warnings to stderr, the rest to stdout."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Print one message."""
-        click.echo(self.format(record), err=record.levelno >= logging.WARNING)
+        emit({"event": "error", "message": message, "exit": REFUSED})
+    ctx.exit(REFUSED)
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -129,15 +117,13 @@ def group(ctx: click.Context, *, unlimited: bool) -> None:
     """Neural reconstruction for real-time rendering, over folders of EXR frames.
 
     Point it at any engine's EXR folder: every command says what it understood and refuses what
-    is wrong. Exit codes: 0 done, 1 some frames failed, 2 usage, 3 input refused, or
-    nothing can be written. inspect gives the code that its frames would lead to.
+    is wrong. inspect exits with the code that its frames would lead to.
     """
     if unlimited:
         ctx.with_resource(lift_file_limits())
-    logger = logging.getLogger("rtsr")
-    logger.handlers = [EchoHandler()]
-    logger.propagate = False
-    logger.setLevel(logging.INFO)
+    LOG.handlers = [EchoHandler()]
+    LOG.propagate = False
+    LOG.setLevel(logging.INFO)
 
 
 def main() -> NoReturn:
@@ -148,7 +134,20 @@ def main() -> NoReturn:
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     # what a plan holds of thousands of frames stays: walking it again and again is a fifth of it
     gc.set_threshold(10_000, 20, 20)
+    make_streams_tolerant()
     for number in STOPPING:
         signal.signal(number, end_at_once)
-    group(prog_name="rtsr")
+    try:
+        group(prog_name="rtsr")
+    except SystemExit as leaving:
+        sys.exit(_report_loss() or leaving.code)
     raise AssertionError("click ends the process")
+
+
+def _report_loss() -> int:
+    """Say if standard output took no more, to a full disk say; return the exit code, else 0."""
+    loss = find_loss(sys.stdout)
+    if loss is None:
+        return 0
+    show(f"Error: standard output: cannot be written ({loss.strerror})", err=True)
+    return REFUSED

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-import click
 from tqdm import tqdm
 
 from rtsr_cli.commands.exit_codes import FAILED, REFUSED
-from rtsr_cli.commands.log import LOG
+from rtsr_cli.commands.log import LOG, show
 from rtsr_cli.commands.options import emit
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
@@ -56,9 +55,9 @@ def show_report(events: Iterable[InspectEvent]) -> int:
                     LOG.info("%s", line)
                 bar.update()
             case CaptureWritten():
-                click.echo(_format_value(event))
+                show(_format_value(event))
             case CaptureBlocked():
-                click.echo(f"Error: {event.message}", err=True)
+                show(f"Error: {event.message}", err=True)
             case InspectionDone():
                 bar.close()
                 return CODES[event.gravity]
@@ -72,7 +71,7 @@ def show_facts(events: Iterable[InspectEvent]) -> int:
     for event in events:
         match event:
             case FolderRefused():
-                click.echo(f"Error: {event.message}", err=True)
+                show(f"Error: {event.message}", err=True)
                 emit(describe_shot(event.inspection))
                 return REFUSED
             case ShotsListed():
@@ -81,9 +80,9 @@ def show_facts(events: Iterable[InspectEvent]) -> int:
                 facts[event.inspection.name] = describe_shot(event.inspection)
                 bar.update()
             case CaptureWritten():
-                click.echo(_format_value(event), err=True)
+                show(_format_value(event), err=True)
             case CaptureBlocked():
-                click.echo(f"Error: {event.message}", err=True)
+                show(f"Error: {event.message}", err=True)
                 facts[event.shot]["problems"].append(event.message)
             case InspectionDone():
                 bar.close()

@@ -14,11 +14,10 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
+from rtsr_cli.commands.exit_codes import SIGNALLED
+
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 """Signals that end a run in good order."""
-
-SIGNALLED = 128
-"""Plus the signal's number: the exit code that shells use."""
 
 INTERRUPTED = "Interrupted: what is finished is kept; run again for the rest"
 

@@ -22,6 +22,7 @@ from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
 from rtsr_cli.core.errors import RequestError, did_you_mean
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.requests import MOST_JOBS
+from rtsr_cli.core.visible_text import make_all_visible
 
 F = TypeVar("F", bound=Callable[..., Any])
 E = TypeVar("E", bound=StrEnum)
@@ -311,8 +312,12 @@ def describe_rates(captured: Sequence[str]) -> str:
 
 
 def emit(event: dict[str, Any]) -> None:
-    """Print one JSON event."""
-    click.echo(json.dumps(event, sort_keys=True, default=str))
+    """Print one JSON event; bytes of names that are not UTF-8 are named in it as escapes."""
+    click.echo(json.dumps(make_all_visible(event), sort_keys=True, default=_write_plain))
+
+
+def _write_plain(value: object) -> str:
+    return str(make_all_visible(str(value)))
 
 
 def take_defaults_of(request: type) -> Callable[[click.Command], click.Command]:

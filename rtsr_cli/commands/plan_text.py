@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
@@ -37,6 +38,7 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         plan.pending,
         len(plan.selected) - plan.pending,
     )
+    log_damage(plan.damaged)
     for reader in plan.readers:
         log_findings(reader)
     if estimate:
@@ -54,6 +56,13 @@ def _name_layout(reader: FrameReader) -> str:
     """The layout, and which layer is read of several."""
     layer = f", layer {reader.layer}" if reader.layer and len(reader.layers) > 1 else ""
     return f"{reader.layout.name}{layer}"
+
+
+def log_damage(damaged: Sequence[Path]) -> None:
+    """Say which files were cut or damaged after they were written."""
+    if damaged:
+        more = f" and {len(damaged) - 1} more" if len(damaged) > 1 else ""
+        LOG.warning("Warning: %s%s: cut or damaged after writing; made again", damaged[0], more)
 
 
 def log_findings(reader: FrameReader) -> None:

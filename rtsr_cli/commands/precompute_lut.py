@@ -9,6 +9,7 @@ import click
 
 from rtsr_cli.commands import options as opt
 from rtsr_cli.commands.interrupts import unwind_on_signals
+from rtsr_cli.commands.log import show
 from rtsr_cli.core.choices import LutConvention
 from rtsr_cli.core.lut.request import (
     MAX_SIZE,
@@ -66,4 +67,4 @@ def command(**chosen: Any) -> None:
     how = f"{request.size} x {request.size}, {request.convention}, {request.samples} samples"
     with unwind_on_signals():
         for written in precompute_lut(request):
-            click.echo(f"{' '.join(map(str, written.paths))}: {how}")
+            show(f"{' '.join(map(str, written.paths))}: {how}")

@@ -8,15 +8,13 @@ from typing import Any
 
 from tqdm import tqdm
 
+from rtsr_cli.commands.exit_codes import FAILED
 from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.plan_text import log_pixel_findings, log_plan
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
 from rtsr_cli.core.run.request import FramesRequest
-
-FAILED = 1
-"""Exit code where some frames failed and the rest are done."""
 
 
 class Progress:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.commands.log import show
 
 if TYPE_CHECKING:
     from rtsr_cli.core.system_facts import SystemFacts
@@ -31,7 +32,8 @@ def command(*, flops: bool, as_json: bool) -> None:
         if as_json:
             opt.emit(encode_facts(facts))
         else:
-            click.echo("\n".join(list_text_lines(facts)))
+            for line in list_text_lines(facts):
+                show(line)
 
 
 def encode_facts(facts: SystemFacts) -> dict[str, Any]:

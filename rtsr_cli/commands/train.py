@@ -49,6 +49,9 @@ from rtsr_cli.models import list_trainable_names
 )
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.layer
+@click.option(
+    "--overwrite", is_flag=True, help="Replace files in RUN, or FILE, that are not rtsr's, too."
+)
 @opt.layout
 @opt.capture
 @opt.on_missing

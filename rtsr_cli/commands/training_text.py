@@ -41,7 +41,8 @@ def show_training(events: Iterable[TrainEvent], *, dry_run: bool, as_json: bool)
             match event:
                 case TrainingPlanned():
                     if dry_run:
-                        LOG.info("%s", to_toml(event.settings))
+                        for line in to_toml(event.settings).split("\n"):
+                            LOG.info("%s", line)
                 case TrainingStarted():
                     run.enter_context(unwind_on_signals())
                     bar = run.enter_context(_begin(event))

@@ -17,6 +17,7 @@ from click.testing import Result
 from safetensors.torch import load_file
 from torch import Tensor
 
+from rtsr_cli.core.files.atomic_write import TEMPORARY_SUFFIX
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.network.weights import SHIPPED, read_weights
 from rtsr_cli.core.training.clips import read_clips
@@ -90,6 +91,35 @@ def test_a_run_leaves_what_the_contract_says(
     assert weights.system == "fusesr-fast"
     assert weights.about["trained_on"] == ["one"]
     assert len((tmp_path / "log.csv").read_text().splitlines()) == 5
+
+
+def test_a_run_begins_without_what_killed_ones_left(
+    rtsr: Run, captures: Path, cache: Path, tmp_path: Path
+) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    host = os.uname().nodename.partition(".")[0][:24]
+    parts = [
+        tmp_path / folder / f".a1b2-x.{host}-{ended.pid}{TEMPORARY_SUFFIX}"
+        for folder in (".", "state", "pictures")
+    ]
+    for part in parts:
+        part.parent.mkdir(exist_ok=True)
+        part.write_bytes(b"half a file")
+    assert train(rtsr, captures, cache, tmp_path, *settings(training__steps=1)).exit_code == 0
+    assert not [part for part in parts if part.exists()]
+
+
+def test_clips_that_were_cut_are_recorded_again(rtsr: Run, captures: Path, tmp_path: Path) -> None:
+    asked = (captures, tmp_path / "cache", tmp_path / "run", *settings(training__steps=1))
+    assert train(rtsr, *asked).exit_code == 0
+    clips = {path: path.read_bytes() for path in (tmp_path / "cache").glob("*.rtsr-clips")}
+    for path, content in clips.items():
+        path.write_bytes(content[: len(content) // 2])
+    index = next((tmp_path / "cache").glob("*.json"))
+    index.write_text("[")
+    assert train(rtsr, *asked).exit_code == 0
+    assert {path: path.read_bytes() for path in clips} == clips
 
 
 def test_trained_weights_upscale(rtsr: Run, captures: Path, cache: Path, tmp_path: Path) -> None:

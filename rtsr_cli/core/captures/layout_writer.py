@@ -22,6 +22,7 @@ from rtsr_cli.core.frames.conventions import StoredFrame
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.frames.storage import FLOAT_BUFFERS, from_memory, to_half
+from rtsr_cli.core.marks import MARKED
 
 
 class FrameRole(StrEnum):
@@ -183,9 +184,9 @@ def write_side_car(
         ConfigError: a frame has no camera matrices, or no perspective ones.
         OutputError: the file cannot be written.
     """
-    if layout.tree is None or layout.tree.side_car is None:
+    path = name_side_car(folder, layout, shot)
+    if path is None:
         return None
-    path = folder / layout.tree.side_car.format(shot=shot)
     try:
         content = write_clip_json(
             tuple(frames), scale=scale, fps=fps, reversed_depth=layout.conventions.depth.reversed
@@ -193,5 +194,12 @@ def write_side_car(
     except ValueError as error:
         raise ConfigError(f"{path}: cannot be written: {error}") from error
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_text_atomically(path, json.dumps(content, indent=1))
+    write_text_atomically(path, json.dumps(content | MARKED, indent=1))
     return path
+
+
+def name_side_car(folder: Path, layout: Layout, shot: str) -> Path | None:
+    """Return the file of a shot's cameras, None where the layout has none."""
+    if layout.tree is None or layout.tree.side_car is None:
+        return None
+    return folder / layout.tree.side_car.format(shot=shot)

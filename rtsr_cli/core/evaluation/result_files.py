@@ -14,7 +14,9 @@ from rtsr_cli.core.documents import check_regular, parse_json, read_json, shorte
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.evaluation.score_summary import REASONS
 from rtsr_cli.core.files.atomic_write import check_writable
+from rtsr_cli.core.files.ownership import is_own, list_foreign
 from rtsr_cli.core.limits import LARGEST_FRAME
+from rtsr_cli.core.visible_text import make_all_visible, write_cell
 
 Result = Mapping[str, Any]
 
@@ -23,9 +25,6 @@ INFINITE = {"inf": math.inf, "-inf": -math.inf}
 
 CSV_HEAD, CSV_TAIL = ("test", "shot", "frame", "region", "share"), ("nonfinite",)
 """Columns before and after those of the metrics, and of why some are empty."""
-
-REPORT_MARK = "rtsr report</title>"
-"""Every report has it near its beginning."""
 
 MOST_DIGITS = 29
 """Of a frame's number."""
@@ -43,7 +42,8 @@ JSON_FIELDS: Mapping[str, type] = {
 
 def encode_json(result: Result) -> str:
     """Write the result as strict JSON."""
-    return json.dumps(encode_numbers(result), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    plain = make_all_visible(encode_numbers(result))
+    return json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def encode_numbers(value: Any) -> Any:
@@ -135,6 +135,8 @@ def _parse_score(value: Any, what: str) -> float | None:
 
 def is_result(path: Path) -> bool:
     """Tell whether `rtsr evaluate` wrote a file, by what its suffix promises."""
+    if not path.is_file():
+        return False
     try:
         check_regular(path)
         with path.open(encoding="utf-8") as stream:
@@ -147,30 +149,34 @@ def is_result(path: Path) -> bool:
     if path.suffix.lower() == ".csv":
         columns = tuple(head.partition("\n")[0].split(","))
         return columns[: len(CSV_HEAD)] == CSV_HEAD and columns[-1:] == CSV_TAIL
-    return REPORT_MARK in head
+    return is_own(path)
 
 
 def encode_csv(result: Result) -> str:
     """Write a line a test, frame and region; means carry no frame number."""
     metrics = list(result["metrics"])
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*CSV_HEAD, *metrics, REASONS, *CSV_TAIL])
+    table = csv.writer(text, lineterminator="\n")
+
+    def write_row(*cells: object) -> None:
+        table.writerow([write_cell(cell) for cell in cells])
+
+    write_row(*CSV_HEAD, *metrics, REASONS, *CSV_TAIL)
     for test in result["tests"].values():
         place = [test["method"], test["shot"]]
         for frame, facts in test["frames"].items():
             for region, scores in facts["regions"].items():
                 everything = facts if region == "all" else scores or {}
-                writer.writerow(
-                    [*place, frame, region, (scores or {}).get("share"),
-                     *(everything.get(m) for m in metrics),
-                     _join_reasons(facts) if region == "all" else "", facts["nonfinite"]]
+                write_row(
+                    *place, frame, region, (scores or {}).get("share"),
+                    *(everything.get(m) for m in metrics),
+                    _join_reasons(facts) if region == "all" else "", facts["nonfinite"],
                 )  # fmt: skip
         for region, scores in test["regions"].items():
             everything = test["mean"] if region == "all" else scores or {}
-            writer.writerow(
-                [*place, "", region, (scores or {}).get("share"),
-                 *(everything.get(m) for m in metrics), "", test["nonfinite"]]
+            write_row(
+                *place, "", region, (scores or {}).get("share"),
+                *(everything.get(m) for m in metrics), "", test["nonfinite"],
             )  # fmt: skip
     return text.getvalue()
 
@@ -192,7 +198,7 @@ def check_outputs(paths: Sequence[Path], *, overwrite: bool) -> None:
             raise OutputError(f"{path}: {file} is a file, no folder; choose another --output")
         if path.is_dir():
             raise OutputError(f"{path}: is a folder; name a file in --output")
-        if path.exists() and not overwrite and not is_result(path):
+        if not overwrite and list_foreign([path], is_result):
             raise OutputError(
                 f"{path}: 'rtsr evaluate' did not write this file; choose another --output, or "
                 "replace it with --overwrite"

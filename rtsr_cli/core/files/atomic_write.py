@@ -1,19 +1,31 @@
-"""Files that are whole or not there: written beside the target and renamed."""
+"""Files that are whole or not there: written beside the target, brought to the disk, renamed.
+
+A temporary file has a name that nobody can guess and that fits wherever the target's does; it is
+made anew, so that no link that lies in wait is followed.
+"""
 
 from __future__ import annotations
 
 import errno
 import os
 import platform
+import secrets
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from rtsr_cli.core.errors import OutputBlockedError, OutputError
 
 TEMPORARY_SUFFIX = ".rtsr-part"
 """Ends the name of a file that is still being written; never a finished one."""
+
+NAME_BYTES, HOST_CHARACTERS, RANDOM_BYTES = 32, 24, 6
+"""What a temporary name holds of the target's, of the machine's, and that nobody can guess."""
+
+UNSYNCED = frozenset({errno.EINVAL, errno.ENOTSUP, errno.ENOSYS})
+"""What file systems say that bring nothing to a disk on request."""
 
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO})
 """The disk takes no more; an I/O error is what network drives say for it."""
@@ -35,12 +47,14 @@ REMEDIES = {
 """What helps, by error number."""
 
 ABANDONED_S = 24 * 3600.0
-"""A part of another machine's that nobody has touched for so long belongs to a run that died."""
+"""A part that nobody has touched for so long belongs to a run that died, whoever's it was."""
 
 
 def name_temporary(path: Path) -> Path:
-    """`.<name>.<host>-<process>.rtsr-part` beside the target: who writes it can be told."""
-    return path.with_name(f".{path.name}.{_name_writer()}{TEMPORARY_SUFFIX}")
+    """`.<random>-<name>.<host>-<process>.rtsr-part` beside the target: its writer can be told."""
+    start = os.fsencode(path.name)[:NAME_BYTES].decode(errors="ignore")
+    unguessed = secrets.token_hex(RANDOM_BYTES)
+    return path.with_name(f".{unguessed}-{start}.{_name_writer()}{TEMPORARY_SUFFIX}")
 
 
 def _name_writer() -> str:
@@ -49,13 +63,14 @@ def _name_writer() -> str:
 
 def _name_host() -> str:
     """This machine's name up to the first dot, as the dots part a temporary name."""
-    return platform.node().partition(".")[0] or "host"
+    return platform.node().partition(".")[0][:HOST_CHARACTERS] or "host"
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Call `write(temporary path)`, then rename; on failure leave nothing and keep what was there.
+    """Call `write(temporary path)`, bring it to the disk, rename; on failure keep what was there.
 
     The file gets the permissions of any new file, also from writers that would keep it private.
+    What killed runs left half written in the folder is removed when it is first written to.
 
     Raises:
         OutputBlockedError: the disk is full, or the folder takes no files; names the target.
@@ -64,18 +79,43 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     part = name_temporary(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.touch()
+        _sweep_once(path.parent)
+        part.touch(exist_ok=False)
         mode = part.stat().st_mode
         write(part)
         if part.stat().st_mode != mode:
             part.chmod(mode)
+        _bring_to_disk(part)
         part.replace(path)
+        _bring_name_to_disk(path.parent)
     except (OSError, RuntimeError, ValueError, TypeError) as error:
         raise _make_refusal(path, error) from error
     finally:
         # after a rename there is none; a thread that is interrupted leaves none either
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def _bring_to_disk(path: Path) -> None:
+    """Wait until the content of a file would survive a crash of the machine."""
+    number = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(number)
+    except OSError as error:
+        if error.errno not in UNSYNCED:
+            raise
+    finally:
+        os.close(number)
+
+
+def _bring_name_to_disk(folder: Path) -> None:
+    """Let a folder's list of names reach the disk, where the platform allows it."""
+    with suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def write_text_atomically(path: Path, text: str) -> None:
@@ -102,19 +142,28 @@ def _make_refusal(path: Path, error: Exception) -> OutputError:
 def check_writable(folder: Path) -> None:
     """Raise if a folder cannot be made or written to, before anything is computed.
 
+    What killed runs left half written in it is removed.
+
     Raises:
         OutputError: names the folder.
     """
-    probe = folder / f".probe.{_name_writer()}{TEMPORARY_SUFFIX}"
+    probe = name_temporary(folder / "probe")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
+        probe.touch(exist_ok=False)
         probe.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(
             f"{folder}: cannot write here ({error.strerror}); check permissions, or choose "
             "another output folder"
         ) from error
+    remove_leftovers(folder)
+
+
+@cache
+def _sweep_once(folder: Path) -> None:
+    """Delete what killed runs left in a folder, when this process first writes to it."""
+    remove_leftovers(folder)
 
 
 def remove_leftovers(folder: Path) -> None:
@@ -130,9 +179,11 @@ def remove_leftovers(folder: Path) -> None:
 def _is_abandoned(part: Path) -> bool:
     writer = part.name.removesuffix(TEMPORARY_SUFFIX).rpartition(".")[2]
     host, _, process = writer.rpartition("-")
-    if host == _name_host() and process.isdigit():
-        return not _is_alive(int(process))
-    return time.time() - part.stat().st_mtime > ABANDONED_S
+    here = host == _name_host() and process.isdigit()
+    if here and not _is_alive(int(process)):
+        return True
+    # of another machine's; or the number of the process is another's by now
+    return time.time() - part.lstat().st_mtime > ABANDONED_S
 
 
 def _is_alive(process: int) -> bool:

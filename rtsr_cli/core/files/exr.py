@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.files.channel_names import NamedPart, find_views, guess_views, name_channels
+from rtsr_cli.core.files.exr_checksum import BLANK, CHECKSUM, seal
 from rtsr_cli.core.files.exr_chunks import ends_too_early
 from rtsr_cli.core.files.exr_limits import (
     find_false_promise,
@@ -38,6 +40,7 @@ STRUCTURAL_ATTRIBUTES = frozenset(
     {
         "channels", "compression", "dataWindow", "displayWindow", "lineOrder", "type", "tiles",
         "chunkCount", "name", "version", "maxSamplesPerPixel", "preview", "view", "multiView",
+        CHECKSUM,
     }
 )  # fmt: skip
 """Attributes that describe how pixels are stored, or which views a file has of which a copy takes
@@ -192,9 +195,15 @@ def _open(path: Path, *, header_only: bool) -> OpenEXR.File:
         raise FrameFolderError(f"{path}: {excess}")
     try:
         with silence_library():
-            return OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
+            name = _name_for_library(path)
+            return OpenEXR.File(name, separate_channels=True, header_only=header_only)
     except (RuntimeError, ValueError, TypeError, MemoryError) as error:
         raise _make_unreadable_error(path, _explain_unopened(path)) from error
+
+
+def _name_for_library(path: Path) -> str | bytes:
+    """A path as the library takes it: a name that is not UTF-8 can only be given as bytes."""
+    return str(path) if os.name == "nt" else os.fsencode(path)
 
 
 def _explain_unopened(path: Path) -> str:
@@ -410,6 +419,7 @@ def write_exr(
         "type": OpenEXR.scanlineimage,
         "dataWindow": _make_box(data),
         "displayWindow": _make_box(display_window or data),
+        CHECKSUM: BLANK,
     }
     contiguous = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
 
@@ -417,7 +427,9 @@ def write_exr(
         # compressed in memory first: Python then says by number why a disk refuses the file
         encoded = io.BytesIO()
         OpenEXR.File(header, contiguous).write(encoded)
-        part.write_bytes(encoded.getbuffer())
+        content = encoded.getbuffer()
+        seal(content)
+        part.write_bytes(content)
 
     write_atomically(path, write)
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from rtsr_cli.core.files.exr import ExrHeader, read_header
+from rtsr_cli.core.files.exr_checksum import CHECKSUM
 from rtsr_cli.core.files.exr_chunks import FIXED_BYTES, FileBytes, list_attributes
 
 PLAIN_FLAGS = 0xFF | 0x400
@@ -73,7 +74,7 @@ class _Known:
         attributes = dict(self.header.attributes)
         for value in self.values:
             content = head[value.place]
-            if content == self.head[value.place]:
+            if content == self.head[value.place] or value.name == CHECKSUM:
                 continue
             try:
                 attributes[value.name] = DECODERS[value.kind](content)
@@ -128,7 +129,7 @@ def _learn(content: FileBytes, header: ExrHeader) -> _Known | None:
     values = tuple(
         _Value(name=name, kind=a.kind, place=slice(a.position, a.position + a.size))
         for name, a in zip(names, attributes, strict=True)
-        if name in header.attributes
+        if name in header.attributes or name == CHECKSUM
     )
     stops = [(v.place.start, v.place.stop) for v in values]
     fixed = zip(

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import IO, Any, TextIO, cast
 
+from rtsr_cli.core.files.standard_streams import open_tolerant
+
 STDERR = 2
 LIBRARY_LINE = re.compile(rb"^.*\(EXR_ERR_\w+\).*\n?", re.MULTILINE)
 """What the C library says about a damaged file."""
@@ -100,7 +102,7 @@ class _Silencer:
             return
         if self._direct is None or not os.path.sameopenfile(self._direct.fileno(), STDERR):
             # it is kept: a thread may be writing to it at any time
-            self._direct = open(os.dup(STDERR), "w", buffering=1, encoding=sys.stderr.encoding)  # noqa: SIM115, PTH123
+            self._direct = open_tolerant(os.dup(STDERR), sys.stderr.encoding)
         self._python, sys.stderr = sys.stderr, self._direct
 
     def _restore(self) -> None:

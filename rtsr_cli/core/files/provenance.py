@@ -11,9 +11,11 @@ from threading import Lock
 from typing import Any
 
 from rtsr_cli import __version__
-from rtsr_cli.core.errors import FrameFolderError, InputChangedError, RtsrError
-from rtsr_cli.core.files.exr import read_header
+from rtsr_cli.core.errors import FrameFolderError, InputChangedError
+from rtsr_cli.core.files.exr_chunks import SIZE_BYTES
 from rtsr_cli.core.frames.conventions import Conventions
+from rtsr_cli.core.marks import MARKED
+from rtsr_cli.core.visible_text import make_visible
 
 COLOR_TAG, SCENE_SUFFIX = "colorInteropID", "_scene"
 """Attribute that names the primaries of radiance, and how its values end [ASWF colour interop]."""
@@ -137,10 +139,10 @@ def describe_provenance(
     """Header attributes that every output carries."""
     return {
         "software": f"rtsr {__version__}",
-        "rtsr:version": __version__,
+        **MARKED,
         "rtsr:command": command,
         "rtsr:configHash": config_hash,
-        "rtsr:sourceFrame": source.name,
+        "rtsr:sourceFrame": make_visible(source.name),
         STAMP: stamp,
         **extra,
     }
@@ -157,10 +159,8 @@ def name_color_space(conventions: Conventions) -> dict[str, str]:
     return {} if space is None else {COLOR_TAG: f"{space.value}{SCENE_SUFFIX}"}
 
 
-def read_stamp(path: Path) -> str | None:
-    """Return the stamp of a file, None if it is no readable EXR of ours."""
-    try:
-        value = read_header(path).attributes.get(STAMP)
-    except RtsrError:
-        return None
-    return None if value is None else str(value)
+def holds_stamp(content: bytes, stamp: str) -> bool:
+    """Tell whether the bytes of an EXR, however damaged, hold a stamp in their header."""
+    name, kind, value = STAMP.encode(), b"string", stamp.encode()
+    size = len(value).to_bytes(SIZE_BYTES, "little")
+    return b"\0".join((name, kind, size + value)) in content

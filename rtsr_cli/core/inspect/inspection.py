@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
@@ -90,12 +92,18 @@ def write_capture(
 
 def _replace(path: Path, text: str, *, overwrite: bool) -> Path | None:
     """Write the file; return what a former one is kept as, whose comments are not carried over."""
-    if not path.exists():
+    if not os.path.lexists(path):
         write_text_atomically(path, text)
         return None
     if not overwrite:
         raise OutputError(f"{path} exists; give --overwrite to replace it")
-    kept = path.with_name(f"{path.name}.bak")
+    kept = _name_former(path)
     write_atomically(kept, partial(shutil.copyfile, path))
     write_text_atomically(path, text)
     return kept
+
+
+def _name_former(path: Path) -> Path:
+    """Name for a copy of what was there: one that is free, so that no former copy is lost."""
+    names = (f"{path.name}.bak{number or ''}" for number in count())
+    return next(kept for name in names if not os.path.lexists(kept := path.with_name(name)))

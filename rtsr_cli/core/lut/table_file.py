@@ -16,6 +16,7 @@ from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.imaging.brdf_lut import integrate_lut
 from rtsr_cli.core.lut.request import PrecomputeLutRequest
+from rtsr_cli.core.marks import MARKED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,7 @@ def precompute_lut(request: PrecomputeLutRequest) -> Iterator[LutWritten]:
     scale, bias = integrate_lut(request.size, request.samples, request.convention)[0].numpy()
     attributes = {
         "software": f"rtsr {__version__}",
-        "rtsr:version": __version__,
+        **MARKED,
         "rtsr:lutConvention": request.convention.value,
         "rtsr:lutSamples": request.samples,
     }
@@ -63,5 +64,5 @@ def check_file(path: Path, *, overwrite: bool) -> None:
         raise OutputError(f"{path}: the folder {folder} does not exist; create it first")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: the folder {folder} cannot be written to")
-    if path.exists() and not overwrite:
+    if os.path.lexists(path) and not overwrite:
         raise OutputError(f"{path} exists; give --overwrite to replace it")

@@ -11,12 +11,11 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import CheckpointError
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.tensor_file import write_tensors
 from rtsr_cli.core.files.tensor_values import check_finite
 
 FORMAT = "rtsr-weights-1"
@@ -84,7 +83,7 @@ def save_weights(
     }
     # one key, because the library writes several in any order
     metadata = {KEY: json.dumps(facts)}
-    write_atomically(path, lambda part: save_file(stored, part, metadata))
+    write_tensors(path, stored, metadata)
 
 
 def read_weights(path: Path) -> SavedWeights:

@@ -7,10 +7,12 @@ import json
 import math
 from collections.abc import Iterable
 
+from rtsr_cli.core.visible_text import make_all_visible, make_visible
+
 
 def escape_text(value: object) -> str:
-    """Escape a value for element content and for quoted attributes."""
-    return html.escape(str(value), quote=True)
+    """Escape a value for element content and for quoted attributes; what nobody sees is named."""
+    return html.escape(make_visible(str(value)), quote=True)
 
 
 def make_element(name: str, *children: str, **attributes: object) -> str:
@@ -45,7 +47,8 @@ def write_script_json(value: object) -> str:
     Raises:
         ValueError: a number is not finite; `to_plain_number` writes those.
     """
-    dense = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    plain = make_all_visible(value)
+    dense = json.dumps(plain, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return dense.translate(ESCAPES)
 
 

@@ -12,6 +12,8 @@ from importlib import resources
 from string import Template
 from typing import Any
 
+from rtsr_cli import __version__
+from rtsr_cli.core.marks import MARK
 from rtsr_cli.core.reporting import tables
 from rtsr_cli.core.reporting.markup import escape_text, join_names, make_element, write_script_json
 from rtsr_cli.core.reporting.payload import build_payload
@@ -65,6 +67,8 @@ def _write_head(result: Mapping[str, Any], results: Results) -> dict[str, str]:
     if len(results.shots) > 1:
         amount += f" of {len(results.shots)} shots"
     return {
+        "mark": escape_text(MARK),
+        "written_by": escape_text(__version__),
         "title": escape_text(f"{names}: rtsr report"),
         "names": escape_text(names),
         "against": f" against {make_element('code', escape_text(against))}" if against else "",

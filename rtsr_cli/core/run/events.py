@@ -31,6 +31,7 @@ class ShotPlanned:
         readers: every reader behind the shot.
         selected: numbers of the outputs that are asked for.
         pending: how many of them are not done.
+        damaged: files that were cut or damaged after they were written, and are made again.
         skipped: reason -> ranges of frames that are not written, or are not themselves.
         read_bytes: size of the files that the run will read.
         write_bytes_at_most: what it will write, without compression.
@@ -42,6 +43,7 @@ class ShotPlanned:
     readers: tuple[FrameReader, ...]
     selected: tuple[int, ...]
     pending: int
+    damaged: tuple[Path, ...] = ()
     skipped: Mapping[str, str]
     read_bytes: int
     write_bytes_at_most: int
@@ -56,6 +58,7 @@ class ShotPlanned:
             "layer": self.reader.layer or None,
             "frames": len(self.selected),
             "pending": self.pending,
+            "damaged": [str(path) for path in self.damaged],
             "skipped": dict(self.skipped),
             "warnings": [text for reader in self.readers for text in reader.warnings],
             "notes": [text for reader in self.readers for text in reader.notes],

@@ -110,11 +110,11 @@ def run_job(job: Job[K, L], pace: Pace) -> Iterator[Outcome[K]]:
     """Go through a shot; yield an outcome for every output that is asked for."""
     for key in job.kept:
         yield Outcome(key=key, status=Status.KEPT)
+    for folder in job.folders:
+        remove_leftovers(folder)
     order = tuple(job.order)
     if not order:
         return
-    for folder in job.folders:
-        remove_leftovers(folder)
     with BackgroundWriter[Outcome[K]](pace.writers, queued=pace.queued) as writer:
         for outcome in _stream(job, order, pace, writer):
             yield outcome

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
@@ -16,16 +18,21 @@ from torch import Tensor
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows
-from rtsr_cli.core.errors import NonfiniteError, OutputError
-from rtsr_cli.core.files.exr import PixelWindow, Plane, write_exr
-from rtsr_cli.core.files.png import write_png
-from rtsr_cli.core.files.provenance import read_stamp
+from rtsr_cli.core.errors import FrameFolderError, NonfiniteError, OutputError
+from rtsr_cli.core.files.exr import PixelWindow, Plane, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr_checksum import is_unchanged
+from rtsr_cli.core.files.ownership import is_own
+from rtsr_cli.core.files.png import is_whole_png, write_png
+from rtsr_cli.core.files.provenance import holds_stamp
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.storage import MAX_HALF, largest_magnitude, split_image
 from rtsr_cli.core.imaging.preview import encode_preview
 from rtsr_cli.core.shapes import Color, Image
 
 PREVIEW_SUFFIX = ".png"
+
+DEBUG_FOLDER = "debug"
+"""Beside the outputs: what was seen and decided."""
 
 HALF_BYTES, FLOAT_BYTES, HEADER_BYTES = 2, 4, 1 << 14
 """Sizes for estimates: of samples, and of all that is no pixel in a file, generously."""
@@ -36,6 +43,7 @@ class OutputState(StrEnum):
 
     ABSENT = "absent"
     DONE = "done"
+    DAMAGED = "damaged"
     FOREIGN = "foreign"
 
 
@@ -50,29 +58,55 @@ def name_output(reader: FrameReader, number: int) -> str:
 
 def name_debug_file(path: Path) -> Path:
     """Return the file of an output's debug pictures."""
-    return path.parent / "debug" / path.name
+    return path.parent / DEBUG_FOLDER / path.name
 
 
 def read_output_state(path: Path, stamp: str) -> OutputState:
-    """Tell whether a file is there, and whether it is the one that would be written."""
-    if not path.exists():
+    """Tell whether a file is there, whole, and the one that would be written."""
+    if not os.path.lexists(path):
         return OutputState.ABSENT
-    return OutputState.DONE if read_stamp(path) == stamp else OutputState.FOREIGN
+    content = _read_content(path)
+    if not holds_stamp(content, stamp):
+        return OutputState.FOREIGN
+    unchanged = is_unchanged(content)
+    if unchanged is None:
+        # of a version that wrote no checksum
+        unchanged = _can_be_decoded(path)
+    return OutputState.DONE if unchanged else OutputState.DAMAGED
 
 
-def refuse_foreign(paths: list[Path], command: str) -> None:
-    """Raise if files stand in the way that this run would not have written.
+def read_picture_state(path: Path) -> OutputState:
+    """Tell whether a PNG is there, whole, and rtsr's."""
+    if not os.path.lexists(path):
+        return OutputState.ABSENT
+    if not is_own(path):
+        return OutputState.FOREIGN
+    return OutputState.DONE if is_whole_png(_read_content(path)) else OutputState.DAMAGED
 
-    Raises:
-        OutputError: names the first and counts them.
+
+def read_debug_state(path: Path, stamp: str) -> OutputState:
+    """Tell whether an output's debug file is there, and the one that would be written.
+
+    One that rtsr wrote from other inputs may be replaced, as the output that it belongs to may.
     """
-    if not paths:
-        return
-    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
-    raise OutputError(
-        f"{paths[0]}{more}: {command} did not write this from these inputs and settings; "
-        "choose another folder, or replace with --overwrite"
-    )
+    state = read_output_state(path, stamp)
+    return OutputState.ABSENT if state is OutputState.FOREIGN and is_own(path) else state
+
+
+def _can_be_decoded(path: Path) -> bool:
+    try:
+        read_channels(path, read_header(path).channels)
+    except FrameFolderError:
+        return False
+    return True
+
+
+def _read_content(path: Path) -> bytes:
+    """The bytes of a file; none of what is no file, or cannot be read."""
+    with suppress(OSError):
+        if path.is_file():
+            return path.read_bytes()
+    return b""
 
 
 def refuse_inputs(outputs: Sequence[Path], readers: Iterable[FrameReader]) -> None:

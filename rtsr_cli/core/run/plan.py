@@ -6,12 +6,14 @@ that was cut off, run again, writes what is missing and nothing else.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.ownership import refuse_foreign
 from rtsr_cli.core.files.provenance import FileDigests, digest_config
 from rtsr_cli.core.frames.selection import Selection, format_ranges
 from rtsr_cli.core.frames.sequence import FrameSequence
@@ -20,8 +22,9 @@ from rtsr_cli.core.run.outputs import (
     OutputState,
     name_debug_file,
     name_output,
+    read_debug_state,
     read_output_state,
-    refuse_foreign,
+    read_picture_state,
     refuse_inputs,
 )
 from rtsr_cli.core.run.shot_inputs import NO_HISTORY, HistoryReach, ShotInputs
@@ -57,6 +60,7 @@ class ShotPlan:
         sequence: order of the frames, and resets of history.
         selected: numbers whose outputs are asked for.
         pending: those that are not done yet.
+        damaged: files of theirs that were cut or damaged after they were written.
         order: numbers to process: pending ones, and the history they need.
         paths: number -> the output that is asked for.
         stamps: of the outputs.
@@ -67,6 +71,7 @@ class ShotPlan:
     sequence: FrameSequence
     selected: tuple[int, ...]
     pending: frozenset[int]
+    damaged: tuple[Path, ...] = ()
     order: tuple[int, ...]
     paths: Mapping[int, Path]
     stamps: Stamps
@@ -90,6 +95,7 @@ class ShotPlan:
             readers=self.inputs.readers,
             selected=self.selected,
             pending=len(self.pending),
+            damaged=self.damaged,
             skipped=describe_skipped(self.inputs.reader, self.selected, self.pending),
             read_bytes=self.digests.bytes_of(read),
             write_bytes_at_most=len(self.pending) * self.outputs.frame_bytes,
@@ -140,34 +146,49 @@ def plan_shot(
         stamps=stamps,
     )
     refuse_inputs(list(plan.paths.values()), inputs.readers)
-    pending = _find_pending(plan, overwrite=overwrite)
-    plan = replace(plan, pending=pending, order=_order_numbers(sequence, stamps.starts, pending))
+    if outputs.debug:
+        refuse_inputs([name_debug_file(path) for path in plan.paths.values()], inputs.readers)
+    pending, damaged = _find_pending(plan, overwrite=overwrite)
+    order = _order_numbers(sequence, stamps.starts, pending)
+    plan = replace(plan, pending=pending, damaged=damaged, order=order)
     for number in plan.order:
         plan.digests.note(inputs.files(number))
     return plan
 
 
-def _find_pending(plan: ShotPlan, *, overwrite: bool) -> frozenset[int]:
-    """Frames that are not done; refuses outputs of others, unless they may be replaced."""
-    states = {n: _read_state(plan, n) for n in plan.selected}
+def _find_pending(plan: ShotPlan, *, overwrite: bool) -> tuple[frozenset[int], tuple[Path, ...]]:
+    """Frames that are not done, and damaged files among theirs.
+
+    Raises:
+        OutputError: files of others are there, unless they may be replaced.
+    """
+    states = {n: _read_states(plan, n) for n in plan.selected}
+    of_files = [pair for frame in states.values() for pair in frame.items()]
     if not overwrite:
-        foreign = [plan.paths[n] for n, state in states.items() if state is OutputState.FOREIGN]
+        foreign = [path for path, state in of_files if state is OutputState.FOREIGN]
         refuse_foreign(foreign, f"rtsr {plan.outputs.command}")
-    return frozenset(n for n, state in states.items() if state is not OutputState.DONE)
+    damaged = tuple(path for path, state in of_files if state is OutputState.DAMAGED)
+    unfinished = {n for n, frame in states.items() if {*frame.values()} != {OutputState.DONE}}
+    return frozenset(unfinished), damaged
 
 
-def _read_state(plan: ShotPlan, number: int) -> OutputState:
-    """State of an output; its inputs are hashed only where a file is there."""
-    path = plan.paths[number]
-    if not path.exists():
-        return OutputState.ABSENT
-    stamp = plan.stamps.of_output(number)
-    state = read_output_state(path, stamp)
-    outputs = plan.outputs
-    lacks_picture = not all(path.with_suffix(suffix).exists() for suffix in outputs.pictures)
-    lacks_debug = outputs.debug and read_output_state(name_debug_file(path), stamp) is not state
-    incomplete = state is OutputState.DONE and (lacks_picture or lacks_debug)
-    return OutputState.ABSENT if incomplete else state
+def _read_states(plan: ShotPlan, number: int) -> dict[Path, OutputState]:
+    """State of each file of a frame; its inputs are hashed only where one of EXR is there."""
+    path, outputs = plan.paths[number], plan.outputs
+    states = {}
+    if not os.path.lexists(path):
+        states[path] = OutputState.ABSENT
+    else:
+        states[path] = read_output_state(path, plan.stamps.of_output(number))
+    for suffix in outputs.pictures:
+        picture = path.with_suffix(suffix)
+        states[picture] = read_picture_state(picture)
+    debug = name_debug_file(path)
+    if outputs.debug and os.path.lexists(debug):
+        states[debug] = read_debug_state(debug, plan.stamps.of_output(number))
+    elif outputs.debug:
+        states[debug] = OutputState.ABSENT
+    return states
 
 
 def _find_starts(

@@ -13,6 +13,7 @@ from rtsr_cli.core.files.atomic_write import check_writable
 from rtsr_cli.core.files.streaming import count_reads_ahead
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, Status
 from rtsr_cli.core.run.loop import Outcome, Pace, Product, run_job, run_until_stopped
+from rtsr_cli.core.run.outputs import DEBUG_FOLDER
 from rtsr_cli.core.run.plan import ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 
@@ -38,8 +39,9 @@ class ShotJob(ABC, Generic[L]):
 
     @property
     def folders(self) -> Iterable[Path]:
-        """Folder of the outputs."""
-        return (self.plan.outputs.folder,)
+        """Folders of the outputs, and of what was seen and decided."""
+        folder = self.plan.outputs.folder
+        return (folder, folder / DEBUG_FOLDER)
 
     @property
     def kept(self) -> Iterable[int]:

@@ -20,6 +20,7 @@ from rtsr_cli.core.files.streaming import READ_AHEAD_BYTES
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import View
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.marks import MARKED
 from rtsr_cli.core.run.events import RunStarted, Status
 from rtsr_cli.core.run.loop import Outcome, Pace, Product, run_job
 from rtsr_cli.core.synth.frame_storage import (
@@ -300,7 +301,7 @@ def write_role(plan: SynthPlan, frame: Frame, role: FileRole) -> None:
         "scene": plan.scene.arrangement,
         "sequence": f"seed {plan.seed}",
         "software": f"rtsr {__version__}",
-        "rtsr:version": __version__,
+        **MARKED,
         "rtsr:command": COMMAND,
         "rtsr:configHash": plan.config_hash,
         STAMP: plan.stamp(frame.number, role),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -10,11 +11,12 @@ from typing import Any
 
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
 from rtsr_cli.core.captures.layout_writer import FrameRole as Resolution
-from rtsr_cli.core.captures.layout_writer import list_frame_files
+from rtsr_cli.core.captures.layout_writer import list_frame_files, name_side_car
 from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.run.outputs import OutputState, read_output_state, refuse_foreign
+from rtsr_cli.core.run.outputs import OutputState, read_output_state
 from rtsr_cli.core.synth.exposure import draw_scene
 from rtsr_cli.core.synth.frame_storage import (
     BASE,
@@ -130,6 +132,8 @@ def plan_synthetic_shot(
         foreign = [path for (_, path), state in states.items() if state is OutputState.FOREIGN]
         if _has_other_declaration(plan):
             foreign.insert(0, plan.folder / CAPTURE_FILE)
+        side_car = name_side_car(folder, options.file_layout, SHOT)
+        foreign += list_foreign([side_car] if side_car is not None else [])
         refuse_foreign(foreign, f"rtsr {COMMAND}")
     unfinished = {file for (file, _), state in states.items() if state is not OutputState.DONE}
     pending = tuple(file for file in files if file in unfinished)
@@ -144,7 +148,7 @@ def _has_other_declaration(plan: SynthPlan) -> bool:
     """Tell whether another capture.toml lies where this shot's goes."""
     path = plan.folder / CAPTURE_FILE
     try:
-        return path.exists() and path.read_text(encoding="utf-8") != plan.capture
+        return os.path.lexists(path) and path.read_text(encoding="utf-8") != plan.capture
     except (OSError, UnicodeDecodeError):
         return True
 

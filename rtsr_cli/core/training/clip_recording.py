@@ -14,6 +14,7 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import DemodulationMode, NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import FileDigests, digest_config, digest_values
+from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
@@ -188,7 +189,7 @@ def record_clips_of(
     paths = []
     for i, (numbers, targets) in enumerate(_cut_parts(source, wanted)):
         path = cache / f"{key}-{i:04d}{SUFFIX}"
-        if not path.exists():
+        if not is_whole_tensor_file(path):
             also = "".join(f", {part.name}" for part in shot.beside)
             yield f"recording {root}, frames {format_ranges(numbers)}{also}"
             clip = _record_clip(shot, wanted, policy, numbers, targets)

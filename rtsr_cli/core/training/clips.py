@@ -13,12 +13,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
 from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.atomic_write import write_atomically
+from rtsr_cli.core.files.tensor_file import write_tensors
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.storage import MAX_HALF
@@ -156,7 +155,7 @@ def write_clips(path: Path, clips: Sequence[Clip], about: Mapping[str, object]) 
     }
     facts = [asdict(clip.facts) for clip in clips]
     metadata = {"format": FORMAT, "about": json.dumps(about), "clips": json.dumps(facts)}
-    write_atomically(path, lambda part: save_file(tensors, part, metadata))
+    write_tensors(path, tensors, metadata)
 
 
 def read_clips(path: Path) -> tuple[list[Clip], dict[str, object]]:

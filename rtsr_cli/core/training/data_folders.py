@@ -19,6 +19,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.folders import is_file, is_folder
 from rtsr_cli.core.files.provenance import digest_config, digest_values
+from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
@@ -216,10 +217,9 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     shot = chosen.shot
     opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
     index = how.cache / f"{_hash_shot(opened, how)}.json"
-    if is_file(index):
-        paths = _read_index(index)
-        if paths and all(is_file(path) for path in paths):
-            return paths
+    recorded = _list_recorded(index)
+    if recorded is not None:
+        return recorded
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
     source = open_pair(
@@ -246,15 +246,16 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     return paths
 
 
-def _read_index(index: Path) -> list[Path]:
-    """Files of clips that a shot was recorded to; none where the list of them is damaged."""
+def _list_recorded(index: Path) -> list[Path] | None:
+    """Files that an index names beside it, None unless all of them are there, and whole."""
     try:
         names = read_json(index)
     except DocumentError:
-        return []
+        return None
     listed = names if isinstance(names, list) else []
     plain = [name for name in listed if isinstance(name, str) and Path(name).name == name]
-    return [index.parent / name for name in plain] if plain == names else []
+    paths = [index.with_name(name) for name in plain]
+    return paths if plain and plain == names and all(map(is_whole_tensor_file, paths)) else None
 
 
 def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | None:

@@ -29,6 +29,15 @@ LOG_FILE = "log.csv"
 CURVES_FILE = "curves.png"
 PICTURES_FOLDER = "pictures"
 
+PICTURE_FILES = "step-*.png"
+"""In that folder: the steps done, and the frame."""
+
+COLUMNS = ("step", "learning_rate", "steps_per_s")
+"""Columns that every table of a run has, beside losses and scores."""
+
+EMPTY = ("step",)
+"""The only one before the first row."""
+
 GAP_PX = 4
 """Between the panels of a picture."""
 
@@ -89,11 +98,21 @@ class Journal:
         """The table is small: written whole, it is never half there."""
         text = io.StringIO(newline="")
         columns = dict.fromkeys(name for row in self._rows for name in row)
-        table = csv.DictWriter(text, tuple(columns) or ("step",), restval="")
+        table = csv.DictWriter(text, tuple(columns) or EMPTY, restval="")
         table.writeheader()
         table.writerows(self._rows)
         content = text.getvalue().encode()
         write_atomically(self._folder / LOG_FILE, lambda part: _write_file(part, content))
+
+
+def is_log(path: Path) -> bool:
+    """Tell by its columns whether a table is that of a run."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            head, *rows = list(csv.reader(file)) or [[]]
+            return set(COLUMNS) <= set(head) or (tuple(head) == EMPTY and not rows)
+    except (OSError, ValueError, csv.Error):
+        return False
 
 
 def _write_file(path: Path, content: bytes) -> None:

@@ -35,6 +35,7 @@ class TrainRequest:
         on_missing: holes in the numbering.
         on_nonfinite: NaN and Inf in an input.
         dry_run: resolve the settings, read no frame, write nothing.
+        overwrite: also replace files of RUN, or the pack, that rtsr did not write.
     """
 
     system: str
@@ -54,6 +55,7 @@ class TrainRequest:
     on_missing: MissingPolicy = MissingPolicy.ERROR
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR
     dry_run: bool = False
+    overwrite: bool = False
 
     def __post_init__(self) -> None:
         """Check what goes together.

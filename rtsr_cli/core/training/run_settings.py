@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import ConfigError
-from rtsr_cli.core.files.folders import is_file
+from rtsr_cli.core.files.ownership import is_own
 from rtsr_cli.core.settings import (
     SettingsSource,
     parse_assignments,
@@ -134,7 +134,8 @@ def refuse_other_settings(settings: RunSettings, path: Path) -> None:
     Raises:
         ConfigError: they are others; names them.
     """
-    if not is_file(path):
+    if not is_own(path):
+        # nothing was begun there; what stands in its place is refused, or to be replaced
         return
     system, stored = settings.system, read_toml(path)
     if stored.values.get("system", system.name) != system.name:

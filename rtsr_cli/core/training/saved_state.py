@@ -14,19 +14,23 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from rtsr_cli.core.documents import DocumentError, check_regular, read_json
 from rtsr_cli.core.errors import CheckpointError
-from rtsr_cli.core.files.atomic_write import (
-    remove_leftovers,
-    write_atomically,
-    write_text_atomically,
-)
+from rtsr_cli.core.files.atomic_write import remove_leftovers, write_text_atomically
+from rtsr_cli.core.files.ownership import is_own
+from rtsr_cli.core.files.tensor_file import write_tensors
 from rtsr_cli.core.files.tensor_values import check_finite
+from rtsr_cli.core.marks import MARKED
 
 STATE_FILE = "state.json"
+
+TENSOR_FILES = "step-*.safetensors"
+"""Beside it: one, and while a state is written two."""
+
+FORMAT = "rtsr-state-1"
 
 NETWORKS = frozenset({"network", "average"})
 """Parts whose numbers the next step takes as they are: none of them may be NaN or Inf."""
@@ -59,11 +63,11 @@ def save_state(
         for name, tensor in named.items()
     }
     path = folder / f"step-{step:09d}.safetensors"
-    write_atomically(path, lambda part: save_file(tensors, part))
-    text = json.dumps({"step": step, "tensors": path.name, **facts}, indent=1)
+    write_tensors(path, tensors, {"format": FORMAT})
+    text = json.dumps({**MARKED, "step": step, "tensors": path.name, **facts}, indent=1)
     write_text_atomically(folder / STATE_FILE, text)
-    for old in folder.glob("step-*.safetensors"):
-        if old != path:
+    for old in folder.glob(TENSOR_FILES):
+        if old != path and is_own(old):
             with suppress(OSError):
                 old.unlink()
 

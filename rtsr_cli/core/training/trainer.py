@@ -39,6 +39,9 @@ from rtsr_cli.core.training.validation import (
 
 STATE_FOLDER = "state"
 
+BEST_FILE, LAST_FILE = "best.safetensors", "last.safetensors"
+"""Weights: of the best validation, and of the last step that was saved."""
+
 EMA_RAMP = 10.0
 """The moving average forgets the first steps: decay = min(decay, (1 + n) / (10 + n))."""
 
@@ -323,12 +326,12 @@ def train(run: TrainingRun, network: nn.Module) -> Iterator[TrainingProgress]:
             best = score > trainer.best
             trainer.best = max(trainer.best, score)
             if best or not scores:
-                run.keep("best.safetensors", trainer.kept, step, scores)
-            run.keep("last.safetensors", trainer.kept, step, scores)
+                run.keep(BEST_FILE, trainer.kept, step, scores)
+            run.keep(LAST_FILE, trainer.kept, step, scores)
             yield replace(told.report(trainer), scores=scores, best=best, frames=frames)
             trainer.save()
         elif step % config.save_every == 0:
-            run.keep("last.safetensors", trainer.kept, step, {})
+            run.keep(LAST_FILE, trainer.kept, step, {})
             yield told.report(trainer)
             trainer.save()
         elif step % config.log_every == 0:

@@ -12,7 +12,12 @@ from torch import nn
 
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.files.atomic_write import check_writable, write_text_atomically
+from rtsr_cli.core.files.atomic_write import (
+    check_writable,
+    remove_leftovers,
+    write_text_atomically,
+)
+from rtsr_cli.core.marks import TOML_MARK_LINE
 from rtsr_cli.core.memory import keep_freed
 from rtsr_cli.core.settings import to_toml
 from rtsr_cli.core.system import System
@@ -30,10 +35,11 @@ from rtsr_cli.core.training.events import (
     TrainingStarted,
     TrainingStep,
 )
-from rtsr_cli.core.training.journal import Journal
+from rtsr_cli.core.training.journal import PICTURES_FOLDER, Journal
 from rtsr_cli.core.training.packs import pack_crops
 from rtsr_cli.core.training.ranks import ProcessRanks, join_processes, resolve_local_device
 from rtsr_cli.core.training.request import TrainRequest
+from rtsr_cli.core.training.run_files import refuse_foreign_files
 from rtsr_cli.core.training.run_settings import CONFIG_FILE, RunSettings, resolve_request
 from rtsr_cli.core.training.sampler import describe_crop
 from rtsr_cli.core.training.samples import SampleTask, make_task
@@ -74,6 +80,7 @@ def train(
     """
     if system.learning is None:
         raise RequestError(f"system '{system.name}' has nothing to train")
+    refuse_foreign_files(request)
     settings = resolve_request(system, request)
     training = settings.training
     task = make_task(system, settings.network, training)
@@ -125,7 +132,9 @@ def _prepare_run(
     folder, plain = request.output_folder, settings.plain
     if ranks.first:
         check_writable(folder)
-        write_text_atomically(folder / CONFIG_FILE, to_toml(plain))
+        for below in (STATE_FOLDER, PICTURES_FOLDER):
+            remove_leftovers(folder / below)
+        write_text_atomically(folder / CONFIG_FILE, TOML_MARK_LINE + to_toml(plain))
     return TrainingRun(
         folder=folder,
         task=task,

@@ -10,7 +10,9 @@ from typing import Any
 
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.files.atomic_write import write_text_atomically
+from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.marks import MARKED
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.sources import PairInputs, PairSource
@@ -27,6 +29,7 @@ from rtsr_cli.core.run.system_inputs import (
     resolve_system_inputs,
 )
 from rtsr_cli.core.shapes import TileMap
+from rtsr_cli.core.visible_text import make_all_visible
 from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, list_captured_labels
 from rtsr_cli.core.vrs.decision_files import (
     OVERLAY_SUFFIX,
@@ -97,6 +100,8 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
         for (name, source), rates in zip(opened, captured, strict=True)
     ]
     check_selection(request.selection, [job.plan.inputs for job in jobs])
+    if not request.overwrite:
+        refuse_foreign(list_foreign([request.out_folder / SUMMARY]), f"rtsr {COMMAND}")
     for job, rates in zip(jobs, captured, strict=True):
         yield job.plan.announcement(_describe_details(options, rates))
     if not request.dry_run:
@@ -232,6 +237,7 @@ def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) 
         shots[plan.inputs.name] = {str(n): facts for n, facts in known.items() if facts is not None}
     total = summarise_figures(facts for frames in shots.values() for facts in frames.values())
     content = {
+        **MARKED,
         "options": json.loads(json.dumps(asdict(options), default=str)),
         "total": total,
         "shots": {
@@ -240,5 +246,5 @@ def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) 
         },
     }
     path = folder / SUMMARY
-    write_text_atomically(path, json.dumps(content, indent=1))
+    write_text_atomically(path, json.dumps(make_all_visible(content), indent=1))
     return RatesSummary(path=path, options=options, total=total)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -105,3 +106,91 @@ def test_a_text_replaces_what_was_there_whole(tmp_path: Path) -> None:
         atomic_write.write_text_atomically(path, text)
         assert path.read_bytes() == text.encode()
     assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["a.exr", "f" * 249 + ".0001", "é" * 124 + ".exr", ".hidden"])
+def test_a_temporary_name_fits_where_the_final_one_does_and_cannot_be_guessed(
+    tmp_path: Path, name: str
+) -> None:
+    names = {atomic_write.name_temporary(tmp_path / name).name for _ in range(100)}
+    assert len(names) == 100
+    assert all(len(os.fsencode(temporary)) < 128 for temporary in names)
+    atomic_write.write_text_atomically(tmp_path / name, "whole")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("taken", ["file", "link"])
+def test_nothing_that_lies_in_wait_is_written_through(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: str
+) -> None:
+    victim, part = tmp_path / "victim", tmp_path / "part"
+    victim.write_text("mine")
+    part.symlink_to(victim) if taken == "link" else part.write_text("other")
+    monkeypatch.setattr(atomic_write, "name_temporary", lambda path: part)
+    with pytest.raises(OutputError):
+        atomic_write.write_text_atomically(tmp_path / "out", "bytes")
+    assert victim.read_text() == "mine"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_link_in_the_targets_place_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    victim, target = tmp_path / "victim", tmp_path / "out"
+    victim.write_text("mine")
+    target.symlink_to(victim)
+    atomic_write.write_text_atomically(target, "bytes")
+    assert victim.read_text() == "mine"
+    assert not target.is_symlink()
+
+
+def test_content_reaches_the_disk_before_its_name_and_the_name_after(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    happened: list[str] = []
+    sync, replace = os.fsync, Path.replace
+
+    def synced(number: int) -> None:
+        kind = "folder" if stat.S_ISDIR(os.fstat(number).st_mode) else "content"
+        happened.append(f"{kind} {os.fstat(number).st_size if kind == 'content' else ''}".strip())
+        sync(number)
+
+    def replaced(self: Path, target: Path) -> Path:
+        happened.append("name")
+        return replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(Path, "replace", replaced)
+    atomic_write.write_text_atomically(tmp_path / "out", "bytes")
+    assert happened == ["content 5", "name", "folder"]
+
+
+@pytest.mark.parametrize(("code", "fails"), [(errno.EIO, True), (errno.EINVAL, False)])
+def test_a_disk_that_loses_content_is_told_from_one_that_cannot_be_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, fails: bool
+) -> None:
+    def sync(number: int) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "fsync", sync)
+    if fails:
+        with pytest.raises(OutputBlockedError):
+            atomic_write.write_text_atomically(tmp_path / "out", "bytes")
+    else:
+        atomic_write.write_text_atomically(tmp_path / "out", "bytes")
+    assert [path.name for path in tmp_path.iterdir()] == ([] if fails else ["out"])
+
+
+def test_what_killed_runs_left_is_removed_wherever_something_is_written(tmp_path: Path) -> None:
+    folders = [tmp_path / "checked", tmp_path / "written"]
+    for folder in folders:
+        folder.mkdir()
+        part_of(folder, own_host(folder), ended_process())
+    atomic_write.check_writable(folders[0])
+    atomic_write.write_text_atomically(folders[1] / "out", "")
+    assert [list(folder.iterdir()) for folder in folders] == [[], [folders[1] / "out"]]
+
+
+def test_a_part_of_a_number_that_is_anothers_by_now_goes_after_a_day(tmp_path: Path) -> None:
+    part = part_of(tmp_path, own_host(tmp_path), os.getppid())
+    os.utime(part, (0, 0))
+    atomic_write.remove_leftovers(tmp_path)
+    assert not part.exists()

@@ -16,7 +16,7 @@ from rtsr_cli.core.files.provenance import (
     describe_provenance,
     digest_config,
     digest_values,
-    read_stamp,
+    holds_stamp,
 )
 
 
@@ -75,15 +75,15 @@ def test_the_header_of_an_output_names_its_origin_without_any_folder(tmp_path: P
     assert attributes["rtsr:configHash"] == "c0ffee"
     assert attributes["rtsr:system"] == "bicubic"
     assert not any(str(tmp_path) in str(value) for value in attributes.values())
-    assert read_stamp(tmp_path / "out.exr") == "abc"
+    assert holds_stamp((tmp_path / "out.exr").read_bytes(), "abc")
+    assert not holds_stamp((tmp_path / "out.exr").read_bytes(), "ab")
 
 
 def test_a_file_of_another_program_and_a_damaged_one_have_no_stamp(tmp_path: Path) -> None:
     write_exr(tmp_path / "other.exr", {"Y": np.zeros((2, 2), np.float16)})
     (tmp_path / "damaged.exr").write_bytes(b"half")
-    assert read_stamp(tmp_path / "other.exr") is None
-    assert read_stamp(tmp_path / "damaged.exr") is None
-    assert read_stamp(tmp_path / "none.exr") is None
+    for name in ("other.exr", "damaged.exr"):
+        assert not holds_stamp((tmp_path / name).read_bytes(), "")
 
 
 def test_the_stamp_is_an_attribute_of_rtsr() -> None:

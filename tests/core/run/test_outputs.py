@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,14 +14,20 @@ from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.atomic_write import check_writable
 from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr_checksum import CHECKSUM
+from rtsr_cli.core.files.ownership import refuse_foreign
+from rtsr_cli.core.files.png import encode_png, write_png
 from rtsr_cli.core.files.provenance import STAMP
 from rtsr_cli.core.run.outputs import (
     OutputFrame,
     OutputState,
     name_output,
     read_output_state,
-    refuse_foreign,
+    read_picture_state,
 )
+
+STAMPED = {STAMP: "now"}
+NOISE = np.random.default_rng(1).random((40, 40), np.float32)
 
 
 @pytest.mark.parametrize(
@@ -68,6 +75,63 @@ def test_only_a_file_with_the_expected_stamp_is_done(tmp_path: Path) -> None:
     assert read_output_state(tmp_path / "ours.exr", "later") is OutputState.FOREIGN
     assert read_output_state(tmp_path / "theirs.exr", "now") is OutputState.FOREIGN
     assert read_output_state(tmp_path / "none.exr", "now") is OutputState.ABSENT
+
+
+@pytest.mark.parametrize("share", [0.999, 0.7, 0.5])
+def test_an_output_that_was_cut_is_damaged_and_not_done(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(
+        path, {"Y": np.random.default_rng(1).random((40, 40), np.float32)}, attributes=STAMPED
+    )
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * share)])
+    assert read_output_state(path, "now") is OutputState.DAMAGED
+    assert read_output_state(path, "later") is OutputState.FOREIGN
+
+
+def test_a_byte_that_flipped_in_the_pixels_is_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Y": np.zeros((40, 40), np.float32)}, attributes=STAMPED, compression="none")
+    content = bytearray(path.read_bytes())
+    content[-7] ^= 1
+    path.write_bytes(content)
+    # nothing but the checksum tells: such a file can be decoded
+    assert read_channels(path, ["Y"])["Y"].any()
+    assert read_output_state(path, "now") is OutputState.DAMAGED
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_an_output_of_a_version_without_checksums_is_decoded(tmp_path: Path, damaged: bool) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(
+        path, {"Y": np.random.default_rng(1).random((40, 40), np.float32)}, attributes=STAMPED
+    )
+    content = path.read_bytes().replace(CHECKSUM.encode(), b"rtsr:other")
+    path.write_bytes(content[:-200] if damaged else content)
+    expected = OutputState.DAMAGED if damaged else OutputState.DONE
+    assert read_output_state(path, "now") is expected
+
+
+def test_what_is_no_file_or_leads_nowhere_is_foreign(tmp_path: Path) -> None:
+    (tmp_path / "folder.exr").mkdir()
+    (tmp_path / "link.exr").symlink_to(tmp_path / "nowhere")
+    os.mkfifo(tmp_path / "pipe.exr")
+    for name in ("folder.exr", "link.exr", "pipe.exr"):
+        assert read_output_state(tmp_path / name, "now") is OutputState.FOREIGN
+
+
+def test_a_picture_is_done_if_it_is_whole_and_rtsrs(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    assert read_picture_state(path) is OutputState.ABSENT
+    write_png(path, np.random.default_rng(1).integers(0, 255, (9, 9, 3), dtype=np.uint8))
+    content = path.read_bytes()
+    assert read_picture_state(path) is OutputState.DONE
+    path.write_bytes(content[:-5])
+    assert read_picture_state(path) is OutputState.DAMAGED
+    path.write_bytes(content[:-30] + b"x" + content[-29:])
+    assert read_picture_state(path) is OutputState.DAMAGED
+    path.write_bytes(encode_png(np.zeros((1, 1, 3), np.uint8)))
+    assert read_picture_state(path) is OutputState.FOREIGN
 
 
 def test_foreign_files_are_refused_with_the_first_and_the_count(tmp_path: Path) -> None:

@@ -1,0 +1,106 @@
+"""Which files rtsr wrote, by their marks, and the refusal to replace others; needs no EXR library.
+
+One that was cut is still rtsr's as long as it holds its mark.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from rtsr_cli.core.errors import OutputError
+from rtsr_cli.core.files.exr_chunks import FIXED_BYTES, FileBytes, list_attributes
+from rtsr_cli.core.files.png import read_png_texts
+from rtsr_cli.core.files.tensor_file import read_metadata
+from rtsr_cli.core.marks import MARK, TOML_MARK
+
+TENSORS_KEY, TENSORS_FORMAT = "rtsr", "rtsr-"
+"""Of metadata of tensors: a key, and how the names of formats begin."""
+
+HEAD_BYTES = 1 << 16
+"""Pages have the mark near their beginning."""
+
+PAGE_MARK = re.compile(rb'<meta name="rtsr:version" content="[^"<>]*">')
+
+
+def is_own(path: Path) -> bool:
+    """Tell whether rtsr wrote a file, by what its suffix promises."""
+    recognise = RECOGNISERS.get(path.suffix.lower())
+    try:
+        # what is no file, a pipe say, might never answer
+        return recognise is not None and path.is_file() and recognise(path)
+    except OSError:
+        return False
+
+
+def _is_own_exr(path: Path) -> bool:
+    with path.open("rb", buffering=0) as file:
+        attributes, _ = list_attributes(FileBytes(file), FIXED_BYTES)
+    return any(attribute.name == MARK.encode() for attribute in attributes)
+
+
+def _is_own_png(path: Path) -> bool:
+    return MARK in read_png_texts(path)
+
+
+def _is_own_json(path: Path) -> bool:
+    try:
+        content = json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and MARK in content
+
+
+def _is_own_page(path: Path) -> bool:
+    return PAGE_MARK.search(_read_head(path)) is not None
+
+
+def _is_own_toml(path: Path) -> bool:
+    return _read_head(path).startswith(TOML_MARK.encode())
+
+
+def is_own_tensors(path: Path) -> bool:
+    """Tell whether rtsr wrote a file of tensors, whatever its suffix."""
+    known = read_metadata(path) if path.is_file() else None
+    if known is None:
+        return False
+    return TENSORS_KEY in known or str(known.get("format", "")).startswith(TENSORS_FORMAT)
+
+
+def _read_head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES)
+
+
+RECOGNISERS: Mapping[str, Callable[[Path], bool]] = {
+    ".exr": _is_own_exr,
+    ".png": _is_own_png,
+    ".json": _is_own_json,
+    ".html": _is_own_page,
+    ".toml": _is_own_toml,
+    ".safetensors": is_own_tensors,
+}
+"""What tells by a suffix whether a file is rtsr's."""
+
+
+def list_foreign(paths: Iterable[Path], recognise: Callable[[Path], bool] = is_own) -> list[Path]:
+    """Return those paths that are taken by something that rtsr did not write."""
+    return [path for path in paths if os.path.lexists(path) and not recognise(path)]
+
+
+def refuse_foreign(paths: Sequence[Path], command: str) -> None:
+    """Raise if files stand in the way that this run would not have written.
+
+    Raises:
+        OutputError: names the first and counts them.
+    """
+    if not paths:
+        return
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    raise OutputError(
+        f"{paths[0]}{more}: {command} did not write this from these inputs and settings; "
+        "choose another folder, or replace with --overwrite"
+    )

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.ownership import is_own, is_own_tensors, list_foreign
+from rtsr_cli.core.files.png import write_png
+from rtsr_cli.core.files.tensor_file import write_tensors
+from rtsr_cli.core.marks import MARK, MARKED, TOML_MARK_LINE
+
+PIXELS = np.zeros((2, 2, 3), np.uint8)
+PAGE = f'<!doctype html>\n<head><meta name="{MARK}" content="1"></head>'
+
+
+def write_text(text: str) -> Callable[[Path], object]:
+    return lambda path: path.write_text(text, encoding="utf-8")
+
+
+OWN: dict[str, Callable[[Path], object]] = {
+    ".exr": lambda path: write_exr(path, {"Y": np.zeros((2, 2), np.float16)}, attributes=MARKED),
+    ".png": lambda path: write_png(path, PIXELS),
+    ".json": write_text(json.dumps(MARKED)),
+    ".html": write_text(PAGE),
+    ".toml": write_text(TOML_MARK_LINE + "a = 1\n"),
+    ".safetensors": lambda path: write_tensors(path, {"a": torch.zeros(2)}, {"rtsr": "{}"}),
+}
+
+
+@pytest.mark.parametrize("suffix", OWN)
+def test_what_rtsr_wrote_is_told_from_what_it_did_not(tmp_path: Path, suffix: str) -> None:
+    own = tmp_path / f"own{suffix}"
+    OWN[suffix](own)
+    assert is_own(own)
+    for content in (b"", b"mine", MARK.encode(), own.read_bytes().replace(b"rtsr", b"mine")):
+        other = tmp_path / f"other{suffix}"
+        other.write_bytes(content)
+        assert not is_own(other)
+    assert list_foreign([own, other, tmp_path / "none.png"]) == [other]
+
+
+def test_pictures_and_frames_that_others_wrote_are_foreign(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.exr", {"Y": np.zeros((2, 2), np.float16)})
+    content = OWN[".png"](tmp_path / "a.png") or (tmp_path / "a.png").read_bytes()
+    assert isinstance(content, bytes)
+    (tmp_path / "b.png").write_bytes(content.replace(MARK.encode(), b"other:marks."))
+    assert list_foreign(tmp_path / name for name in ("a.exr", "a.png", "b.png")) == [
+        tmp_path / "a.exr",
+        tmp_path / "b.png",
+    ]
+
+
+def test_a_link_that_leads_nowhere_a_folder_and_a_pipe_are_in_the_way(tmp_path: Path) -> None:
+    link, folder, pipe = (tmp_path / f"{name}.png" for name in ("link", "folder", "pipe"))
+    link.symlink_to(tmp_path / "nowhere")
+    folder.mkdir()
+    os.mkfifo(pipe)
+    assert list_foreign([link, folder, pipe]) == [link, folder, pipe]
+    assert not is_own_tensors(pipe)
+
+
+def test_a_file_that_was_cut_is_still_own(tmp_path: Path) -> None:
+    for suffix in (".exr", ".png"):
+        path = tmp_path / f"a{suffix}"
+        OWN[suffix](path)
+        path.write_bytes(path.read_bytes()[:-20])
+        assert is_own(path)
