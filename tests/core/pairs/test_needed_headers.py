@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from rtsr_cli.core.captures.measuring import decision, measurement
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.files.header_cache import HeaderCache
 from rtsr_cli.core.frames.selection import Selection
@@ -35,6 +36,8 @@ def test_what_is_not_needed_stays_closed(long_shot: Path, monkeypatch: pytest.Mo
         return read(cache, path)
 
     monkeypatch.setattr(HeaderCache, "read", count)
+    # other tests remember measurements, for which they read every camera
+    monkeypatch.setattr(decision, "measure_storage", measurement.measure_storage)
     options = ReadOptions(selection=Selection(frames=frozenset({2, 3})))
     ((_, pairs),) = open_pairs(long_shot, options, hr_folder=long_shot / "hr")
     lr = {int(path.stem.split(".")[1]) for path in opened if path.parent.name == "lr"}
