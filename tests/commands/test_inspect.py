@@ -14,7 +14,8 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 
 Run = Callable[..., Result]
 Planes = dict[str, NDArray[Any]]

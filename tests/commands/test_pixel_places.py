@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 
 Run = Callable[..., Any]
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 
 Run = Callable[..., Result]
 Changed = Callable[[Path, Callable[[dict[str, Any], int], None]], Path]

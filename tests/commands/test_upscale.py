@@ -13,7 +13,8 @@ import pytest
 from click.testing import Result
 from numpy.typing import NDArray
 
-from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.models import PREFERENCE, load_system
 

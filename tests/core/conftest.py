@@ -17,7 +17,8 @@ from rtsr_cli.core.captures.layout_files import load_layout
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import find_shots
 from rtsr_cli.core.captures.survey import open_frames
-from rtsr_cli.core.files.exr import PixelWindow, write_exr
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame

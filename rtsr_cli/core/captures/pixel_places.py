@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.files.exr import PixelWindow, Plane
+from rtsr_cli.core.files.exr import Plane
+from rtsr_cli.core.files.pixel_window import PixelWindow
 
 
 def find_common(region: PixelWindow, places: Iterable[PixelWindow]) -> PixelWindow | None:

@@ -17,7 +17,8 @@ from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
 from rtsr_cli.core.captures.shots import FrameSet
-from rtsr_cli.core.files.exr import ExrHeader, PixelWindow, Plane, read_header, read_pixels
+from rtsr_cli.core.files.exr import ExrHeader, Plane, read_header, read_pixels
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.captures.channel_matching import Binding
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.exr import ExrHeader, PixelWindow
+from rtsr_cli.core.files.exr import ExrHeader
+from rtsr_cli.core.files.pixel_window import PixelWindow
 
 
 class RegionRule(StrEnum):

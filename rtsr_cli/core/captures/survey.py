@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -17,18 +15,16 @@ from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_matching import Binding
 from rtsr_cli.core.captures.color_tags import describe_contradictions, read_color_space
 from rtsr_cli.core.captures.frame_numbers import choose_numbers
+from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
 from rtsr_cli.core.captures.layers import bind_layers, list_luminance_layers, list_readable
 from rtsr_cli.core.captures.layouts import Layout
-from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import find_region, list_places
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.choices import MissingPolicy
-from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
-from rtsr_cli.core.files.header_cache import HeaderCache
-from rtsr_cli.core.files.library_output import silence_library
 from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
@@ -38,18 +34,13 @@ from rtsr_cli.core.frames.selection import format_ranges
 WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
 """Standard OpenEXR attributes, row-vector matrices."""
 
+LUMINANCE_NOT_READ = (
+    "pictures are stored as luminance and chroma (channels Y, RY, BY), which rtsr does not read; "
+    "write them as R, G, B"
+)
+
 MATRIX_RANK = 4
 """Of every camera matrix, an infinite far plane included."""
-
-SURVEY_THREADS = 4
-"""Headers are small: a few threads hide the latency of a network drive."""
-
-SURVEY_BLOCK = 32
-"""Files that a thread takes at once: handing over one costs as much as reading its header."""
-
-
-Headers = Mapping[str, Mapping[int, ExrHeader]]
-"""Per file sequence and frame number, what the file says of itself."""
 
 
 def open_frames(
@@ -197,113 +188,6 @@ class _CameraSource:
         camera = self._read(number, self._files.of(self._reader.path(number)))
         _check_matrices(self._reader.frames, {number: camera})
         return camera
-
-
-class HeaderFiles:
-    """Headers of the files of a shot, each of them read once."""
-
-    def __init__(self) -> None:
-        """Start with nothing read."""
-        self._known: dict[Path, ExrHeader] = {}
-        self._cache = HeaderCache()
-        self._names: dict[frozenset[str], frozenset[str]] = {}
-
-    def of(self, path: Path) -> ExrHeader:
-        """Return the header of a file.
-
-        Raises:
-            FrameFolderError: it is no readable EXR; names it.
-        """
-        header = self._known.get(path)
-        if header is None:
-            header = self._cache.read(path)
-            # the files of a sequence have the same channels: the names are held once
-            names = self._names.setdefault(header.channels, header.channels)
-            # attributes of later parts (manifests) are read again by those who need them
-            header = self._known[path] = replace(header, channels=names, later=())
-        return header
-
-    def of_first(self, frames: FrameSet) -> dict[str, ExrHeader]:
-        """Return the header of the first file of each sequence.
-
-        Raises:
-            FrameFolderError: one is no readable EXR; names it.
-        """
-        return {
-            key: self.of(next(iter(stream.files.values())))
-            for key, stream in frames.streams.items()
-        }
-
-    def try_all(self, paths: Iterable[Path]) -> list[ExrHeader | RtsrError]:
-        """Return the header of every file, or what is wrong with the file."""
-        remaining = iter(paths)
-        blocks = iter(lambda: list(itertools.islice(remaining, SURVEY_BLOCK)), [])
-        with ThreadPoolExecutor(SURVEY_THREADS) as pool:
-            return list(itertools.chain.from_iterable(pool.map(self._try_block, blocks)))
-
-    def _try_block(self, paths: list[Path]) -> list[ExrHeader | RtsrError]:
-        with silence_library():
-            return [self._try(path) for path in paths]
-
-    def _try(self, path: Path) -> ExrHeader | RtsrError:
-        try:
-            return self.of(path)
-        except RtsrError as error:
-            return error
-
-
-def read_headers(
-    frames: FrameSet, files: HeaderFiles, numbers: Collection[int] | None = None
-) -> Headers:
-    """Read the header of every file.
-
-    Args:
-        frames: the files.
-        files: what is read of them already.
-        numbers: of the frames that are of interest; a sequence that has none of them is read whole.
-
-    Raises:
-        FrameFolderError: one is no readable EXR, or no file at all; names it.
-    """
-    for wrong in list_misnamed(frames).values():
-        raise FrameFolderError(wrong)
-    headers, errors = read_readable(_narrow_frames(frames, numbers), files)
-    for error in errors:
-        raise error
-    return headers
-
-
-def _narrow_frames(frames: FrameSet, numbers: Collection[int] | None) -> FrameSet:
-    """Leave the files of some frames."""
-    if numbers is None:
-        return frames
-    wanted = frozenset(numbers)
-    streams = {}
-    for key, stream in frames.streams.items():
-        there = {n: path for n, path in stream.files.items() if n in wanted}
-        streams[key] = replace(stream, files=there or stream.files)
-    return replace(frames, streams=streams)
-
-
-def read_readable(frames: FrameSet, files: HeaderFiles) -> tuple[Headers, list[RtsrError]]:
-    """Read the header of every file that can be read; say what is wrong with the others."""
-    headers: dict[str, dict[int, ExrHeader]] = {}
-    errors: list[RtsrError] = []
-    for key, stream in frames.streams.items():
-        good: dict[int, ExrHeader] = {}
-        for number, header in zip(stream.files, files.try_all(stream.files.values()), strict=True):
-            if isinstance(header, RtsrError):
-                errors.append(header)
-            else:
-                good[number] = header
-        headers[key] = good
-    return headers, errors
-
-
-LUMINANCE_NOT_READ = (
-    "pictures are stored as luminance and chroma (channels Y, RY, BY), which rtsr does not read; "
-    "write them as R, G, B"
-)
 
 
 def _list_notes(first: Mapping[str, ExrHeader]) -> tuple[str, ...]:

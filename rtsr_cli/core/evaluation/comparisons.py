@@ -12,10 +12,10 @@ from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
+from rtsr_cli.core.captures.header_files import HeaderFiles
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import check_origins
 from rtsr_cli.core.captures.shots import Shot, collect_frame_set
-from rtsr_cli.core.captures.survey import HeaderFiles
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.folders import is_folder

@@ -10,8 +10,8 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 
-from rtsr_cli.core.files.exr import PixelWindow as ExrWindow
 from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow as ExrWindow
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.metrics.heat_map import heat_map

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
+from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
 from rtsr_cli.core.captures.layers import list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
@@ -25,7 +26,7 @@ from rtsr_cli.core.captures.shots import (
     find_shots,
     refuse_among,
 )
-from rtsr_cli.core.captures.survey import HeaderFiles, Headers, open_frames, read_headers
+from rtsr_cli.core.captures.survey import open_frames
 from rtsr_cli.core.captures.surveyed import list_needed
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError

@@ -19,9 +19,10 @@ from torch import Tensor
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.errors import FrameFolderError, NonfiniteError, OutputError
-from rtsr_cli.core.files.exr import PixelWindow, Plane, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import Plane, read_channels, read_header, write_exr
 from rtsr_cli.core.files.exr_checksum import is_unchanged
 from rtsr_cli.core.files.ownership import is_own
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.files.png import is_whole_png, write_png
 from rtsr_cli.core.files.provenance import holds_stamp
 from rtsr_cli.core.frames.conventions import ColorSpace

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.documents import parse_json
 from rtsr_cli.core.errors import RtsrError
-from rtsr_cli.core.files.exr import PixelWindow as ExrWindow
 from rtsr_cli.core.files.exr import read_header, write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow as ExrWindow
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.run.frame_pairs import FrameInTurn

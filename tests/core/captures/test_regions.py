@@ -12,7 +12,8 @@ import pytest
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.exr import PixelWindow, write_exr
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 
 Open = Callable[..., FrameReader]

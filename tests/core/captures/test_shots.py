@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from rtsr_cli.core.captures.header_files import HeaderFiles, read_headers
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.shots import Shot, collect_frame_set, find_shots
-from rtsr_cli.core.captures.survey import HeaderFiles, read_headers
 from rtsr_cli.core.errors import FrameFolderError
 
 

@@ -11,13 +11,15 @@ import torch
 
 from rtsr_cli.core.captures.cameras import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.header_files import HeaderFiles, read_headers
 from rtsr_cli.core.captures.layout_files import load_layout
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import collect_frame_set
-from rtsr_cli.core.captures.survey import HeaderFiles, open_frames, read_headers
+from rtsr_cli.core.captures.survey import open_frames
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.exr import PixelWindow, write_exr
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 

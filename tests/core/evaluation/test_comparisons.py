@@ -10,7 +10,8 @@ import pytest
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.evaluation.comparisons import CompareOptions, name_methods, open_comparisons
-from rtsr_cli.core.files.exr import PixelWindow, write_exr
+from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames.selection import Selection, Shard
 from rtsr_cli.core.pairs.opening import ReadOptions
 

@@ -14,11 +14,11 @@ from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.files.exr import (
     COMPRESSIONS,
     STRUCTURAL_ATTRIBUTES,
-    PixelWindow,
     read_channels,
     read_header,
     write_exr,
 )
+from rtsr_cli.core.files.pixel_window import PixelWindow
 
 SHAPE = (3, 5)
 

@@ -12,9 +12,10 @@ import pytest
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files import header_cache
-from rtsr_cli.core.files.exr import PixelWindow, read_header, write_exr
+from rtsr_cli.core.files.exr import read_header, write_exr
 from rtsr_cli.core.files.exr_chunks import FIXED_BYTES, FileBytes, list_attributes
 from rtsr_cli.core.files.header_cache import HeaderCache
+from rtsr_cli.core.files.pixel_window import PixelWindow
 
 PLANE = np.random.default_rng(1).normal(size=(40, 24)).astype(np.float32)
 ATTRIBUTES: dict[str, Any] = {

@@ -11,7 +11,8 @@ import torch
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import JitterMode, NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs

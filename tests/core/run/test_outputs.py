@@ -13,9 +13,10 @@ from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.atomic_write import check_writable
-from rtsr_cli.core.files.exr import PixelWindow, read_channels, read_header, write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.files.exr_checksum import CHECKSUM
 from rtsr_cli.core.files.ownership import refuse_foreign
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.files.png import encode_png, write_png
 from rtsr_cli.core.files.provenance import STAMP
 from rtsr_cli.core.run.outputs import (
