@@ -29,7 +29,14 @@ def flip(content: bytes) -> bytes:
     return content[:place] + bytes([content[place] ^ 4]) + content[place + 1 :]
 
 
-@pytest.mark.parametrize("damage", [flip, lambda c: c[:-1], lambda c: c[: len(c) // 2]])
+CUTS = (0, 3, 60, 700)
+"""Bytes that are left: none, of the magic number, of the header before anything tells whose."""
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [flip, lambda c: c[:-1], lambda c: c[: len(c) // 2], *(lambda c, n=n: c[:n] for n in CUTS)],
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_damaged_file_is_named_and_made_again_to_the_same_bytes(
     rtsr: Run,

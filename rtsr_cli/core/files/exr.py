@@ -21,7 +21,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.files.channel_names import NamedPart, find_views, guess_views, name_channels
 from rtsr_cli.core.files.exr_checksum import BLANK, CHECKSUM, seal
-from rtsr_cli.core.files.exr_chunks import ends_too_early
+from rtsr_cli.core.files.exr_chunks import MAGIC, ends_too_early
 from rtsr_cli.core.files.exr_limits import (
     find_false_promise,
     find_header_excess,
@@ -47,9 +47,6 @@ one; everything else survives a copy."""
 
 MAX_PIXELS = 1 << 29
 """A window of more pixels than this is taken for a damaged header (32k x 16k)."""
-
-MAGIC = b"\x76\x2f\x31\x01"
-"""First bytes of every OpenEXR file."""
 
 COMPRESSIONS = {
     "none": OpenEXR.NO_COMPRESSION,

@@ -7,6 +7,7 @@ a chunk that begins behind the file's end shows the cut without a pixel being re
 
 from __future__ import annotations
 
+import io
 import os
 from io import FileIO
 from pathlib import Path
@@ -16,6 +17,9 @@ import numpy as np
 
 MULTIPART = 0x1000
 """Bit of the version field: several headers, an empty one at the end."""
+
+MAGIC = b"\x76\x2f\x31\x01"
+"""First bytes of every OpenEXR file."""
 
 FIXED_BYTES = 8
 """Magic number and version field."""
@@ -41,11 +45,12 @@ class RawAttribute(NamedTuple):
 class FileBytes:
     """Bytes of a file by their place; the first ones, where most headers end, are read at once."""
 
-    def __init__(self, file: FileIO) -> None:
+    def __init__(self, file: FileIO | io.BytesIO) -> None:
         """Read the first bytes."""
         self._file = file
+        self.size = file.seek(0, os.SEEK_END)
+        file.seek(0)
         self._first = file.read(FIRST_BYTES) or b""
-        self.size = os.fstat(file.fileno()).st_size
 
     def around(self, position: int, count: int) -> tuple[bytes, int]:
         """Return bytes that hold those at a position, and where in them they begin."""
@@ -87,6 +92,18 @@ def ends_too_early(path: Path, chunks: int) -> bool:
         content = FileBytes(file)
         start = _find_table_start(content)
         return start is not None and content.chunk_lies_behind(start, chunks)
+
+
+def ends_in_header(content: bytes) -> bool:
+    """Tell whether a file is the beginning of an OpenEXR file, or empty, and holds no pixel.
+
+    Args:
+        content: all of the file.
+    """
+    if len(content) >= FIRST_BYTES or content[: len(MAGIC)] != MAGIC[: len(content)]:
+        return False
+    _, end = list_attributes(FileBytes(io.BytesIO(content)), FIXED_BYTES)
+    return end is None or end > len(content)
 
 
 def _find_table_start(file: FileBytes) -> int | None:

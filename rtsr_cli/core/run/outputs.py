@@ -21,9 +21,10 @@ from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.errors import FrameFolderError, NonfiniteError, OutputError
 from rtsr_cli.core.files.exr import Plane, read_channels, read_header, write_exr
 from rtsr_cli.core.files.exr_checksum import is_unchanged
+from rtsr_cli.core.files.exr_chunks import ends_in_header
 from rtsr_cli.core.files.ownership import is_own
 from rtsr_cli.core.files.pixel_window import PixelWindow
-from rtsr_cli.core.files.png import is_whole_png, write_png
+from rtsr_cli.core.files.png import ends_before_pixels, is_whole_png, write_png
 from rtsr_cli.core.files.provenance import holds_stamp
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.storage import MAX_HALF, largest_magnitude, split_image
@@ -68,7 +69,9 @@ def read_output_state(path: Path, stamp: str) -> OutputState:
         return OutputState.ABSENT
     content = _read_content(path)
     if not holds_stamp(content, stamp):
-        return OutputState.FOREIGN
+        # what was cut before its first pixel tells no longer who wrote it, and holds nothing
+        cut = path.is_file() and ends_in_header(content)
+        return OutputState.DAMAGED if cut else OutputState.FOREIGN
     unchanged = is_unchanged(content)
     if unchanged is None:
         # of a version that wrote no checksum
@@ -80,9 +83,11 @@ def read_picture_state(path: Path) -> OutputState:
     """Tell whether a PNG is there, whole, and rtsr's."""
     if not os.path.lexists(path):
         return OutputState.ABSENT
+    content = _read_content(path)
     if not is_own(path):
-        return OutputState.FOREIGN
-    return OutputState.DONE if is_whole_png(_read_content(path)) else OutputState.DAMAGED
+        cut = path.is_file() and ends_before_pixels(content)
+        return OutputState.DAMAGED if cut else OutputState.FOREIGN
+    return OutputState.DONE if is_whole_png(content) else OutputState.DAMAGED
 
 
 def read_debug_state(path: Path, stamp: str) -> OutputState:
