@@ -140,17 +140,13 @@ def test_a_hostile_side_car_is_one_message(
     assert time.perf_counter() - started < 10.0
 
 
-@pytest.mark.parametrize(
-    "option", ["--config", "--capture", "--layout", "--weights", "--init", "--merge"]
-)
+@pytest.mark.parametrize("option", ["--config", "--capture", "--layout", "--weights", "--init"])
 def test_a_pipe_is_no_file_that_an_option_names(
     rtsr: Run, shot: Path, tmp_path: Path, option: str
 ) -> None:
     pipe = tmp_path / ("pipe.toml" if option == "--layout" else "pipe.json")
     os.mkfifo(pipe)
-    if option == "--merge":
-        result = rtsr("evaluate", "--merge", pipe)
-    elif option in ("--config", "--init"):
+    if option in ("--config", "--init"):
         result = rtsr("train", "fusesr-fast", shot, "--out", tmp_path / "run", option, pipe)
     else:
         system = ("--system", "fusesr-fast") if option == "--weights" else UPSCALE

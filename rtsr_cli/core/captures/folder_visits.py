@@ -15,13 +15,15 @@ MOST_NAMED = 5
 class FolderVisits:
     """Which folders of a tree were visited, and which are left out, and why.
 
-    A folder that several paths lead to is visited by that which is no link; a link that leads to
-    a folder above it is never followed.
+    A folder that several paths lead to is visited by that which is no link. Links to one folder
+    outside of the tree are as many shots; a link that leads to a folder above it is never followed.
     """
 
     def __init__(self) -> None:
         """Start with nothing visited."""
+        self._own: dict[Path, Path] = {}
         self._seen: set[Path] = set()
+        self._following = False
         self._links: list[Path] = []
         self._left_out: list[str] = []
 
@@ -35,6 +37,8 @@ class FolderVisits:
             self._left_out.append(f"{folder} (leads to {real}, which is read already)")
             return None
         self._seen.add(real)
+        if not self._following:
+            self._own[folder] = real
         try:
             names = list_names(folder)
         except FrameFolderError as error:
@@ -52,8 +56,12 @@ class FolderVisits:
 
     def next_links(self) -> Iterator[Path]:
         """Links to folders, as long as walking them finds more."""
+        self._following = True
         while self._links:
             link = self._links.pop(0)
+            if link.parent in self._own:
+                # what another link of the tree led to may be named a second time
+                self._seen = set(self._own.values())
             if find_real_path(link.parent).is_relative_to(target := find_real_path(link)):
                 self._left_out.append(f"{link} (leads to {target}, which holds it)")
             else:

@@ -125,7 +125,7 @@ def merge_files(paths: Sequence[Path]) -> Evaluation:
     parts = []
     for path in paths:
         try:
-            parts.append((str(path), decode_json(read_text(path))))
+            parts.append((str(path), decode_json(read_text(path, pipes=True))))
         except (ValueError, OverflowError) as error:
             raise FrameFolderError(
                 f"{path}: is no result of 'rtsr evaluate --output part.json' ({error})"

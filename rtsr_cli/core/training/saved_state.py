@@ -156,3 +156,17 @@ def update_average(average: Mapping[str, Tensor], network: nn.Module, decay: flo
             average[name].lerp_(tensor.detach(), 1.0 - decay)
         else:
             average[name].copy_(tensor)
+
+
+def take_average(
+    stored: Mapping[str, Tensor], own: Mapping[str, Tensor], device: torch.device
+) -> dict[str, Tensor]:
+    """Return a moving average that was saved.
+
+    Raises:
+        ValueError: it is of other tensors than the one that it replaces.
+    """
+    average = {name: tensor.to(device) for name, tensor in stored.items()}
+    if {k: v.shape for k, v in average.items()} != {k: v.shape for k, v in own.items()}:
+        raise ValueError("the moving average is of other tensors")
+    return average

@@ -27,6 +27,7 @@ from rtsr_cli.core.training.saved_state import (
     load_state,
     restore_optimiser,
     save_state,
+    take_average,
     update_average,
 )
 from rtsr_cli.core.training.validation import (
@@ -194,12 +195,7 @@ class Trainer:
         self.network.load_state_dict(dict(parts["network"]))
         restore_optimiser(self.optimiser, parts.get("optimiser", {}))
         if self.average:
-            average = {k: v.to(self.run.device) for k, v in parts["average"].items()}
-            if {k: v.shape for k, v in average.items()} != {
-                k: v.shape for k, v in self.average.items()
-            }:
-                raise ValueError("the moving average is of other tensors")
-            self.average = average
+            self.average = take_average(parts["average"], self.average, self.run.device)
         torch.set_rng_state(parts["random"]["torch"])
         if self.scaler.is_enabled() and "scaler" in facts:
             self.scaler.load_state_dict(facts["scaler"])

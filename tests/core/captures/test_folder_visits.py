@@ -79,6 +79,19 @@ def test_links_out_of_the_tree_are_followed_in_the_order_of_their_names(tmp_path
     assert shots[0].remarks == ()
 
 
+def test_two_links_to_one_folder_outside_are_two_shots_and_its_loops_end(tmp_path: Path) -> None:
+    touch(tmp_path / "x", "f.0001.exr")
+    touch(tmp_path / "y", "f.0001.exr")
+    (tmp_path / "x" / "l").symlink_to(tmp_path / "y")
+    (tmp_path / "y" / "l").symlink_to(tmp_path / "x")
+    (tmp_path / "in").mkdir()
+    for name in ("a", "b"):
+        (tmp_path / "in" / name).symlink_to(tmp_path / "x")
+    found = names(find_shots(tmp_path / "in"))
+    assert {"a", "b"} <= set(found)
+    assert len(found) <= 4
+
+
 def test_links_that_lead_nowhere_are_no_folders(tmp_path: Path) -> None:
     touch(tmp_path / "shot", "f.0001.exr")
     (tmp_path / "self").symlink_to("self")
