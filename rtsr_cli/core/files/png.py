@@ -18,10 +18,10 @@ from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.marks import MARKED
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+"""First bytes of every PNG."""
 
 LONGEST_HEAD = 1 << 10
 """Bytes before the pixels of a picture of rtsr's, generously."""
-"""First bytes of every PNG."""
 
 COLOR_TYPES = {1: 0, 3: 2}
 """PNG's code for grey and for RGB, by the number of channels."""
