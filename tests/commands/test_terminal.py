@@ -154,7 +154,7 @@ def test_cells_of_a_table_are_no_formulas() -> None:
         "regions": {"all": {}}, "mean": {"psnr": -3.5}, "nonfinite": 0,
     }  # fmt: skip
     lines = encode_csv({"metrics": {"psnr": {}}, "tests": {"t": test}}).splitlines()
-    assert lines[1] == "'=HYPERLINK(1),'-2+3,,all,,-3.5,0"
+    assert lines[1] == "'=HYPERLINK(1),'-2+3,,all,,-3.5,,0"
 
 
 def test_the_table_of_exit_codes_is_in_the_help_and_the_readme(rtsr: Run) -> None:

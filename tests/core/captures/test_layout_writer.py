@@ -117,7 +117,8 @@ def test_a_written_frame_is_detected_and_read_back(
         declare(tmp_path, layout)
     reader = only_reader(tmp_path)
     assert reader.layout.name == layout.name
-    assert reader.stored == frozenset(layout.buffers)
+    # what stands in for a buffer is not read beside it
+    assert reader.stored == frozenset(layout.buffers) - layout.spare.keys()
     for number, frame in frames.items():
         assert_same(reader.read(number, reader.stored), frame)
 
