@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -118,6 +120,33 @@ def test_chromaticities_that_contradict_are_named_and_not_obeyed(rtsr: Run, tmp_
     assert "PROBLEM" not in rtsr("inspect", ref).output
 
 
-def test_a_tag_that_is_no_linear_space_is_named(rtsr: Run, tmp_path: Path) -> None:
-    shot = write(tmp_path / "shot", colorInteropID="srgb_rec709_scene")
-    assert "colorInteropID is 'srgb_rec709_scene'" in rtsr("inspect", shot).output
+@pytest.mark.parametrize("tag", ["srgb_rec709_scene", "bogus"])
+def test_a_tag_that_is_no_linear_space_is_named_and_not_compared(
+    rtsr: Run, tmp_path: Path, tag: str
+) -> None:
+    shot, plain = write(tmp_path / "shot", colorInteropID=tag), write(tmp_path / "plain")
+    assert f"colorInteropID is '{tag}'" in rtsr("inspect", shot).output
+    for pair in ((shot, plain), (plain, shot)):
+        result = rtsr("evaluate", *pair, "--metric", "psnr")
+        assert result.exit_code == 3
+        assert f"colorInteropID is '{tag}'" in result.output
+    (shot / "capture.toml").write_text('colorspace = "lin_rec709"\n')
+    assert psnr(rtsr, shot, plain) == float("inf")
+
+
+def test_nothing_is_printed_of_libraries_where_primaries_are_converted(tmp_path: Path) -> None:
+    test = write(tmp_path / "t", colorInteropID="lin_ap1_scene")
+    ref = write(tmp_path / "r", declared="acescg")
+    command = [
+        sys.executable,
+        "-m",
+        "rtsr_cli",
+        "evaluate",
+        str(test),
+        str(ref),
+        "--metric",
+        "psnr",
+    ]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "inf" in result.stdout
+    assert "nanobind" not in result.stderr + result.stdout

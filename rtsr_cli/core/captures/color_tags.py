@@ -31,6 +31,12 @@ CHROMATICITY_STEP = 2e-3
 """Chromaticities that are nearer mean the same: they are written with three digits."""
 
 
+def find_foreign_tag(attributes: Iterable[Mapping[str, Any]]) -> str:
+    """Return a tag that names no primaries that rtsr converts, "" if there is none."""
+    tags = (str(known.get(COLOR_TAG, "")) for known in attributes)
+    return next((t for t in tags if t not in SILENT_TAGS and _parse_tag(t) is None), "")
+
+
 def read_color_space(attributes: Iterable[Mapping[str, Any]], where: str) -> ColorSpace | None:
     """Return the primaries that the tags of files name, None where they name none.
 

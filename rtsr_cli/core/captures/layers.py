@@ -50,15 +50,26 @@ Headers = Mapping[str, ExrHeader]
 def list_readable(header: ExrHeader) -> frozenset[str]:
     """Channels of a file that can be read; of luminance and chroma nothing can."""
     whole = header.channels - header.subsampled
-    layers = list_luminance_layers(header)
-    return frozenset(c for c in whole if c not in {f"{p}{last}" for p in layers for last in "YA"})
+    of_pictures = {
+        f"{layer}{end}"
+        for layer in list_luminance_layers(header)
+        for end in (LUMINANCE, *CHROMA, "A")
+    }
+    return whole - of_pictures
 
 
 def list_luminance_layers(header: ExrHeader) -> frozenset[str]:
-    """Beginnings of channels' names (`layer.`) that hold luminance and subsampled chroma."""
-    ends = [(name, end) for name in header.subsampled for end in CHROMA]
+    """Beginnings of channels' names (`layer.`) that hold luminance and chroma, of any size."""
+    ends = [(name, end) for name in header.channels for end in CHROMA]
     layers = {name.removesuffix(end) for name, end in ends if f".{name}".endswith(f".{end}")}
-    return frozenset(layer for layer in layers if f"{layer}{LUMINANCE}" in header.channels)
+    return frozenset(layer for layer in layers if _holds_chroma(header, layer))
+
+
+def _holds_chroma(header: ExrHeader, layer: str) -> bool:
+    """Tell whether a layer has luminance, and both of chroma, or one that is subsampled."""
+    chroma = {f"{layer}{end}" for end in CHROMA} & header.channels
+    complete = len(chroma) == len(CHROMA) or bool(chroma & header.subsampled)
+    return complete and f"{layer}{LUMINANCE}" in header.channels
 
 
 def list_plain_names(header: ExrHeader) -> frozenset[str]:

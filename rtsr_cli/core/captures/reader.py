@@ -47,6 +47,7 @@ class FrameReader:
         numbers: frames that can be read, ascending.
         held: number -> number of the frame that stands in for it.
         cameras: per frame, header and side-car and capture.toml together.
+        foreign_tag: what files call the space of their radiance, if rtsr does not know it.
         cuts: frames before which history is declared to end.
         step: numbers that one motion vector spans.
         channels: names of the channels of every file, by sequence and number.
@@ -73,6 +74,7 @@ class FrameReader:
     channels: Mapping[str, Mapping[int, frozenset[str]]]
     subsampled: Mapping[str, frozenset[str]]
     header_of: Callable[[Path], ExrHeader] = read_header
+    foreign_tag: str = ""
     cuts: frozenset[int] = frozenset()
     predicted: frozenset[int] = frozenset()
     warnings: tuple[str, ...] = ()

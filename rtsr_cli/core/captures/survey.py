@@ -13,7 +13,11 @@ from torch import Tensor
 from rtsr_cli.core.captures.cameras import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_matching import Binding
-from rtsr_cli.core.captures.color_tags import describe_contradictions, read_color_space
+from rtsr_cli.core.captures.color_tags import (
+    describe_contradictions,
+    find_foreign_tag,
+    read_color_space,
+)
 from rtsr_cli.core.captures.frame_numbers import choose_numbers
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
 from rtsr_cli.core.captures.layers import bind_layers, list_luminance_layers, list_readable
@@ -108,6 +112,7 @@ def open_frames(
         notes=(*bound.notes, *_list_notes(first)),
     )
     main = headers[reader.main_stream]
+    foreign_tag = _find_foreign_tag(reader, capture, headers)
     cameras = _CameraSource(reader, files, capture, side_car, jittered=jittered)
     predicted = {
         n for n in numbers if (h := main.get(held.get(n, n))) and is_predicted(h.attributes)
@@ -116,6 +121,7 @@ def open_frames(
         reader,
         cameras=cameras.survey(main),
         cuts=cameras.list_cuts(),
+        foreign_tag=foreign_tag,
         predicted=frozenset(predicted),
     )
 
@@ -139,6 +145,14 @@ def _settle_colors(
         conventions = replace(conventions, colorspace=space)
     contradictions = describe_contradictions(attributes, conventions.colorspace, declared=declared)
     return conventions, contradictions
+
+
+def _find_foreign_tag(reader: FrameReader, capture: CaptureDeclaration, headers: Headers) -> str:
+    """Name the tag of radiance that is no space rtsr converts, if nothing is declared."""
+    if capture.colorspace is not None or Buffer.COLOR not in reader.binding:
+        return ""
+    by_number = headers[reader.binding[Buffer.COLOR][0].stream]
+    return find_foreign_tag(header.attributes for header in by_number.values())
 
 
 class _CameraSource:

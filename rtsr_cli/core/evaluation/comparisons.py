@@ -19,6 +19,7 @@ from rtsr_cli.core.captures.shots import Shot, collect_frame_set
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.folders import is_folder
+from rtsr_cli.core.files.provenance import COLOR_TAG
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.selection import Selection, format_ranges
@@ -298,6 +299,13 @@ def _check_color_space(reader: FrameReader, truth: FrameReader, method: str) -> 
     Raises:
         FrameFolderError: names both folders, and what to declare.
     """
+    for side in (reader, truth):
+        if side.foreign_tag:
+            raise FrameFolderError(
+                f"{side.frames.root}: {COLOR_TAG} is '{side.foreign_tag}', no linear space that "
+                "pictures are compared in; declare what these frames hold in "
+                f'{side.frames.root / CAPTURE_FILE}: colorspace = "lin_rec709"'
+            )
     named, bare = (reader, truth) if truth.conventions.colorspace is None else (truth, reader)
     space = named.conventions.colorspace
     if bare.conventions.colorspace is None and space not in {None, ColorSpace.REC709}:

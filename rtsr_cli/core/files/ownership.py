@@ -23,6 +23,9 @@ TENSORS_KEY, TENSORS_FORMAT = "rtsr", "rtsr-"
 HEAD_BYTES = 1 << 16
 """Pages have the mark near their beginning."""
 
+JSON_MARK = re.compile(rb'\s*\{\s*"rtsr:version":\s*"')
+"""How documents of rtsr's begin; it tells those that were cut."""
+
 PAGE_MARK = re.compile(rb'<meta name="rtsr:version" content="[^"<>]*">')
 
 
@@ -47,10 +50,11 @@ def _is_own_png(path: Path) -> bool:
 
 
 def _is_own_json(path: Path) -> bool:
+    text = path.read_bytes()
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(text)
     except (ValueError, RecursionError):
-        return False
+        return JSON_MARK.match(text) is not None
     return isinstance(content, dict) and MARK in content
 
 

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import functools
+import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import cast
 
 import torch
 
@@ -23,13 +28,28 @@ ADAPTATION = "Bradford"
 """How white points are matched: as the ACES transforms do."""
 
 
+@contextmanager
+def _hide_module(name: str) -> Iterator[None]:
+    """Let a module look as if it were not installed."""
+    known = sys.modules.get(name)
+    sys.modules[name] = cast(ModuleType, None)
+    try:
+        yield
+    finally:
+        del sys.modules[name]
+        if known is not None:
+            sys.modules[name] = known
+
+
 @functools.cache
 def rec709_matrix(space: ColorSpace) -> tuple[tuple[float, ...], ...]:
     """3 x 3 matrix from linear RGB of a space to linear Rec.709, white points adapted."""
     with warnings.catch_warnings():
         # colour-science warns of plotting libraries that are not there
         warnings.simplefilter("ignore")
-        import colour
+        # what colour-science keeps of it, its binding layer complains of when the process ends
+        with _hide_module("OpenImageIO"):
+            import colour
 
         names = COLOUR_NAMES[space], COLOUR_NAMES[ColorSpace.REC709]
         matrix = colour.matrix_RGB_to_RGB(*names, ADAPTATION)

@@ -347,13 +347,16 @@ def test_files_of_luminance_and_chroma_only_are_refused_in_words_that_help(
         open_frames(frames, headers=headers, layout=None, capture=CaptureDeclaration(), side_car={})
 
 
+@pytest.mark.parametrize("subsampled", [True, False])
 @pytest.mark.parametrize("layer", ["", "main."])
-def test_luminance_and_chroma_are_refused_in_one_message(tmp_path: Path, layer: str) -> None:
+def test_luminance_and_chroma_are_refused_in_one_message(
+    tmp_path: Path, layer: str, *, subsampled: bool
+) -> None:
     planes = {f"{layer}{c}": np.ones((4, 4), np.float32) for c in ("Y", "RY", "BY", "A")}
     write_exr(tmp_path / "f.0001.exr", planes)
     frames = collect_frame_set(tmp_path)
     assert frames is not None
-    chroma = frozenset({f"{layer}RY", f"{layer}BY"})
+    chroma = frozenset({f"{layer}RY", f"{layer}BY"} if subsampled else ())
     headers = {
         key: {n: replace(h, subsampled=chroma) for n, h in by_number.items()}
         for key, by_number in read_headers(frames, HeaderFiles()).items()

@@ -71,3 +71,13 @@ def test_a_file_that_was_cut_is_still_own(tmp_path: Path) -> None:
         OWN[suffix](path)
         path.write_bytes(path.read_bytes()[:-20])
         assert is_own(path)
+
+
+def test_a_document_that_was_cut_is_still_rtsrs(tmp_path: Path) -> None:
+    path = tmp_path / "summary.json"
+    text = json.dumps({**MARKED, "total": {"frames": 3}}, indent=1)
+    for length in range(len(text) // 2, len(text)):
+        path.write_text(text[:length], encoding="utf-8")
+        assert is_own(path)
+    path.write_text('{"other": 1, "rtsr:version"', encoding="utf-8")
+    assert not is_own(path)
