@@ -64,7 +64,7 @@ def run_rtsr(tree: Path, *arguments: object) -> str:
     """Run a command of a tree; return what it prints."""
     command = [sys.executable, "-m", "rtsr_cli", *map(str, arguments)]
     done = subprocess.run(
-        command, env=environment(tree), check=False, capture_output=True, text=True
+        command, cwd=tree, env=environment(tree), check=False, capture_output=True, text=True
     )
     if done.returncode:
         raise click.ClickException(f"{command}: {done.stderr}")
@@ -75,7 +75,8 @@ def measure(tree: Path, arguments: list[str]) -> Cost:
     """Run a command of a tree and measure it."""
     command = [sys.executable, "-m", "rtsr_cli", *arguments]
     busy, started = busy_seconds(), time.perf_counter()
-    process = subprocess.Popen(command, env=environment(tree), stderr=subprocess.DEVNULL)
+    # Python looks into the working directory before it looks into PYTHONPATH
+    process = subprocess.Popen(command, cwd=tree, env=environment(tree), stderr=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     wall = time.perf_counter() - started
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -163,7 +164,7 @@ def main(
     trees = {"before": before.resolve()} if before else {}
     trees["now"] = tree.resolve()
     with tempfile.TemporaryDirectory() as folder:
-        place = work or Path(folder)
+        place = (work or Path(folder)).resolve()
         make_frames(tree.resolve(), place, frames)
         print(f"{SIZE}, {frames} frames, {os.cpu_count()} cores, medians of {rounds}")
         print(f"{'':24}{'':8}   wall      cpu   cpu/wall others")
