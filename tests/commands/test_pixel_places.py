@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813
 import pytest
 
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
@@ -48,6 +51,35 @@ def test_an_output_holds_what_its_input_holds(rtsr: Run, tmp_path: Path) -> None
     assert first.display_window == PixelWindow(left=6, top=0, width=32, height=24)
     assert first.data_window == PixelWindow(left=14, top=4, width=16, height=12)
     assert second.data_window == second.display_window == first.display_window
+
+
+@pytest.mark.parametrize("system", ["bicubic", "demod-guided"])
+def test_a_preview_shows_nothing_that_the_output_does_not_hold(
+    rtsr: Run, small_shot: Path, tmp_path: Path, system: str
+) -> None:
+    shot = tmp_path / "in"
+    shutil.copytree(small_shot, shot)
+    for path in (shot / "lr").iterdir():
+        header = read_header(path)
+        planes = {
+            name: plane[8:24, 12:40].copy()
+            for name, plane in read_channels(path, header.channels).items()
+        }
+        place = header.data_window.moved(12, 8)
+        write_exr(
+            path, planes, attributes=header.attributes, display_window=header.display_window,
+            data_window=replace(place, width=28, height=16),
+        )  # fmt: skip
+    result = rtsr("upscale", shot, tmp_path / "out", "--system", system, "--preview")
+    assert result.exit_code == 0, result.output
+    path = next(iter(sorted((tmp_path / "out").glob("*.exr"))))
+    header = read_header(path)
+    held = header.data_window.seen_from(header.display_window)
+    picture = oiio.ImageBuf(str(path.with_suffix(".png"))).get_pixels(oiio.UINT8)
+    inside = np.zeros(picture.shape, bool)
+    inside[held.top : held.top + held.height, held.left : held.left + held.width] = True
+    assert picture[inside].mean() > 20
+    assert not picture[~inside].any()
 
 
 def test_pairs_of_crops_run_if_their_planes_have_one_ratio(rtsr: Run, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from enum import StrEnum
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from rtsr_cli.core.captures.channel_matching import Binding
@@ -177,10 +178,24 @@ class OutputWindows:
 
     def crop(self, planes: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Cut what is kept out of planes of the region's size."""
+        return {name: plane[self._kept_slices] for name, plane in planes.items()}
+
+    def blacken(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """Blacken what is not kept in a picture of the region's size, which has no windows."""
+        if self.kept == self.region:
+            return picture
+        shown = np.zeros_like(picture)
+        shown[self._kept_slices] = picture[self._kept_slices]
+        return shown
+
+    @property
+    def _kept_slices(self) -> tuple[slice, slice]:
+        """Rows and columns of what is kept."""
         inside = self.kept.seen_from(self.region)
-        rows = slice(inside.top, inside.top + inside.height)
-        columns = slice(inside.left, inside.left + inside.width)
-        return {name: plane[rows, columns] for name, plane in planes.items()}
+        return (
+            slice(inside.top, inside.top + inside.height),
+            slice(inside.left, inside.left + inside.width),
+        )
 
 
 def place_output(

@@ -205,9 +205,8 @@ class OutputFrame:
             OutputError: a file cannot be written.
         """
         if self.previews:
-            write_png(
-                self.path.with_suffix(PREVIEW_SUFFIX), encode_preview(self.color, self.colorspace)
-            )
+            picture = encode_preview(self.color, self.colorspace)
+            write_png(self.path.with_suffix(PREVIEW_SUFFIX), self.windows.blacken(picture))
         if self.debug:
             self._write_debug(split_debug_pictures(self.debug))
         channels = split_image("", self.color, "RGB", full=self.as_float)
