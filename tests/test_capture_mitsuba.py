@@ -45,7 +45,8 @@ def scene(frame):
         "gold": {"type": "sphere", "center": [-1.2, 0.8, 0], "radius": 0.8,
             "bsdf": {"type": "roughconductor", "material": "Au", "alpha": 0.25}},
         "ball": {"type": "sphere", "to_world": T().translate([0.7 + 0.2 * frame, 0.6, 0])
-            .scale(0.6), "bsdf": {"type": "principled", "base_color": {"type": "rgb", "value": [.9, .1, .1]},
+            .scale(0.6), "bsdf": {"type": "principled",
+                "base_color": {"type": "rgb", "value": [.9, .1, .1]},
                 "metallic": 0.25, "roughness": 0.6}},
         "box": {"type": "cube", "to_world": T().translate([0.2, 0.4, 2]).rotate([0, 1, 0],
             9 * frame).scale(0.4), "bsdf": {"type": "twosided", "bsdf": {"type": "roughplastic",
@@ -280,3 +281,30 @@ def test_an_xml_file_takes_its_parameters_from_a_table(python: str, tmp_path: Pa
     np.testing.assert_allclose(
         second["motion.X"][ball], -0.5 * focal / second["depth.Z"][ball], atol=1e-3
     )
+
+
+REFUSED = {
+    "use a perspective sensor": """
+def scene(frame):
+    return {"type": "scene", "s": {"type": "orthographic", "film": {"type": "hdrfilm"}}}
+""",
+    "returned one mi.Scene for two frames": """
+import mitsuba as mi
+ONE = []
+def scene(frame):
+    sensor = {"type": "perspective", "film": {"type": "hdrfilm", "width": 4, "height": 4}}
+    ONE or ONE.append(mi.load_dict({"type": "scene", "sensor": sensor}))
+    return ONE[0]
+""",
+    "is no scene": "def scene(frame): return {'type': 'scene', 'ball': {'type': 'spheer'}}",
+    "has no function scene(frame)": "",
+}
+
+
+@pytest.mark.parametrize("said", REFUSED)
+def test_what_cannot_be_captured_is_one_message(python: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "odd.py").write_text(REFUSED[said], encoding="utf-8")
+    run = capture(python, tmp_path / "odd.py", tmp_path / "shot", "--frames", "2-3")
+    assert run.returncode == 1
+    assert said in run.stderr
+    assert "Traceback" not in run.stderr

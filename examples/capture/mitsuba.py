@@ -134,7 +134,10 @@ def load_description(description: Any) -> Any:
     """Scene of what `scene(frame)` returned."""
     if isinstance(description, mi.Scene):
         return description
-    return mi.load_dict(description, optimize=False)
+    try:
+        return mi.load_dict(description, optimize=False)
+    except RuntimeError as error:
+        raise CaptureError(f"what scene(frame) returned is no scene: {error}") from error
 
 
 def load_xml(path: Path, parameters: dict[str, str]) -> Any:
@@ -321,7 +324,8 @@ def read_camera(sensor: Any, size: tuple[int, int] | None) -> Camera:
     slopes = [shoot_axis(sensor, axes, x, y) for x, y in ((0, 0), (1, 1), (0.25, 0.75))]
     (left, top), (right, bottom), seen = slopes
     expected = (left + 0.25 * (right - left), top + 0.75 * (bottom - top))
-    if not np.allclose(seen, expected, atol=1e-4):
+    # rays of an orthographic sensor are parallel
+    if left == right or not np.allclose(seen, expected, atol=1e-4):
         raise CaptureError(f"sensor {sensor.id()} is no pinhole: use a perspective sensor")
     return Camera(
         sensor=sensor,
@@ -999,10 +1003,13 @@ def main(arguments: list[str] | None = None) -> None:
 def run(options: argparse.Namespace) -> None:
     """Render frame after frame."""
     numbers = options.out / "objects.json"
-    options.out.mkdir(parents=True, exist_ok=True)
-    check_declaration(options.out / "capture.toml", declare(options), overwrite=options.overwrite)
     known = json.loads(numbers.read_text(encoding="utf-8")) if numbers.exists() else {}
     shot = Shot(source=open_source(options), options=options, ids=known)
+    # nothing is written for a scene that cannot be rendered
+    list(list_roles(shot, options.frames[0]))
+    shot.world(options.frames[0])
+    options.out.mkdir(parents=True, exist_ok=True)
+    check_declaration(options.out / "capture.toml", declare(options), overwrite=options.overwrite)
     print(f"mitsuba {mi.__version__}, {mi.variant()}")
     for frame in options.frames:
         for role in list_roles(shot, frame):
@@ -1049,8 +1056,8 @@ def choose_variant(asked: str) -> str:
     if tried.returncode == 0:
         return VECTOR
     print(
-        f"{VECTOR} does not work here: {SCALAR} is used, which is slow. Install LLVM 16 or newer, "
-        "or name its library in DRJIT_LIBLLVM_PATH",
+        f"{VECTOR} does not work here: {SCALAR} is used, which is slow. It needs LLVM, newer "
+        "than 15; DRJIT_LIBLLVM_PATH names its library",
         file=sys.stderr,
     )
     return SCALAR
