@@ -113,13 +113,24 @@ ENGINES = {"cycles": ("CYCLES",), "eevee": ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT
 def parse_range(text: str) -> tuple[int, int]:
     """Read `A-B` or `A`."""
     first, _, last = text.partition("-")
-    return int(first), int(last or first)
+    return read_numbers(first, last or first, example="1-24")
 
 
 def parse_size(text: str) -> tuple[int, int]:
     """Read `WxH`."""
     width, _, height = text.lower().partition("x")
-    return int(width), int(height)
+    return read_numbers(width, height, example="1280x720")
+
+
+def read_numbers(first: str, second: str, *, example: str) -> tuple[int, int]:
+    """Read two whole numbers.
+
+    Raises:
+        ArgumentTypeError: they are none.
+    """
+    if not (first.isdecimal() and second.isdecimal()):
+        raise argparse.ArgumentTypeError(f"write it like {example}")
+    return int(first), int(second)
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -977,7 +988,8 @@ def capture_scene(options: Options) -> None:
         layer.use_pass_vector = False
         say("orthographic camera: there are no right vectors, so none are written")
     number_objects()
-    report_approximated(describe_materials(scene.render.engine, aovs))
+    target = "CYCLES" if scene.render.engine == "CYCLES" else "EEVEE"
+    report_approximated(describe_materials(target, aovs))
     write_declarations(options, parts, layer, cameras)
     for camera in cameras:
         scene.frame_set(camera.frame)
