@@ -23,7 +23,7 @@ from pydantic import (
     ValidationError,
 )
 
-from rtsr_cli.core.captures.channel_tables import BufferTable
+from rtsr_cli.core.captures.channel_tables import SPEC_TAGS, BufferTable
 from rtsr_cli.core.captures.field_errors import describe_field_error
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.captures.regions import RegionRule
@@ -168,7 +168,7 @@ JitterTable = Annotated[
 ]
 """One offset for all frames, a pattern, or one a frame."""
 
-_TAGS = frozenset({"offset", "sequence", "frames", "[key]"})
+_TAGS = frozenset({"offset", "sequence", "frames", "[key]", *SPEC_TAGS})
 """Parts of an error's place that no user wrote."""
 
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.channel_matching import Binding, make_layer_error, match_layout
+from rtsr_cli.core.captures.channel_matching import make_layer_error, match_layout
 from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.layout_files import choose_layout
 from rtsr_cli.core.captures.layouts import Layout
@@ -121,7 +122,7 @@ def _split_layer(layer: str | None, views: Sequence[str]) -> tuple[str | None, s
 def _list_own_names(named: Layout | None, capture: CaptureDeclaration) -> frozenset[str]:
     """Channels that the user may have spelled out with their view."""
     own = {**({} if named is None else named.buffers), **build_components(capture.buffers)}
-    return frozenset(p.channel for parts in own.values() for c in parts for p in c.places)
+    return frozenset(t.place.channel for parts in own.values() for c in parts for t in c.terms)
 
 
 _Names = Mapping[str, Mapping[str, str]]
@@ -198,8 +199,8 @@ def _bind_names(
     read = matched.scope or (layer if layer is not None and matched.knows(layer) else "")
     notes = () if layer is None or read else (_describe_no_layers(layer),)
     stored = {
-        buffer: tuple(replace(c, channel=names[c.stream][c.channel]) for c in components)
-        for buffer, components in binding.items()
+        buffer: bound.renamed({(c.stream, c.channel): names[c.stream][c.channel] for c in bound})
+        for buffer, bound in binding.items()
     }
     return BoundLayers(
         layout=layout, binding=stored, layers=matched.layers, layer=read, notes=notes

@@ -164,7 +164,7 @@ def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
         return
     first = [opened.headers.of_first(frames) for frames in sets]
     names = [{key: list_plain_names(header) for key, header in held.items()} for held in first]
-    check_declared(buffers, names, str(opened.shot.root))
+    check_declared(buffers, names, str(opened.shot.root), opened.declarations.sources)
 
 
 def open_set(
