@@ -84,6 +84,9 @@ class OutputBlockedError(OutputError):
     """A disk that is full or a folder that takes no more files: every other write fails alike."""
 
 
+LEAST_LIKE = 0.5
+"""Of two names of two letters that are the other way round."""
+
 MOST_LISTED, MOST_NEAREST = 12, 5
 """Names that are listed in full, and how many of the nearest of more."""
 
@@ -91,7 +94,7 @@ MOST_LISTED, MOST_NEAREST = 12, 5
 def did_you_mean(word: str, known: Iterable[str], *, listed: str = "there are") -> str:
     """Return `, did you mean 'x'?` for a near miss, and what there is: all, or the nearest."""
     names = list(known)
-    close = difflib.get_close_matches(word, names, n=1)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=LEAST_LIKE)
     hint = f", did you mean '{close[0]}'?" if close else ""
     if len(names) > MOST_LISTED:
         nearest = find_nearest(word, names)

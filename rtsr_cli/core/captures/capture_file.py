@@ -213,11 +213,12 @@ class CaptureDeclaration(ConventionTables):
     """The whole of `capture.toml`; every field may be left out.
 
     `layout` is the name of a preset or the path of a layout file, relative to capture.toml;
-    `layer` that of the layer or view that is read of files with several.
+    `layer` that of the layer or view that is read of files with several, `view` that of the view.
     """
 
     layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
     layer: str | None = Field(default=None, min_length=1)
+    view: str | None = Field(default=None, min_length=1)
     region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None

@@ -160,17 +160,28 @@ def _match_scope(layout: Layout, scope: _Scope, streams: Streams, layer: str | N
             layers |= dict.fromkeys(several)
             if layer not in options:
                 rivals[buffer] = several
-    for buffer, better in layout.spare.items():
-        if better in binding:
-            binding.pop(buffer, None)
     return LayoutMatch(
-        binding=binding,
+        binding=_drop_spares(layout, binding, scope, streams),
         ambiguous=ambiguous,
         rivals=rivals,
         scope=scope.channel,
         layers=tuple(layers),
         labels=frozenset(labels),
     )
+
+
+def _drop_spares(
+    layout: Layout, binding: Binding, scope: _Scope, streams: Streams
+) -> dict[Buffer, BoundBuffer]:
+    """Leave out what other buffers or channels say better."""
+    dropped = {buffer for buffer, better in layout.spare.items() if better in binding}
+    names = {name for held in streams.values() for name in held}
+    for buffer, channels in layout.instead.items():
+        places = [ChannelPlace(channel=channel) for channel in channels]
+        said = all(_match_names(place, scope, names) for place in places)
+        if said and buffer in binding and binding[buffer].is_computed:
+            dropped.add(buffer)
+    return {buffer: bound for buffer, bound in binding.items() if buffer not in dropped}
 
 
 def _list_rivals(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import takewhile
@@ -141,6 +141,17 @@ class DeclarationFiles:
         )
         named = () if capture.layout is None else (self._layout(capture.layout),)
         return list_folder_patterns((own, *named))
+
+
+def find_declaring_folder(shot: Shot, root: Path, parts: Collection[str]) -> Path:
+    """Return the folder up to which declarations about a shot are looked for.
+
+    Args:
+        shot: below IN, or IN itself.
+        root: IN.
+        parts: names of folders that belong to the shot that their parent is.
+    """
+    return root.parent if shot.root == root and root.name in parts else root
 
 
 def _describe_no_file(path: Path) -> str:

@@ -146,6 +146,8 @@ class Layout:
             first; else they are spellings of one thing, of which a file has one.
         aside: scopes that are no layers of their own: what is made of the others.
         spare: buffers that are not read where another one is there, which says the same.
+        instead: patterns of channels that, where there is one of each, say better what is otherwise
+            computed of a buffer's passes, which then is not read.
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
     """
@@ -160,6 +162,7 @@ class Layout:
     ranked: bool = False
     aside: tuple[str, ...] = ()
     spare: Mapping[Buffer, Buffer] = field(default_factory=dict)
+    instead: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
     digits: int = 4
     verified: bool = True
 

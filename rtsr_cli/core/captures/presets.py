@@ -169,6 +169,18 @@ BLENDER = Layout(
     aside=("Composite",),
     # the colour of diffuse and glossy light together stand for base colour and metallic
     spare={Buffer.SPECULAR: Buffer.METALLIC},
+    # base colour, metallic and roughness with the view's cosine divide 0.4 to 0.6 dB better than
+    # the passes' colours, and need positions for it
+    instead={
+        Buffer.MATERIAL: (
+            f"{SCOPE}.albedo.R",
+            f"{SCOPE}.metallic*",
+            f"{SCOPE}.roughness*",
+            f"{SCOPE}.[Nn]ormal.[XR]",
+            f"{SCOPE}.[Pp]osition.[XR]",
+            f"{SCOPE}.Depth.[ZV]",
+        )
+    },
 )
 
 EXTRANET = Layout(

@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.captures.bound_channels import Binding, BoundBuffer, BoundChannel
+from rtsr_cli.core.captures.bound_channels import Binding, BoundChannel
+from rtsr_cli.core.captures.computed_buffers import compute_buffer
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
@@ -255,7 +256,7 @@ class FrameReader:
         tensors = {}
         for buffer in needed:
             bound = self.binding[buffer]
-            image = _compute_buffer(bound, planes, self.size)
+            image = compute_buffer(bound, planes, self.size)
             # a number that is none would turn into some number: it stays, and is counted as bad
             is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
             spoilt = is_number and not bool(torch.isfinite(image).all())
@@ -283,7 +284,7 @@ class FrameReader:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
         planes, _ = self._read_planes(number, buffers)
-        return {b: _compute_buffer(self.binding[b], planes, self.size) for b in buffers}
+        return {b: compute_buffer(self.binding[b], planes, self.size) for b in buffers}
 
     def _moved_planes(self, number: int) -> tuple[dict[_Place, Plane], dict[_Place, PixelWindow]]:
         """Vectors of a frame that lie in another frame's file; none where there is no such file."""
@@ -333,29 +334,3 @@ class FrameReader:
                 place = places[stream, channel] = header.place_of(channel)
                 planes[stream, channel] = place_pixels(plane, place, self.region)
         return planes, places
-
-
-def _compute_buffer(
-    bound: BoundBuffer, planes: Mapping[_Place, Plane], size: tuple[int, int]
-) -> Tensor:
-    """Channels of one buffer as 1 x c x h x w; whole numbers stay whole (32 bits)."""
-    stored = [planes[c.stream, c.channel] for c in bound]
-    if len(stored) == 1 and not bound.is_computed and stored[0].dtype == np.uint32:
-        return torch.from_numpy(stored[0].view(np.int32))[None, None]
-    image = torch.empty(1, len(bound.components), *size)
-    for values, component in zip(image[0], bound.components, strict=True):
-        if component.is_one_channel:
-            _scale_into(values, component.terms[0], planes)
-            continue
-        values.fill_(component.constant)
-        for term in component.terms:
-            values += _scale_into(torch.empty(size), term, planes)
-    return image
-
-
-def _scale_into(values: Tensor, channel: BoundChannel, planes: Mapping[_Place, Plane]) -> Tensor:
-    """(stored - offset) * factor."""
-    plane = planes[channel.stream, channel.channel]
-    wide = plane.astype(np.int64) if plane.dtype == np.uint32 else plane
-    values.copy_(torch.from_numpy(wide))
-    return values if channel.is_plain else values.sub_(channel.offset).mul_(channel.factor)

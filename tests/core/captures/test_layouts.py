@@ -105,6 +105,25 @@ def test_what_denoisers_take_for_albedo_is_none_as_it_holds_reflections() -> Non
     assert Buffer.ALBEDO not in bind_layout(LAYOUTS["blender"], streams)
 
 
+AOVS = ("albedo.R", "albedo.G", "albedo.B", "metallic.X", "roughness.X")
+
+
+@pytest.mark.parametrize(
+    ("lacking", "computed"),
+    [("", False), ("albedo.R", True), ("roughness.X", True), ("Position.X", True)],
+)
+def test_base_colour_metallic_and_roughness_come_before_sums_of_passes(
+    lacking: str, computed: bool
+) -> None:
+    colors = [f"{p}.{c}" for p in ("Combined", "Diffuse Color", "Glossy Color") for c in "RGB"]
+    vectors = [f"{p}.{c}" for p in ("Normal", "Position") for c in "XYZ"]
+    names = [f"{LAYER}.{n}" for n in (*colors, *vectors, "Depth.Z", *AOVS) if n != lacking]
+    assert (Buffer.MATERIAL in bind_layout(LAYOUTS["blender"], {"render": names})) is computed
+    named = [*names, *(f"{LAYER}.material.{c}" for c in "RGB")]
+    material = bind_layout(LAYOUTS["blender"], {"render": named})[Buffer.MATERIAL]
+    assert material[0].channel == f"{LAYER}.material.R"
+
+
 @pytest.mark.parametrize(
     ("passes", "material", "emission"),
     [
