@@ -26,11 +26,15 @@ class ChannelPlace:
     A file sequence is known by its key (`folder/base name` relative to the shot) and, where each
     buffer has a folder, by that folder's name alone. `alone` are channels of one letter that mean
     something only in the one file sequence of a frame set, beside no others but alpha and depth.
+    `unclaimed` are channels that mean something only where no file sequence is a buffer's by name.
+    A pattern fits no layer that has the component `without`, too.
     """
 
     channel: str
     file: str = "*"
     alone: bool = False
+    unclaimed: bool = False
+    without: str = ""
 
     @property
     def is_pattern(self) -> bool:
@@ -78,6 +82,21 @@ class FolderTree:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnreadPass:
+    """What a layout knows and does not read.
+
+    Attributes:
+        name: pattern of the name of its channels or its file sequence.
+        why: said to the user.
+        unless: buffer that it would stand in for; nothing is said where that one is there.
+    """
+
+    name: str
+    why: str
+    unless: Buffer | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Layout:
     """A named arrangement of buffers in files.
 
@@ -95,6 +114,11 @@ class Layout:
         spare: buffers that are not read where another one is there, which says the same.
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
+        marks: patterns of channels of which one has to be there for the layout to be detected.
+        open_motion: True if nothing but a measurement tells how vectors are stored.
+        other_depth_units: metres in a unit of depth that is met with as well; it is read where the
+            layout's own would make kilometres of the frames.
+        unread: what is known and not read.
     """
 
     name: str
@@ -109,6 +133,10 @@ class Layout:
     spare: Mapping[Buffer, Buffer] = field(default_factory=dict)
     digits: int = 4
     verified: bool = True
+    marks: tuple[str, ...] = ()
+    open_motion: bool = False
+    other_depth_units: tuple[float, ...] = ()
+    unread: tuple[UnreadPass, ...] = ()
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -138,6 +166,13 @@ def name_components(
             )
         )
         for s in list_suffixes(buffer, letters)
+    )
+
+
+def name_unclaimed_components(*channels: str) -> tuple[Component, ...]:
+    """Components of a buffer whose channels have no layer: R, G, B of the file of all passes."""
+    return tuple(
+        Component(places=(ChannelPlace(channel=channel, unclaimed=True),)) for channel in channels
     )
 
 

@@ -56,6 +56,7 @@ class FrameReader:
         predicted: frames whose files say that a system predicted them.
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
+        undecided: why nothing but radiance can be read, empty if the rest can.
         views: by sequence, channel -> the stereo view that it belongs to.
         layers: names of the layers and views of the files; empty where they name none.
         layer: the one that is read.
@@ -80,6 +81,7 @@ class FrameReader:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
+    undecided: str = ""
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layer: str = ""
@@ -130,6 +132,8 @@ class FrameReader:
     @cached_property
     def readable(self) -> frozenset[Buffer]:
         """Buffers that the files hold, and of which it is known how."""
+        if self.undecided:
+            return self.stored & {Buffer.COLOR, Buffer.ALPHA}
         return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ())
 
     @cached_property
