@@ -10,7 +10,7 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
     add_warning,
     take_measurement,
 )
-from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import DepthKind
 
 FAR_M = 1000.0
@@ -29,7 +29,7 @@ def check_depth_size(settled: MeasuredReader, capture: CaptureDeclaration) -> Me
     if median is None or depth.kind is DepthKind.DEVICE or settled.measured.depth.best is not None:
         return settled
     size_m = median * depth.unit_m
-    if Buffer.DEPTH not in reader.stored or not FAR_M <= size_m < SKY_DEPTH_M:
+    if Buffer.DEPTH not in reader.stored or size_m < FAR_M:
         return settled
     said = f"half of the depth is above {size_m / 1000.0:.3g} km at {depth.unit_m:g} m a unit"
     others = [unit for unit in reader.layout.other_depth_units if median * unit < FAR_M]
