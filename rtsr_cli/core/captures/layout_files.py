@@ -56,7 +56,7 @@ def read_layout(path: Path) -> Layout:
         conventions=file.conventions(Conventions()),
         folders=file.folders,
         # what a user spells out needs no proof, but for vectors whose sense is left open
-        open_motion=Buffer.MOTION in file.buffers and not file.motion.decides(),
+        verified=Buffer.MOTION not in file.buffers or file.motion.decides(),
     )
 
 
@@ -153,7 +153,7 @@ def _replace_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component
             name=CAPTURE_FILE,
             description="[buffers] of capture.toml",
             buffers=own,
-            open_motion=Buffer.MOTION in own,
+            verified=Buffer.MOTION not in own,
         )
     if not own:
         return layout
@@ -162,7 +162,7 @@ def _replace_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component
         name=f"{layout.name} + {CAPTURE_FILE}",
         buffers={**layout.buffers, **own},
         # nothing is known of vectors that the preset did not find itself
-        open_motion=layout.open_motion or Buffer.MOTION in own,
+        verified=layout.verified and Buffer.MOTION not in own,
     )
 
 

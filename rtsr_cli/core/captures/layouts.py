@@ -6,8 +6,9 @@ channels it finds, and a new engine is a new entry in `presets`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
@@ -115,7 +116,7 @@ class Layout:
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
         marks: patterns of channels of which one has to be there for the layout to be detected.
-        open_motion: True if nothing but a measurement tells how vectors are stored.
+        open_motion: True if vectors are read only where a measurement fits, or tells, how.
         other_depth_units: metres in a unit of depth that is met with as well; it is read where the
             layout's own would make kilometres of the frames.
         unread: what is known and not read.
@@ -137,6 +138,12 @@ class Layout:
     open_motion: bool = False
     other_depth_units: tuple[float, ...] = ()
     unread: tuple[UnreadPass, ...] = ()
+
+    def list_unread(self, streams: Mapping[str, Collection[str]]) -> dict[str, UnreadPass]:
+        """What is known and not read of file sequences and their channels, by name."""
+        names = [*streams, *(stream.rpartition("/")[0] for stream in streams)]
+        names += [channel for channels in streams.values() for channel in channels]
+        return {n: u for u in self.unread for n in names if fnmatchcase(n, u.name)}
 
     @property
     def files(self) -> tuple[str, ...]:

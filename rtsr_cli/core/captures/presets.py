@@ -11,7 +11,6 @@ from rtsr_cli.core.captures.layouts import (
     Component,
     FolderTree,
     Layout,
-    UnreadPass,
     name_components,
     name_file_components,
     name_single_component,
@@ -96,12 +95,6 @@ NSS = Layout(
         lr_buffers=("color", "depth", "motion"),
         hr_buffers=("ground_truth", "motion_gt"),
         side_car="{shot}.json",
-    ),
-    unread=(
-        UnreadPass(
-            name="motion_m2/*",
-            why="vectors that skip a frame; those to the previous one are read",
-        ),
     ),
 )
 

@@ -129,7 +129,7 @@ UNREAL_MRQ = Layout(
     # documentation and decoders disagree on the factor
     open_motion=True,
     unread=tuple(
-        UnreadPass(name=f"*{_PASS}*Specular{end}", why=SPECULAR_IS_NOT_F0) for end in ("", ".R")
+        UnreadPass(name=f"*{_PASS}*Specular{end}", why=SPECULAR_IS_NOT_F0) for end in ("", ".[RGB]")
     ),
 )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 import torch
@@ -212,11 +211,11 @@ def _list_notes(first: Mapping[str, ExrHeader]) -> tuple[str, ...]:
 
 def _list_unread(layout: Layout, binding: Binding, first: Mapping[str, ExrHeader]) -> Iterator[str]:
     """Say of what a layout knows and does not read why that is so."""
-    names = [*first, *(channel for header in first.values() for channel in header.channels)]
-    for unread in layout.unread:
-        found = sorted({name for name in names if fnmatchcase(name, unread.name)})
-        if found and unread.unless not in binding:
-            yield f"'{found[0]}' is not read: {unread.why}"
+    found = layout.list_unread({key: header.channels for key, header in first.items()})
+    said = {
+        unread.why: name for name, unread in reversed(found.items()) if unread.unless not in binding
+    }
+    yield from (f"'{name}' is not read: {why}" for why, name in said.items())
 
 
 def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:

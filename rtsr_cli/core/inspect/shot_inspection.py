@@ -331,13 +331,26 @@ def _with_pixels(
         inspection,
         layers=reader.layers,
         unknown=unknown,
-        guessed={b: p for b, p in guess_buffers(unknown).items() if b not in reader.binding},
+        guessed=_guess_further(reader, unknown),
         missing=missing,
         statistics=statistics,
         looked_at=looked_at,
         lossy=lossy,
         problems=_drop_repeats(problems),
     )
+
+
+def _guess_further(
+    reader: FrameReader, unknown: Mapping[str, tuple[str, ...]]
+) -> dict[Buffer, tuple[str, ...]]:
+    """Buffers that channels nobody knows could be; what is not read for a reason is none."""
+    known = reader.layout.list_unread(unknown)
+    rest = {
+        key: tuple(c for c in channels if c not in known)
+        for key, channels in unknown.items()
+        if not known.keys() & {key, key.rpartition("/")[0]}
+    }
+    return {b: places for b, places in guess_buffers(rest).items() if b not in reader.binding}
 
 
 def _choose_numbers(numbers: Sequence[int], *, every: bool) -> tuple[int, ...]:

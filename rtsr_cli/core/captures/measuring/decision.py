@@ -166,6 +166,9 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     best = measured.best
     against = measured.motion.of(presumed) if measured.motion is not None else None
     agreed = best is not None and best.convention == _is_plain(presumed)
+    if reader.layout.open_motion and measured.motion is not None and best is None:
+        # what fits is one of the layout's readings: its unit is confirmed, its sense never was open
+        agreed = against in measured.motion.ties
     declared = capture.motion.declared()
     clear = _is_contradicted(against) or measured.by_geometry is not None
     if best is None and _is_contradicted(against):

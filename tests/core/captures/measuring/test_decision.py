@@ -210,14 +210,20 @@ def test_without_radiance_what_nothing_proves_is_refused_with_the_choices(settle
 
 
 def test_vectors_that_a_layout_leaves_open_stop_nothing_else(settled: Settle) -> None:
-    finding = tied(NEGATED, MotionConvention())
-    result = settled(StorageMeasurement(motion=finding), open_motion=True)
+    other = MotionConvention(unit=MotionUnit.UV)
+    result = settled(StorageMeasurement(motion=tied(NEGATED, other)), open_motion=True)
     run = require_decision(result, sharded=False)
     assert run.stored - run.readable == {Buffer.MOTION}
     assert "current-minus-previous" in run.motion_undecided
+
+
+def test_vectors_that_a_layout_leaves_open_are_read_where_they_fit(settled: Settle) -> None:
     told = settled(StorageMeasurement(motion=clear(NEGATED)), open_motion=True).reader
-    assert told.readable == told.stored
     assert told.conventions.motion == NEGATED
+    presumed = MotionConvention()
+    fits = settled(StorageMeasurement(motion=tied(NEGATED, presumed)), open_motion=True).reader
+    assert fits.conventions.motion == presumed
+    assert told.readable == fits.readable == fits.stored
 
 
 def test_a_declaration_settles_a_tie(settled: Settle) -> None:
