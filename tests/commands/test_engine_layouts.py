@@ -147,3 +147,41 @@ def test_lr_motion_serves_where_hr_frames_have_none(rtsr: Run, made: Path, tmp_p
     assert "motion is that of" in result.output
     (test,) = json.loads(output.read_text())["tests"].values()
     assert "disoccluded" in json.dumps(test["frames"])
+
+
+def test_undecided_vectors_stop_only_what_reads_them(rtsr: Run, made: Path, tmp_path: Path) -> None:
+    shot = tmp_path / "in"
+    shutil.copytree(made, shot)
+    for path in shot.rglob("*.exr"):
+        if ".0001." not in path.name:
+            path.unlink()
+    # vectors that the user names, and of whose sense one frame tells nothing
+    declared = 'layout = "rtsr"\nscale = 4\n[buffers]\nmotion = "motion.XY"\n'
+    (shot / "capture.toml").write_text(declared)
+    for system in ("bicubic", "demod-bicubic", "demod-guided"):
+        out = tmp_path / system
+        done = rtsr("upscale", shot, out, "--system", system)
+        assert done.exit_code == 0, done.output
+        assert rtsr("evaluate", out, "--ref", shot, "--metric", "psnr").exit_code == 0
+    assert rtsr("demodulate", shot, tmp_path / "divided").exit_code == 0
+    refused = rtsr("upscale", shot, tmp_path / "taau", "--system", "taau")
+    assert refused.exit_code == 3
+    assert "reads motion, but" in refused.output
+
+
+def test_of_a_layout_that_nothing_proves_radiance_is_read(rtsr: Run, tmp_path: Path) -> None:
+    shot = tmp_path / "in"
+    size = ("--size", "64x48", "--frames", "1-2", "--seed", 5, "--layout", "unity")
+    assert rtsr("synth", shot, *size).exit_code == 0
+    (shot / "capture.toml").unlink()
+    for path in shot.rglob("*MotionVectors*.exr"):
+        path.unlink()
+    done = rtsr("upscale", shot, tmp_path / "out", "--system", "bicubic", "--scale", 2)
+    assert done.exit_code == 0, done.output
+    assert "nothing but radiance is read" in done.output
+    refused = rtsr("upscale", shot, tmp_path / "t", "--system", "taau", "--scale", 2)
+    assert refused.exit_code == 3
+    assert "--layout unity" in refused.output
+    facts = json.loads(rtsr("inspect", shot, "--json").stdout)
+    assert facts["systems"]["bicubic"]["ready"]
+    assert facts["systems"]["taau"]["missing"] == ["a named layout"]
