@@ -138,6 +138,7 @@ class ResultFile(click.ParamType[Path]):
 )
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.layer
+@opt.view
 @opt.layout
 @opt.capture
 @click.option(

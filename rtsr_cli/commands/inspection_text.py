@@ -173,13 +173,21 @@ def _describe_windows(reader: FrameReader) -> str:
 def _list_buffer_lines(frame_set: SetInspection, reader: FrameReader) -> Iterator[str]:
     label = "buffers"
     for buffer, s in frame_set.statistics.items():
-        streams = dict.fromkeys(c.stream for c in reader.binding[buffer])
-        channels = " ".join(c.channel for c in reader.binding[buffer])
-        place = ", ".join(streams) if len(reader.frames.streams) > 1 else ""
-        where = f"{place}: {channels}" if place else channels
+        where = _describe_place(reader, buffer)
         numbers = f"{s.low:.4g} .. {s.high:.4g}, median {s.median:.4g}"
         yield _format_line(label, f"{buffer:<14}{where:<32} {numbers}")
         label = ""
+
+
+def _describe_place(reader: FrameReader, buffer: Buffer) -> str:
+    """Which channels of which file sequence a buffer is, or what is computed of them."""
+    bound = reader.binding[buffer]
+    several = len(reader.frames.streams) > 1
+    if bound.is_computed:
+        return bound.describe(streams=several)
+    channels = " ".join(c.channel for c in bound)
+    place = ", ".join(dict.fromkeys(c.stream for c in bound)) if several else ""
+    return f"{place}: {channels}" if place else channels
 
 
 def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:

@@ -214,6 +214,9 @@ layer = click.option(
     metavar="NAME",
     help="View layer, stereo view or group of channels that is read of files with several.",
 )
+view = click.option(
+    "--view", metavar="NAME", help="Stereo view that is read, of that layer if one is named."
+)
 capture = click.option(
     "--capture",
     "capture_file",
@@ -299,6 +302,7 @@ def frame_options(function: F) -> F:
         shard,
         frames,
         capture,
+        view,
         layer,
         layout,
     ):

@@ -86,11 +86,10 @@ def log_estimate(plan: ShotPlanned) -> None:
 
 def log_binding(reader: FrameReader) -> None:
     """Say which channel of which file sequence is which buffer (`-v`)."""
-    for buffer, components in reader.binding.items():
-        places = ", ".join(
-            f"{c.stream}: {c.channel}" if c.stream else c.channel for c in components
-        )
-        LOG.debug("    %s = %s", buffer, places)
+    for buffer, bound in reader.binding.items():
+        places = ", ".join(f"{c.stream}: {c.channel}" if c.stream else c.channel for c in bound)
+        computed = bound.is_computed
+        LOG.debug("    %s = %s", buffer, bound.describe(streams=True) if computed else places)
 
 
 MAX_LISTED = 10

@@ -49,6 +49,7 @@ from rtsr_cli.models import list_trainable_names
 )
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.layer
+@opt.view
 @click.option(
     "--overwrite", is_flag=True, help="Replace files in RUN, or FILE, that are not rtsr's, too."
 )

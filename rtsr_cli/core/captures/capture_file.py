@@ -23,7 +23,7 @@ from pydantic import (
     ValidationError,
 )
 
-from rtsr_cli.core.captures.channel_tables import BufferTable
+from rtsr_cli.core.captures.channel_tables import SPEC_TAGS, BufferTable
 from rtsr_cli.core.captures.field_errors import describe_field_error
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.captures.regions import RegionRule
@@ -168,7 +168,7 @@ JitterTable = Annotated[
 ]
 """One offset for all frames, a pattern, or one a frame."""
 
-_TAGS = frozenset({"offset", "sequence", "frames", "[key]"})
+_TAGS = frozenset({"offset", "sequence", "frames", "[key]", *SPEC_TAGS})
 """Parts of an error's place that no user wrote."""
 
 
@@ -213,11 +213,12 @@ class CaptureDeclaration(ConventionTables):
     """The whole of `capture.toml`; every field may be left out.
 
     `layout` is the name of a preset or the path of a layout file, relative to capture.toml;
-    `layer` that of the layer or view that is read of files with several.
+    `layer` that of the layer or view that is read of files with several, `view` that of the view.
     """
 
     layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
     layer: str | None = Field(default=None, min_length=1)
+    view: str | None = Field(default=None, min_length=1)
     region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None

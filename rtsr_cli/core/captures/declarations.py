@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
@@ -31,6 +31,7 @@ class Declarations:
         side_car: row of the camera side-car by frame number; empty without one.
         layout: that the option, capture.toml or the data set's folders name; None to detect one.
         spelled_out: components of each buffer of a layout file or of `[buffers]`.
+        sources: the file that each of those stands in.
         remarks: what is named like a capture.toml and was not read, for the user.
     """
 
@@ -39,6 +40,7 @@ class Declarations:
     layout: Layout | None
     spelled_out: Mapping[Buffer, tuple[Component, ...]]
     remarks: tuple[str, ...] = ()
+    sources: Mapping[Buffer, str] = field(default_factory=dict)
 
 
 class DeclarationFiles:
@@ -81,11 +83,13 @@ class DeclarationFiles:
         named = self._layout_name or capture.layout
         name = named or shot.layout
         layout = None if name is None else self._layout(name)
+        spelled_out = list_declared_buffers(named, layout, capture)
         return Declarations(
             capture=capture,
             side_car=rows,
             layout=layout,
-            spelled_out=list_declared_buffers(named, layout, capture),
+            spelled_out=spelled_out,
+            sources={b: str(path if b in capture.buffers else named) for b in spelled_out},
             remarks=tuple(_describe_no_file(p) for p in takewhile(lambda p: p != path, above)),
         )
 
@@ -137,6 +141,17 @@ class DeclarationFiles:
         )
         named = () if capture.layout is None else (self._layout(capture.layout),)
         return list_folder_patterns((own, *named))
+
+
+def find_declaring_folder(shot: Shot, root: Path, parts: Collection[str]) -> Path:
+    """Return the folder up to which declarations about a shot are looked for.
+
+    Args:
+        shot: below IN, or IN itself.
+        root: IN.
+        parts: names of folders that belong to the shot that their parent is.
+    """
+    return root.parent if shot.root == root and root.name in parts else root
 
 
 def _describe_no_file(path: Path) -> str:

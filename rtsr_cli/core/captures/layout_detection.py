@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.channel_matching import (
-    Binding,
     LayoutMatch,
     Streams,
     make_ambiguity_error,

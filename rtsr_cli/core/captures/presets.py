@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from rtsr_cli.core.captures.buffer_expressions import name_sums
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.layouts import (
     SCOPE,
@@ -11,6 +12,7 @@ from rtsr_cli.core.captures.layouts import (
     Component,
     FolderTree,
     Layout,
+    join_places,
     name_components,
     name_file_components,
     name_single_component,
@@ -24,40 +26,70 @@ from rtsr_cli.core.frames.conventions import Conventions, DepthConvention, Depth
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
 
 
-def _name_blender_value(aov: str) -> tuple[str, ...]:
-    """Names of an AOV of one value."""
-    return tuple(f"{SCOPE}.{aov}{component}" for component in (".X", ".V", ".R", ""))
+def _name_blender_values(*aovs: str) -> tuple[Component, ...]:
+    """Names of AOVs of one value."""
+    ends = (".X", ".V", ".R", "")
+    return name_single_component(*(f"{SCOPE}.{aov}{end}" for aov in aovs for end in ends))
+
+
+def _name_blender_vectors(buffer: Buffer, *passes: str) -> tuple[Component, ...]:
+    """Names of passes that are vectors, after an AOV that is a colour."""
+    return join_places(
+        name_components(buffer, f"{SCOPE}.{buffer}", letters="RGB"),
+        name_components(buffer, *(f"{SCOPE}.{name}" for name in (buffer, *passes))),
+    )
+
+
+def _sum_blender_passes(buffer: Buffer, *sums: tuple[str, ...]) -> tuple[Component, ...]:
+    """An AOV that is called like the buffer, then sums of passes."""
+    named = [" + ".join(f"{SCOPE}.{name}.RGB" for name in names) for names in sums]
+    return name_sums(buffer, f"{SCOPE}.{buffer}.RGB", *named)
 
 
 BLENDER = Layout(
     name="blender",
     description="Blender multilayer: <view layer>.Combined.*, .Depth.Z, .Vector.XYZW, AOVs",
+    # AOVs that are called like rtsr's buffers come first; names of Blender 5 and of Blender 4
     buffers={
         Buffer.COLOR: name_components(Buffer.COLOR, f"{SCOPE}.Combined"),
         Buffer.ALPHA: name_single_component(f"{SCOPE}.Combined.A"),
-        # names of Blender 5 after those of Blender 4
+        # `Denoising Albedo` is none: it holds what mirrors reflect
         Buffer.ALBEDO: name_components(
-            Buffer.ALBEDO,
-            *(f"{SCOPE}.{p}" for p in ("albedo", "Denoising Albedo", "DiffCol", "Diffuse Color")),
+            Buffer.ALBEDO, *(f"{SCOPE}.{p}" for p in ("albedo", "DiffCol", "Diffuse Color"))
         ),
-        Buffer.SPECULAR: name_components(Buffer.SPECULAR, f"{SCOPE}.Glossy Color"),
-        Buffer.NORMAL: name_components(Buffer.NORMAL, f"{SCOPE}.Normal"),
+        Buffer.SPECULAR: name_components(
+            Buffer.SPECULAR, *(f"{SCOPE}.{p}" for p in ("specular", "GlossCol", "Glossy Color"))
+        ),
+        # what light of each kind is multiplied by, so that their sum is what all light is
+        Buffer.MATERIAL: _sum_blender_passes(
+            Buffer.MATERIAL,
+            ("Diffuse Color", "Glossy Color", "Transmission Color"),
+            ("Diffuse Color", "Glossy Color"),
+            ("DiffCol", "GlossCol", "TransCol"),
+            ("DiffCol", "GlossCol"),
+        ),
+        Buffer.NORMAL: _name_blender_vectors(Buffer.NORMAL, "Normal"),
         Buffer.DEPTH: name_single_component(f"{SCOPE}.Depth.Z", f"{SCOPE}.Depth.V"),
-        Buffer.ROUGHNESS: name_single_component(*_name_blender_value("roughness")),
-        Buffer.METALLIC: name_single_component(*_name_blender_value("metallic")),
+        Buffer.ROUGHNESS: _name_blender_values("roughness"),
+        Buffer.METALLIC: _name_blender_values("metallic"),
         Buffer.MOTION: name_components(Buffer.MOTION, f"{SCOPE}.Vector"),
         # Z, W lead from the next frame to this one, so both signs turn round
         Buffer.FORWARD: tuple(
             Component(places=(ChannelPlace(channel=f"{SCOPE}.Vector.{c}"),), factor=-1.0)
             for c in ("Z", "W")
         ),
-        Buffer.EMISSION: name_components(
-            Buffer.EMISSION, *(f"{SCOPE}.{p}" for p in ("emission", "Emit", "Emission"))
+        Buffer.EMISSION: _sum_blender_passes(
+            Buffer.EMISSION,
+            ("Emission", "Environment"),
+            ("Emission",),
+            ("Emit", "Env"),
+            ("Emit",),
+            ("Environment",),
+            ("Env",),
         ),
-        Buffer.OBJECT_ID: name_single_component(
-            *(f"{SCOPE}.{p}.{c}" for p in ("Object Index", "IndexOB") for c in "XV")
-        ),
-        Buffer.POSITION: name_components(Buffer.POSITION, f"{SCOPE}.Position"),
+        Buffer.OBJECT_ID: _name_blender_values("objectid", "object_id", "Object Index", "IndexOB"),
+        Buffer.POSITION: _name_blender_vectors(Buffer.POSITION, "Position"),
+        Buffer.REACTIVE: _name_blender_values("reactive"),
     },
     conventions=Conventions(motion=MotionConvention(y_axis=YAxis.UP)),
     scope="ViewLayer",
@@ -66,6 +98,18 @@ BLENDER = Layout(
     aside=("Composite",),
     # the colour of diffuse and glossy light together stand for base colour and metallic
     spare={Buffer.SPECULAR: Buffer.METALLIC},
+    # base colour, metallic and roughness with the view's cosine divide 0.4 to 0.6 dB better than
+    # the passes' colours, and need positions for it
+    instead={
+        Buffer.MATERIAL: (
+            f"{SCOPE}.albedo.R",
+            f"{SCOPE}.metallic*",
+            f"{SCOPE}.roughness*",
+            f"{SCOPE}.[Nn]ormal.[XR]",
+            f"{SCOPE}.[Pp]osition.[XR]",
+            f"{SCOPE}.Depth.[ZV]",
+        )
+    },
 )
 
 NSS = Layout(

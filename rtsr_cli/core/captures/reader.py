@@ -13,7 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.captures.channel_matching import Binding, BoundComponent
+from rtsr_cli.core.captures.bound_channels import Binding, BoundChannel
+from rtsr_cli.core.captures.computed_buffers import compute_buffer
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
@@ -138,7 +139,7 @@ class FrameReader:
     @property
     def frame_bytes(self) -> int:
         """Memory that reading a frame takes: its channels as float32, and as stored."""
-        channels = sum(len(components) for components in self.binding.values())
+        channels = sum(max(len(bound), len(bound.components)) for bound in self.binding.values())
         return self.region.width * self.region.height * channels * 2 * FLOAT_BYTES
 
     @cached_property
@@ -181,7 +182,7 @@ class FrameReader:
     @property
     def declaration(self) -> object:
         """What, beside the files' bytes, decides how they are understood; plain values."""
-        places = {b.value: [asdict(c) for c in parts] for b, parts in self.binding.items()}
+        places = {b.value: bound.list_values() for b, bound in self.binding.items()}
         return [places, asdict(self.conventions), self.step, asdict(self.region)]
 
     def camera_values(self, number: int) -> object:
@@ -216,16 +217,16 @@ class FrameReader:
     @property
     def main_stream(self) -> str:
         """The stream whose names and attributes outputs take: colour's, or the first bound."""
-        return self._main_component.stream
+        return self._main_channel.stream
 
     @property
     def main_channel(self) -> str:
         """Its first channel of colour, or of what is bound first."""
-        return self._main_component.channel
+        return self._main_channel.channel
 
     @cached_property
-    def _main_component(self) -> BoundComponent:
-        first = next(iter(self.binding.values()))
+    def _main_channel(self) -> BoundChannel:
+        first = next(bound for bound in self.binding.values() if len(bound))
         return self.binding.get(Buffer.COLOR, first)[0]
 
     @property
@@ -280,16 +281,16 @@ class FrameReader:
         uses = Counter((c.stream, c.channel) for b in needed for c in self.binding[b])
         tensors = {}
         for buffer in needed:
-            components = self.binding[buffer]
-            image = _stack_components(components, planes)
+            bound = self.binding[buffer]
+            image = compute_buffer(bound, planes, self.size)
             # a number that is none would turn into some number: it stays, and is counted as bad
             is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
             spoilt = is_number and not bool(torch.isfinite(image).all())
-            held = find_common(self.region, [places[c.stream, c.channel] for c in components])
+            held = find_common(self.region, [places[c.stream, c.channel] for c in bound])
             known = image if spoilt else conv.to_memory(buffer, image, stored)
             tensors[buffer] = clear_outside(known, held, self.region, _NOTHING.get(buffer, 0))
             # what is converted is let go, so that a frame is in memory once and a half, not twice
-            uses.subtract((c.stream, c.channel) for c in components)
+            uses.subtract((c.stream, c.channel) for c in bound)
             for key in [k for k in planes if uses[k] <= 0]:
                 del planes[key]
         if self._sky_in_normals and Buffer.DEPTH in tensors:
@@ -311,7 +312,7 @@ class FrameReader:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
         planes, _ = self._read_planes(number, buffers)
-        return {buffer: _stack_components(self.binding[buffer], planes) for buffer in buffers}
+        return {b: compute_buffer(self.binding[b], planes, self.size) for b in buffers}
 
     def _moved_planes(self, number: int) -> tuple[dict[_Place, Plane], dict[_Place, PixelWindow]]:
         """Vectors of a frame that lie in another frame's file; none where there is no such file."""
@@ -361,20 +362,3 @@ class FrameReader:
                 place = places[stream, channel] = header.place_of(channel)
                 planes[stream, channel] = place_pixels(plane, place, self.region)
         return planes, places
-
-
-def _stack_components(
-    components: tuple[BoundComponent, ...], planes: Mapping[tuple[str, str], Plane]
-) -> Tensor:
-    """Channels of one buffer as 1 x c x h x w; whole numbers stay whole (32 bits)."""
-    stored = [planes[c.stream, c.channel] for c in components]
-    if len(stored) == 1 and stored[0].dtype == np.uint32:
-        return torch.from_numpy(stored[0].view(np.int32))[None, None]
-    height, width = stored[0].shape
-    image = torch.empty(1, len(stored), height, width)
-    for i, (plane, c) in enumerate(zip(stored, components, strict=True)):
-        wide = plane.astype(np.int64) if plane.dtype == np.uint32 else plane
-        values = image[0, i].copy_(torch.from_numpy(wide))
-        if c.offset or c.factor != 1.0:
-            values.sub_(c.offset).mul_(c.factor)
-    return image

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.cameras import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.channel_matching import Binding
 from rtsr_cli.core.captures.color_tags import (
     describe_contradictions,
     find_foreign_tag,

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
+from rtsr_cli.core.captures.declarations import find_declaring_folder
 from rtsr_cli.core.captures.header_files import HeaderFiles
 from rtsr_cli.core.captures.lent_motion import lend_motion
 from rtsr_cli.core.captures.reader import FrameReader
@@ -32,6 +33,9 @@ REFERENCE_FOLDERS = ("reference", "hr", "")
 
 GBUFFER_FOLDERS = ("hr", "")
 """Where below a shot the buffers of the output resolution may lie."""
+
+SHOT_PARTS = frozenset({*REFERENCE_FOLDERS, LR_FOLDER}) - {""}
+"""Folders of one shot, which declares what they hold."""
 
 DEBUG_FOLDER = "debug"
 """Subfolder of outputs that holds no result."""
@@ -158,7 +162,8 @@ def _open_comparison(
     headers = HeaderFiles()
     tests = {m: _open_radiance(shot, shot.root, options.read, headers) for m, shot in shots.items()}
     truth_shot = _find_shot(reference, name, REFERENCE_FOLDERS)
-    truth = _open_radiance(truth_shot, reference, options.read, headers)
+    declared = find_declaring_folder(truth_shot, reference, SHOT_PARTS)
+    truth = _open_radiance(truth_shot, declared, options.read, headers)
     gbuffer = _open_gbuffer(name, reference, truth, options, headers)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
@@ -238,7 +243,8 @@ def _open_gbuffer(
         return None
     if options.gbuffer is None and not _has_surface(shot, headers):
         return None
-    opened = open_shot(shot, root, options.read, headers=headers)
+    declared = find_declaring_folder(shot, root, SHOT_PARTS)
+    opened = open_shot(shot, declared, options.read, headers=headers)
     reader = open_set(shot.frames, opened, jittered=False)
     if reader.size != truth.size:
         if options.gbuffer is None:

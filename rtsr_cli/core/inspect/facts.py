@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from rtsr_cli.core.captures.bound_channels import BoundBuffer
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
@@ -68,9 +69,10 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
 def _describe_buffer(
     inspected: SetInspection, buffer: Buffer, statistics: PixelStatistics
 ) -> dict[str, Any]:
-    binding = inspected.reader.binding[buffer] if inspected.reader is not None else ()
+    bound = BoundBuffer(()) if inspected.reader is None else inspected.reader.binding[buffer]
     return {
-        "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in binding],
+        "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in bound],
+        **({"expression": bound.describe(streams=True)} if bound.is_computed else {}),
         "min": statistics.low,
         "max": statistics.high,
         "median": statistics.median,

@@ -48,6 +48,7 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
     options = ReadOptions(
         layout=request.layout,
         layer=request.layer,
+        view=request.view,
         capture=request.capture_file,
         on_missing=MissingPolicy.SKIP,
     )

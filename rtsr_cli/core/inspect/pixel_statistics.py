@@ -190,7 +190,7 @@ def _doubt_colors(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
 def _motion_step_px(reader: FrameReader) -> float:
     """Pixels between neighbouring stored values near the centre; 0 for float files."""
     convention = reader.conventions.motion
-    if not convention.zero or Buffer.MOTION not in reader.binding:
+    if not convention.zero or not len(reader.binding.get(Buffer.MOTION, ())):
         return 0.0
     component = reader.binding[Buffer.MOTION][0]
     place = (component.stream, component.channel)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
-from rtsr_cli.core.captures.layers import list_plain_names
+from rtsr_cli.core.captures.layers import join_layer, list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared
 from rtsr_cli.core.captures.lent_motion import lend_motion
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
@@ -47,6 +47,7 @@ class ReadOptions:
     Attributes:
         layout: preset or layout file, or None to detect it.
         layer: layer or view that is read, in place of what capture.toml says.
+        view: stereo view that is read, likewise.
         capture: file in place of each shot's capture.toml.
         on_missing: what holes in the numbering mean.
         output: where frames will be written; it must not lie where they would be taken for inputs.
@@ -57,6 +58,7 @@ class ReadOptions:
 
     layout: str | None = None
     layer: str | None = None
+    view: str | None = None
     capture: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
     output: Path | None = None
@@ -165,7 +167,7 @@ def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
         return
     first = [opened.headers.of_first(frames) for frames in sets]
     names = [{key: list_plain_names(header) for key, header in held.items()} for held in first]
-    check_declared(buffers, names, str(opened.shot.root))
+    check_declared(buffers, names, str(opened.shot.root), opened.declarations.sources)
 
 
 def open_set(
@@ -229,7 +231,9 @@ def survey_set(
         layout=known.layout,
         capture=known.capture,
         side_car=known.side_car,
-        layer=opened.options.layer or known.capture.layer,
+        layer=join_layer(
+            opened.options.layer or known.capture.layer, opened.options.view or known.capture.view
+        ),
         on_missing=opened.options.on_missing,
         jittered=jittered,
     )

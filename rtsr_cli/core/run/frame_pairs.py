@@ -38,6 +38,7 @@ def read_options(request: FramesRequest) -> ReadOptions:
     return ReadOptions(
         layout=request.layout,
         layer=request.layer,
+        view=request.view,
         capture=request.capture_file,
         on_missing=request.on_missing,
         output=request.out_folder,

@@ -143,6 +143,7 @@ def write_skeleton(channels: Mapping[str, Sequence[str]]) -> list[str]:
         '#     color = "beauty.RGB"              the channels beauty.R, beauty.G, beauty.B',
         '#     motion = ["mv:R", "mv:G"]         channels R and G of the files mv.0001.exr, ...',
         '#     depth = {channel = "Z", file = "*", factor = 0.01, zero = 0.0}',
+        '#     material = "diffuse.RGB + glossy.RGB", roughness = "1 - gloss.R", metallic = 0.0',
         *(f"# there are, in {key or 'the files'}: {' '.join(c)}" for key, c in channels.items()),
     ]
 
