@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import partial
 from itertools import product
 
 from rtsr_cli.core.captures.bound_channels import Binding, BoundBuffer, BoundChannel, BoundSum
@@ -65,6 +66,17 @@ class _Scope:
     file: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Claims:
+    """What a layout calls by a name: file sequences, and channels that no pattern takes."""
+
+    streams: frozenset[str]
+    channels: frozenset[str]
+
+
+NO_CLAIMS = _Claims(streams=frozenset(), channels=frozenset())
+
+
 def _escape_pattern(text: str) -> str:
     return text.replace("[", "[[]").replace("*", "[*]").replace("?", "[?]")
 
@@ -84,19 +96,38 @@ def _name_layer(channel: str) -> str:
     return channel.rpartition(".")[0] or UNNAMED
 
 
-def _find_channels(place: ChannelPlace, scope: _Scope, streams: Streams) -> list[_Held]:
+def _find_channels(
+    place: ChannelPlace, scope: _Scope, streams: Streams, claims: _Claims
+) -> list[_Held]:
     """Return the first matching channel of every layer of every file sequence that has one."""
     file = place.file.replace(SCOPE, _escape_pattern(scope.file))
     found: list[_Held] = []
     for stream in sorted(streams):
         if place.alone and not _is_alone(place.channel, streams):
             continue
+        if place.unclaimed and claims.streams:
+            continue
         if any(fnmatchcase(name, file) for name in _list_names(stream)):
             layers: dict[str, str] = {}
-            for channel in _match_names(place, scope, streams[stream]):
+            for channel in _match_names(place, scope, streams[stream], claims):
                 layers.setdefault(_name_layer(channel), channel)
             found += [(stream, channel) for channel in layers.values()]
     return found
+
+
+def _list_claims(layout: Layout, scope: _Scope, streams: Streams) -> _Claims:
+    places = layout.places
+    files = {p.file.replace(SCOPE, _escape_pattern(scope.file)) for p in places} - {"*"}
+    return _Claims(
+        streams=frozenset(
+            stream
+            for stream in streams
+            if any(fnmatchcase(name, file) for name in _list_names(stream) for file in files)
+        ),
+        channels=frozenset(
+            p.channel.replace(SCOPE, scope.channel) for p in places if not p.is_pattern
+        ),
+    )
 
 
 def _is_alone(channel: str, streams: Streams) -> bool:
@@ -104,7 +135,9 @@ def _is_alone(channel: str, streams: Streams) -> bool:
     return len(streams) == 1 and others <= {channel, "A", "Z"}
 
 
-def _match_names(place: ChannelPlace, scope: _Scope, names: Collection[str]) -> list[str]:
+def _match_names(
+    place: ChannelPlace, scope: _Scope, names: Collection[str], claims: _Claims
+) -> list[str]:
     if not place.is_pattern:
         name = place.channel.replace(SCOPE, scope.channel)
         full = f"{scope.channel}.{name}"
@@ -112,7 +145,10 @@ def _match_names(place: ChannelPlace, scope: _Scope, names: Collection[str]) -> 
             return [full]
         return [name] if name in names else []
     pattern = place.channel.replace(SCOPE, _escape_pattern(scope.channel))
-    return sorted(name for name in names if fnmatchcase(name, pattern))
+    fitting = sorted(n for n in names if n not in claims.channels and fnmatchcase(n, pattern))
+    if not place.without:
+        return fitting
+    return [n for n in fitting if f"{_name_layer(n)}.{place.without}" not in names]
 
 
 def _find_scope_texts(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
@@ -147,8 +183,10 @@ def _match_scope(layout: Layout, scope: _Scope, streams: Streams, layer: str | N
     rivals: dict[Buffer, tuple[str, ...]] = {}
     labels: set[str] = set()
     layers: dict[str, None] = {}
+    claims = _list_claims(layout, scope, streams)
+    find = partial(_find_channels, scope=scope, streams=streams, claims=claims)
     for buffer, components in layout.buffers.items():
-        options, dumps = _find_options(components, scope, streams, ranked=layout.ranked)
+        options, dumps = _find_options(components, find, ranked=layout.ranked)
         if dumps:
             ambiguous[buffer] = dumps
         if not options:
@@ -178,7 +216,7 @@ def _drop_spares(
     names = {name for held in streams.values() for name in held}
     for buffer, channels in layout.instead.items():
         places = [ChannelPlace(channel=channel) for channel in channels]
-        said = all(_match_names(place, scope, names) for place in places)
+        said = all(_match_names(place, scope, names, NO_CLAIMS) for place in places)
         if said and buffer in binding and binding[buffer].is_computed:
             dropped.add(buffer)
     return {buffer: bound for buffer, bound in binding.items() if buffer not in dropped}
@@ -195,7 +233,10 @@ def _list_rivals(
 
 
 def _find_options(
-    components: tuple[Component, ...], scope: _Scope, streams: Streams, *, ranked: bool
+    components: tuple[Component, ...],
+    find: Callable[[ChannelPlace], list[_Held]],
+    *,
+    ranked: bool,
 ) -> tuple[dict[str, BoundBuffer], tuple[str, ...]]:
     """Find the layers that hold a buffer, in the order of turns; or the sequences that all do.
 
@@ -208,7 +249,7 @@ def _find_options(
         places = [term.place for one in sums for term in one.terms]
         if options and (ranked or any(place.is_pattern for place in places)):
             continue
-        held = [_find_channels(place, scope, streams) for place in places]
+        held = [find(place) for place in places]
         if not all(held):
             continue
         sequences = {s for found in held for s, _ in found}

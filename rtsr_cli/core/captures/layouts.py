@@ -6,8 +6,9 @@ channels it finds, and a new engine is a new entry in `presets`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
@@ -27,11 +28,15 @@ class ChannelPlace:
     buffer has a folder, by that folder's name alone. `alone` are channels of one letter that mean
     something only in the one file sequence of a frame set, beside no others but alpha and depth.
     `scoped` are names that a user may have written without their scope.
+    `unclaimed` are channels that mean something only where no file sequence is a buffer's by name.
+    A pattern fits no layer that has the component `without`, too.
     """
 
     channel: str
     file: str = "*"
     alone: bool = False
+    unclaimed: bool = False
+    without: str = ""
     scoped: bool = False
 
     @property
@@ -131,6 +136,21 @@ class FolderTree:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnreadPass:
+    """What a layout knows and does not read.
+
+    Attributes:
+        name: pattern of the name of its channels or its file sequence.
+        why: said to the user.
+        unless: buffer that it would stand in for; nothing is said where that one is there.
+    """
+
+    name: str
+    why: str
+    unless: Buffer | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Layout:
     """A named arrangement of buffers in files.
 
@@ -150,6 +170,11 @@ class Layout:
             computed of a buffer's passes, which then is not read.
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
+        marks: patterns of channels of which one has to be there for the layout to be detected.
+        open_motion: True if vectors are read only where a measurement fits, or tells, how.
+        other_depth_units: metres in a unit of depth that is met with as well; it is read where the
+            layout's own would make kilometres of the frames.
+        unread: what is known and not read.
     """
 
     name: str
@@ -165,6 +190,16 @@ class Layout:
     instead: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
     digits: int = 4
     verified: bool = True
+    marks: tuple[str, ...] = ()
+    open_motion: bool = False
+    other_depth_units: tuple[float, ...] = ()
+    unread: tuple[UnreadPass, ...] = ()
+
+    def list_unread(self, streams: Mapping[str, Collection[str]]) -> dict[str, UnreadPass]:
+        """What is known and not read of file sequences and their channels, by name."""
+        names = [*streams, *(stream.rpartition("/")[0] for stream in streams)]
+        names += [channel for channels in streams.values() for channel in channels]
+        return {n: u for u in self.unread for n in names if fnmatchcase(n, u.name)}
 
     @property
     def places(self) -> tuple[ChannelPlace, ...]:
@@ -195,6 +230,13 @@ def name_components(
             )
         )
         for s in list_suffixes(buffer, letters)
+    )
+
+
+def name_unclaimed_components(*channels: str) -> tuple[Component, ...]:
+    """Components of a buffer whose channels have no layer: R, G, B of the file of all passes."""
+    return tuple(
+        Component(places=(ChannelPlace(channel=channel, unclaimed=True),)) for channel in channels
     )
 
 

@@ -17,84 +17,13 @@ from rtsr_cli.core.captures.layouts import (
     name_file_components,
     name_single_component,
 )
+from rtsr_cli.core.captures.presets_own import RTSR
+from rtsr_cli.core.captures.presets_renderers import RENDERERS
+from rtsr_cli.core.captures.presets_unreal import UNREAL
 from rtsr_cli.core.captures.presets_unverified import UNVERIFIED
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import Conventions, DepthConvention, DepthKind
-from rtsr_cli.core.frames.conventions import NormalConvention as Normals
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
-
-CENTIMETRE = 0.01
-
-RTSR = Layout(
-    name="rtsr",
-    description="rtsr's own channel names: R G B, albedo.*, normal.*, depth.Z, motion.*, ...",
-    buffers={
-        # own names first, then other renderers' spellings of the same thing: V-Ray writes
-        # components out, 3ds Max has bare ones, OIDN's splitter accepts the rest
-        Buffer.COLOR: join_places(
-            name_components(Buffer.COLOR, "", "rgba", "beauty", "Beauty", "Composite.Combined"),
-            # luminance alone is grey
-            (Component(places=(ChannelPlace(channel="Y", alone=True),)),) * 3,
-        ),
-        Buffer.ALPHA: name_single_component(
-            "A", "rgba.A", "beauty.A", "Beauty.A", "Composite.Combined.A"
-        ),
-        Buffer.ALBEDO: join_places(
-            name_components(Buffer.ALBEDO, "albedo", "Albedo"),
-            tuple(
-                Component(
-                    places=(
-                        ChannelPlace(channel=f"albedo.{c}"),
-                        ChannelPlace(channel=f"diffuse.{c}"),
-                    )
-                )
-                for c in ("red", "green", "blue")
-            ),
-        ),
-        Buffer.SPECULAR: name_components(Buffer.SPECULAR, "specular"),
-        Buffer.MATERIAL: name_components(Buffer.MATERIAL, "material"),
-        Buffer.LIGHTING: name_components(Buffer.LIGHTING, "lighting"),
-        Buffer.LIGHTING_MASK: name_single_component("mask"),
-        Buffer.NORMAL: join_places(
-            name_components(Buffer.NORMAL, "normal", "normals", "Normals", "N", "bump_normals"),
-            name_components(
-                Buffer.NORMAL,
-                *("normal", "normals", "Normals", "N", "VisibleNormals", "OptixNormals"),
-                letters="RGB",
-            ),
-            tuple(Component(places=(ChannelPlace(channel=c),)) for c in ("NX", "NY", "NZ")),
-        ),
-        Buffer.GEONORMAL: name_components(Buffer.GEONORMAL, "geonormal"),
-        Buffer.DEPTH: name_single_component(
-            "depth.Z", "depth", "Z", "depth.R", "depth.Y", "Depth.Z"
-        ),
-        Buffer.ROUGHNESS: name_single_component(
-            "roughness", "roughness.R", "roughness.X", "roughness.Y"
-        ),
-        Buffer.METALLIC: name_single_component(
-            "metallic", "metallic.R", "metallic.X", "metallic.Y"
-        ),
-        Buffer.MOTION: join_places(
-            name_components(Buffer.MOTION, "motion"),
-            name_components(Buffer.MOTION, "motion", letters="RG"),
-            name_components(Buffer.MOTION, "motion", letters="UV"),
-            tuple(Component(places=(ChannelPlace(channel=c),)) for c in ("velX", "velY")),
-        ),
-        Buffer.FORWARD: name_components(Buffer.FORWARD, "forward"),
-        Buffer.EMISSION: name_components(Buffer.EMISSION, "emission"),
-        Buffer.OBJECT_ID: name_single_component(
-            "objectid", "objectid.R", "objectid.X", "objectid.Y"
-        ),
-        Buffer.POSITION: join_places(
-            name_components(Buffer.POSITION, "position"),
-            name_components(Buffer.POSITION, "position", letters="RGB"),
-        ),
-        Buffer.NOV: name_single_component("nov", "nov.R", "nov.X", "nov.Y"),
-        Buffer.REACTIVE: name_single_component(
-            "reactive", "reactive.R", "reactive.X", "reactive.Y"
-        ),
-    },
-)
 
 
 def _name_blender_values(*aovs: str) -> tuple[Component, ...]:
@@ -183,34 +112,6 @@ BLENDER = Layout(
     },
 )
 
-EXTRANET = Layout(
-    name="extranet",
-    description="ExtraNet's Unreal dumps: <Scene><Buffer>.<frame>.exr, or a folder a buffer",
-    buffers={
-        Buffer.COLOR: name_file_components(Buffer.COLOR, f"{SCOPE}PreTonemapHDRColor"),
-        Buffer.ALBEDO: name_file_components(Buffer.ALBEDO, f"{SCOPE}BaseColor"),
-        Buffer.NORMAL: name_file_components(Buffer.NORMAL, f"{SCOPE}WorldNormal"),
-        Buffer.DEPTH: name_file_components(Buffer.DEPTH, f"{SCOPE}SceneDepth"),
-        Buffer.ROUGHNESS: name_file_components(Buffer.ROUGHNESS, f"{SCOPE}Roughness"),
-        Buffer.METALLIC: name_file_components(Buffer.METALLIC, f"{SCOPE}Metallic"),
-        Buffer.MOTION: name_file_components(Buffer.MOTION, f"{SCOPE}MotionVector"),
-        Buffer.POSITION: name_file_components(Buffer.POSITION, f"{SCOPE}WorldPosition"),
-        Buffer.NOV: name_file_components(Buffer.NOV, f"{SCOPE}NoV"),
-        Buffer.OBJECT_ID: name_file_components(
-            Buffer.OBJECT_ID, f"{SCOPE}MyStencil", f"{SCOPE}Stencil"
-        ),
-    },
-    conventions=Conventions(
-        # the previous position of (row i, column j) is (i + y, j - x)
-        motion=MotionConvention(direction=MotionDirection.CURRENT_MINUS_PREVIOUS, y_axis=YAxis.UP),
-        # centimetres times 1e-4: 1.0 is 100 m
-        depth=DepthConvention(unit_m=100.0),
-        normal=Normals(sky=(-1.0, -1.0, -1.0)),
-        position_unit_m=CENTIMETRE,
-    ),
-    folders=True,
-)
-
 NSS = Layout(
     name="nss",
     description="Arm NSS captures: x2/{color,depth,motion}/<clip>/, ground_truth/, <clip>.json",
@@ -222,11 +123,12 @@ NSS = Layout(
             ),
         ),
         Buffer.DEPTH: name_file_components(Buffer.DEPTH, "depth"),
-        Buffer.MOTION: name_file_components(Buffer.MOTION, "motion", "motion_gt"),
+        # `motion_m1` in data sets for frame generation, which lead further back as well
+        Buffer.MOTION: name_file_components(Buffer.MOTION, "motion", "motion_gt", "motion_m1"),
     },
     conventions=Conventions(
-        # the specification names no direction: that of FSR2, previous minus current with y down;
-        # jitter excluded
+        # the specification names no direction: that of FSR2, previous minus current with y down,
+        # jitter excluded. Arm's Unreal exporter subtracts the other way round, as measurement tells
         motion=MotionConvention(unit=MotionUnit.UV),
         # forward or reversed by the side-car's ReverseZ
         depth=DepthConvention(kind=DepthKind.DEVICE),
@@ -268,7 +170,7 @@ NSRD = Layout(
     digits=1,
 )
 
-_ALL = (RTSR, BLENDER, EXTRANET, NSS, NSRD, *UNVERIFIED)
+_ALL = (RTSR, BLENDER, NSS, NSRD, *UNREAL, *RENDERERS, *UNVERIFIED)
 
 LAYOUTS: Mapping[str, Layout] = {
     name: next(layout for layout in _ALL if layout.name == name) for name in LAYOUT_NAMES

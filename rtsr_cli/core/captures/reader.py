@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -34,6 +35,20 @@ _NOTHING = {Buffer.DEPTH: SKY_DEPTH_M}
 """What a buffer is in memory where no file has pixels; 0 if it is not named here."""
 
 
+class MotionSource(Protocol):
+    """Vectors that are not read from a frame's own files."""
+
+    @property
+    def note(self) -> str:
+        """Say where the vectors come from."""
+
+    def files(self, number: int) -> Iterable[Path]:
+        """Files that a frame's vectors are read from."""
+
+    def read(self, number: int) -> Tensor:
+        """Read a frame's vectors, in memory's convention."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrameReader:
     """A surveyed sequence of frames of one resolution.
@@ -57,9 +72,11 @@ class FrameReader:
         predicted: frames whose files say that a system predicted them.
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
+        undecided: why nothing but radiance can be read, empty if the rest can.
         views: by sequence, channel -> the stereo view that it belongs to.
         layers: names of the layers and views of the files; empty where they name none.
         layer: the one that is read.
+        lent_motion: vectors of another resolution, in place of those that there are none of.
     """
 
     frames: FrameSet
@@ -81,9 +98,11 @@ class FrameReader:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
+    undecided: str = ""
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layer: str = ""
+    lent_motion: MotionSource | None = None
 
     @property
     def display(self) -> PixelWindow:
@@ -131,7 +150,10 @@ class FrameReader:
     @cached_property
     def readable(self) -> frozenset[Buffer]:
         """Buffers that the files hold, and of which it is known how."""
-        return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ())
+        if self.undecided:
+            return self.stored & {Buffer.COLOR, Buffer.ALPHA}
+        lent = {Buffer.MOTION} if self.lent_motion is not None else set[Buffer]()
+        return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ()) | lent
 
     @cached_property
     def has_camera(self) -> bool:
@@ -214,12 +236,15 @@ class FrameReader:
 
     def files(self, number: int, buffers: Iterable[Buffer]) -> tuple[Path, ...]:
         """Files that hold the named buffers of a frame."""
+        buffers = tuple(buffers)
         needed = self._needed(tuple(b for b in buffers if b in self.binding))
         paths = {self.path(number, stream) for stream in self._streams_of(needed)}
         other = self._motion_number(number)
         if Buffer.MOTION in needed and other not in {None, number}:
             moved = self._streams_of((Buffer.MOTION,))
             paths |= {self.path(int(other or 0), stream) for stream in moved}
+        if self.lent_motion is not None and Buffer.MOTION in buffers:
+            paths |= set(self.lent_motion.files(number))
         return tuple(sorted(paths))
 
     def _streams_of(self, buffers: tuple[Buffer, ...]) -> frozenset[str]:
@@ -239,7 +264,8 @@ class FrameReader:
         Raises:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
-        needed = self._needed(tuple(buffers))
+        lent = self.lent_motion if Buffer.MOTION in buffers else None
+        needed = self._needed(tuple(b for b in buffers if lent is None or b is not Buffer.MOTION))
         planes, places = self._read_planes(number, needed)
         if Buffer.MOTION in needed and self._motion_number(number) != number:
             moved, moved_places = self._moved_planes(number)
@@ -270,6 +296,8 @@ class FrameReader:
         if self._sky_in_normals and Buffer.DEPTH in tensors:
             sky = (tensors[Buffer.NORMAL] == 0).all(1, keepdim=True)
             tensors[Buffer.DEPTH] = tensors[Buffer.DEPTH].masked_fill(sky, SKY_DEPTH_M)
+        if lent is not None:
+            tensors[Buffer.MOTION] = lent.read(number)
         return Frame(
             number=number,
             gbuffer=GBuffer(tensors, self.where(number)).only(buffers),

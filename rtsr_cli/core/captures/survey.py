@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -109,7 +109,7 @@ def open_frames(
         views={key: header.views for key, header in first.items()},
         layers=bound.layers,
         layer=bound.layer,
-        notes=(*bound.notes, *_list_notes(first)),
+        notes=(*bound.notes, *_list_notes(first), *_list_unread(bound.layout, binding, first)),
     )
     main = headers[reader.main_stream]
     foreign_tag = _find_foreign_tag(reader, capture, headers)
@@ -207,6 +207,15 @@ class _CameraSource:
 def _list_notes(first: Mapping[str, ExrHeader]) -> tuple[str, ...]:
     held = any(list_luminance_layers(header) for header in first.values())
     return (LUMINANCE_NOT_READ,) if held else ()
+
+
+def _list_unread(layout: Layout, binding: Binding, first: Mapping[str, ExrHeader]) -> Iterator[str]:
+    """Say of what a layout knows and does not read why that is so."""
+    found = layout.list_unread({key: header.channels for key, header in first.items()})
+    said = {
+        unread.why: name for name, unread in reversed(found.items()) if unread.unless not in binding
+    }
+    yield from (f"'{name}' is not read: {why}" for why, name in said.items())
 
 
 def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:

@@ -14,11 +14,12 @@ from pathlib import Path
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
 from rtsr_cli.core.captures.declarations import find_declaring_folder
 from rtsr_cli.core.captures.header_files import HeaderFiles
+from rtsr_cli.core.captures.lent_motion import lend_motion
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import check_origins
 from rtsr_cli.core.captures.shots import LR_FOLDER, Shot, collect_frame_set
 from rtsr_cli.core.choices import MissingPolicy
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.provenance import COLOR_TAG
 from rtsr_cli.core.frames.buffers import Buffer
@@ -252,7 +253,21 @@ def _open_gbuffer(
             f"{reader.frames.root}: buffers are {_describe_pixels(reader)}, the reference is "
             f"{_describe_pixels(truth)}; give buffers of the reference's size"
         )
-    return reader
+    return reader if Buffer.MOTION in reader.stored else _lend_motion(reader, root / name, options)
+
+
+def _lend_motion(reader: FrameReader, root: Path, options: CompareOptions) -> FrameReader:
+    """Let buffers without motion take that of the LR frames beside them, where it can be had."""
+    folder = root / LR_FOLDER
+    frames = collect_frame_set(folder) if is_folder(folder) else None
+    if frames is None:
+        return reader
+    try:
+        opened = open_shot(Shot(name=".", root=root, frames=frames), root, options.read)
+        return lend_motion(reader, open_set(frames, opened, jittered=True))
+    except RtsrError:
+        # nothing that is judged depends on it
+        return reader
 
 
 def _has_surface(shot: Shot, headers: HeaderFiles) -> bool:

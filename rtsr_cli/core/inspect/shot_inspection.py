@@ -46,6 +46,7 @@ from rtsr_cli.core.pairs.opening import (
     measure_set,
     open_shot,
 )
+from rtsr_cli.core.pairs.sources import NAMED_LAYOUT
 from rtsr_cli.core.system import System
 
 MOST_FRAMES = 64
@@ -261,7 +262,7 @@ def _inspect_set(
         return replace(inspection, problems=(*problems, _make_problem(error, "a known layout")))
     if not lr and settled.undecided == settled.motion_undecided:
         # of HR frames beside LR ones commands read no vectors
-        settled = replace(settled, undecided="")
+        settled = replace(settled, undecided="", reader=replace(settled.reader, undecided=""))
     return _with_pixels(replace(inspection, settled=settled), surveyed.frames, settled, every=every)
 
 
@@ -308,9 +309,9 @@ def _with_pixels(
         f"'{key}' lacks frames {format_gaps(lacking)}: render them, or use --on-missing skip|hold"
         for key, lacking in missing.items()
     )
-    unsettled = ShotProblem(
-        text=settled.undecided, gravity=Severity.REFUSED, lacks="a named layout"
-    )
+    # radiance needs no proof
+    gravity = Severity.REMARK if Buffer.COLOR in reader.stored else Severity.REFUSED
+    unsettled = ShotProblem(text=settled.undecided, gravity=gravity, lacks=NAMED_LAYOUT)
     lossy = find_lossy_buffers(reader, unknown, looked_at)
     remarks = [*describe_lossy(lossy), *describe_negative(statistics)]
     remarks += [*list_doubts(reader, statistics), *settled.warnings]
@@ -330,13 +331,26 @@ def _with_pixels(
         inspection,
         layers=reader.layers,
         unknown=unknown,
-        guessed={b: p for b, p in guess_buffers(unknown).items() if b not in reader.binding},
+        guessed=_guess_further(reader, unknown),
         missing=missing,
         statistics=statistics,
         looked_at=looked_at,
         lossy=lossy,
         problems=_drop_repeats(problems),
     )
+
+
+def _guess_further(
+    reader: FrameReader, unknown: Mapping[str, tuple[str, ...]]
+) -> dict[Buffer, tuple[str, ...]]:
+    """Buffers that channels nobody knows could be; what is not read for a reason is none."""
+    known = reader.layout.list_unread(unknown)
+    rest = {
+        key: tuple(c for c in channels if c not in known)
+        for key, channels in unknown.items()
+        if not known.keys() & {key, key.rpartition("/")[0]}
+    }
+    return {b: places for b, places in guess_buffers(rest).items() if b not in reader.binding}
 
 
 def _choose_numbers(numbers: Sequence[int], *, every: bool) -> tuple[int, ...]:

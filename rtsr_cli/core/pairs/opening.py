@@ -14,6 +14,7 @@ from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, 
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
 from rtsr_cli.core.captures.layers import join_layer, list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared
+from rtsr_cli.core.captures.lent_motion import lend_motion
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.reader import FrameReader
@@ -326,6 +327,8 @@ def open_pair(
     shot = opened.shot
     if simulation is not None:
         capture = open_set(shot.hr or shot.frames, opened, jittered=False)
+        if shot.hr is not None and Buffer.MOTION not in capture.stored:
+            capture = lend_motion(capture, open_set(shot.frames, opened, jittered=True))
         return open_simulated_pairs(capture, simulation)
     lr = open_set(shot.frames, opened, jittered=True)
     target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)

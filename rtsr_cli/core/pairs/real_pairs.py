@@ -15,6 +15,7 @@ from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.sources import (
+    NAMED_LAYOUT,
     FramePair,
     PairInputs,
     PairReads,
@@ -83,6 +84,8 @@ class RealPairs:
         if inputs.hr:
             hr = [f"hr {m}" for m in reads.hr.missing]
             lacking += ["hr frames"] if self.hr is None else hr
+            if hr and self.hr is not None and self.hr.undecided:
+                return (NAMED_LAYOUT,)
         return describe_undeclared(lacking, self.lr)
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:

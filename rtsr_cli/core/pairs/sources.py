@@ -28,6 +28,9 @@ from rtsr_cli.core.shapes import Size
 DECLARED_MOTION = "a declared motion convention"
 """What is missing where nothing decides how vectors are stored."""
 
+NAMED_LAYOUT = "a named layout"
+"""What is missing where nothing proves that channels mean what their names say."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PairInputs:
@@ -166,5 +169,7 @@ def resolve_buffers(
 
 def describe_undeclared(missing: Collection[str], reader: FrameReader) -> tuple[str, ...]:
     """Say of vectors that are there that it is their declaration that is missing."""
+    if reader.undecided and missing:
+        return (NAMED_LAYOUT,)
     unread = {f"{size}{b}" for size in ("", "lr ") for b in reader.stored - reader.readable}
     return tuple(dict.fromkeys(DECLARED_MOTION if m in unread else m for m in missing))

@@ -87,6 +87,11 @@ def check_inputs(reads: str, source: PairSource, inputs: PairInputs, *, remedy: 
     """
     root = source.reader.frames.root
     missing = source.missing(inputs)
+    unproven = next((r for r in source.readers if r.undecided), None)
+    if missing and unproven is not None:
+        raise FrameFolderError(
+            f"{root}: {reads} reads more than radiance, but {unproven.undecided}"
+        )
     if DECLARED_MOTION in missing:
         raise FrameFolderError(
             f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"

@@ -11,6 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import (
     MeasuredReader,
@@ -64,6 +65,7 @@ def measure_and_decide(
         _decide_motion,
         _decide_jitter,
         _decide_depth,
+        check_depth_size,
         _check_position,
         _decide_normal,
     ):
@@ -74,9 +76,8 @@ def measure_and_decide(
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
         settled = replace(settled, undecided=text)
-    return replace(
-        settled, reader=_bind_forward_motion(replace(settled.reader, motion_undecided=text))
-    )
+    reader = replace(settled.reader, motion_undecided=text, undecided=settled.undecided)
+    return replace(settled, reader=_bind_forward_motion(reader))
 
 
 def _describe_undocumented(reader: FrameReader) -> str:
@@ -92,10 +93,10 @@ def require_decision(settled: MeasuredReader, *, sharded: bool) -> FrameReader:
     """Return the reader, or refuse one that nothing decides.
 
     Raises:
-        FrameFolderError: nothing proves the layout; or parts of a sharded run might measure
-            differently.
+        FrameFolderError: nothing proves the layout, and there is no radiance, which needs no proof;
+            or parts of a sharded run might measure differently.
     """
-    if settled.undecided:
+    if settled.undecided and Buffer.COLOR not in settled.reader.stored:
         raise FrameFolderError(f"{settled.reader.frames.root}: {settled.undecided}")
     if sharded and settled.by_measurement:
         raise FrameFolderError(
@@ -104,6 +105,8 @@ def require_decision(settled: MeasuredReader, *, sharded: bool) -> FrameReader:
             "'rtsr inspect --write' once"
         )
     unread = (NOT_READ,) if settled.motion_undecided else ()
+    if settled.undecided:
+        unread = (ONLY_RADIANCE.format(settled.reader.layout.name),)
     return replace(settled.reader, warnings=settled.warnings, notes=(*settled.notes, *unread))
 
 
@@ -111,6 +114,13 @@ NOT_READ = (
     "motion is not read: nothing decides how it is stored ('rtsr inspect' shows what is known)"
 )
 """Said by commands that can do without; those that cannot are refused."""
+
+
+ONLY_RADIANCE = (
+    "nothing but radiance is read: layout '{0}' is known from documentation only; name it to use "
+    'the rest (capture.toml: layout = "{0}", or --layout {0})'
+)
+"""Said by commands that can do with radiance alone."""
 
 
 def _is_contradicted(candidate: MotionCandidate | None) -> bool:
@@ -156,6 +166,9 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     best = measured.best
     against = measured.motion.of(presumed) if measured.motion is not None else None
     agreed = best is not None and best.convention == _is_plain(presumed)
+    if reader.layout.open_motion and measured.motion is not None and best is None:
+        # what fits is one of the layout's readings: its unit is confirmed, its sense never was open
+        agreed = against in measured.motion.ties
     declared = capture.motion.declared()
     clear = _is_contradicted(against) or measured.by_geometry is not None
     if best is None and _is_contradicted(against):
@@ -250,7 +263,8 @@ def _is_plain(convention: MotionConvention) -> MotionConvention:
 
 def _is_unproven(settled: MeasuredReader, capture: CaptureDeclaration) -> bool:
     """Tell whether nothing but an unverified preset, or nothing at all, speaks for the vectors."""
-    return not settled.reader.layout.verified and not capture.motion.decides()
+    layout = settled.reader.layout
+    return (layout.open_motion or not layout.verified) and not capture.motion.decides()
 
 
 def _decide_jitter(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:

@@ -13,6 +13,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.measuring.depth_median import find_median_depth
 from rtsr_cli.core.captures.measuring.geometry_finder import (
     DepthFinding,
     StoredGeometry,
@@ -68,6 +69,7 @@ class StorageMeasurement:
         by_geometry: the tied reading that camera and depth single out, if they do.
         jitter: whether vectors contain it.
         depth: ranked readings.
+        median_depth: stored value that half of the surfaces lie below, None without depth.
         position_unit_m: metres in a unit of the position buffer.
         normal: packing and axes.
         frames: numbers that were read.
@@ -79,6 +81,7 @@ class StorageMeasurement:
     by_geometry: MotionCandidate | None = None
     jitter: JitterFinding | None = None
     depth: DepthFinding = field(default_factory=DepthFinding)
+    median_depth: float | None = None
     position_unit_m: float | None = None
     normal: NormalFinding | None = None
     frames: tuple[int, ...] = ()
@@ -176,6 +179,8 @@ def _measure_group(
         )
     last = stored[max(stored)]
     camera = reader.cameras[max(stored)]
+    if Buffer.DEPTH in last:
+        measured = replace(measured, median_depth=find_median_depth(last[Buffer.DEPTH]))
     if Buffer.POSITION in last:
         unit = find_position_unit(last[Buffer.POSITION], camera, reader.view)
         measured = replace(measured, position_unit_m=None if unit is None else unit[0])
