@@ -26,7 +26,7 @@ from rtsr_cli.core.imaging.enlargement import (
     enlarge_radiance,
 )
 from rtsr_cli.core.imaging.resampling import BICUBIC_SUPPORT_PX
-from rtsr_cli.core.lighting.radiance import add_undivided
+from rtsr_cli.core.lighting.radiance import HALO_PX, add_undivided
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
 JITTER_REACH_PX = 1
@@ -106,7 +106,7 @@ DEMOD_BICUBIC = System(
     lr_optional=(Buffer.EMISSION,),
     hr_inputs=(Buffer.MATERIAL, Buffer.SKY),
     hr_optional=(Buffer.EMISSION,),
-    halo_px=BICUBIC_SUPPORT_PX + JITTER_REACH_PX + 1,
+    halo_px=HALO_PX,
     config=DemodBicubicConfig,
     build=build_baseline,
     predict=predict_demod_bicubic,

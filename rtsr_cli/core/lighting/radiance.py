@@ -69,6 +69,12 @@ LEAST_SAMPLES = 8
 SLACK = 1.0
 """Share of what a surface's samples span that its radiance may lie beyond it."""
 
+UNGUIDED_REACH = 2 * REACH
+"""LR pixels to each side in which samples tell what has no lighting, where nothing guides."""
+
+HALO_PX = UNGUIDED_REACH + 3
+"""LR pixels that undivided radiance depends on: those samples, HR material around them, jitter."""
+
 PIXELS_AT_A_TIME = 1 << 18
 """Whose samples are gathered."""
 
@@ -163,7 +169,7 @@ def _find_lost(window: FrameWindow, faintest: Plane, unlit: Mask) -> Mask | None
     wrong = unlit & ~_at_samples(window, _spread(surface & ~usable, 1))
     faint = usable & (faintest <= FAINT * MATERIAL_EPSILON)
     guided = all(b in window.current.gbuffer for b in GUIDES)
-    reach = REACH if guided else 2 * REACH
+    reach = REACH if guided else UNGUIDED_REACH
     beside = upsample_nearest(_spread(wrong, reach), window.scale)
     candidates = usable & (beside | (upsample_nearest(_spread(unlit, REACH), window.scale) & faint))
     lit = window.current.gbuffer[Buffer.LIGHTING_MASK] > 0.5
@@ -219,7 +225,8 @@ def _hold_in_span(window: FrameWindow, wanted: Mask, samples: Color, enlarged: C
     frame = window.current.gbuffer
     lit = frame[Buffer.LIGHTING_MASK] > 0.5
     unlit = ~lit & (frame[Buffer.SKY] < 0.5)
-    disputed = lit & _at_samples(window, wanted)
+    empty = window.require_hr().gbuffer[Buffer.MATERIAL].amin(1, keepdim=True) <= MATERIAL_EPSILON
+    disputed = lit & _at_samples(window, empty)
     held = enlarged.clone()
     for pixels in _list_pixels(wanted):
         shape = (samples.shape[1], len(pixels.row))
