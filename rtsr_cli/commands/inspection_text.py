@@ -218,6 +218,9 @@ def _list_convention_lines(
         kind = f"{depth.kind}{', reversed' if depth.reversed else ''}"
         unit = "" if depth.kind == "device" else f", {depth.unit_m:g} m a unit"
         yield _format_line("depth", f"{kind}{unit}{_describe_depth_proof(settled)}")
+    sky = settled.measured.sky
+    if sky is not None:
+        yield _format_line("sky", f"{sky.share:.1%} of the pixels, by {sky.rule}")
     if Buffer.NORMAL in reader.stored:
         normal = reader.conventions.normal
         proof = settled.measured.normal

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from rtsr_cli.commands.log import LOG
@@ -111,6 +111,24 @@ def log_pixel_findings(done: RunDone) -> None:
             "Warning: numbers beyond 65504, which half cannot hold: written as float: %s",
             _list_some(done.as_float),
         )
+    for shot, shares in done.no_material.items():
+        LOG.info(
+            "%s: %s of the pixels of frames %s are surfaces whose material is 0, or that were "
+            "rendered without one: their radiance is enlarged as it is",
+            shot if shot != "." else done.folder,
+            _name_share(shares.values()),
+            format_ranges(shares),
+        )
+
+
+def _name_share(shares: Collection[float]) -> str:
+    """The mean of some shares, and the largest where that is another number; a few digits."""
+    mean, most = (f"{share:.2g} %" for share in _percentages(shares))
+    return mean if mean == most else f"{mean} (at most {most})"
+
+
+def _percentages(shares: Collection[float]) -> tuple[float, float]:
+    return 100.0 * sum(shares) / len(shares), 100.0 * max(shares)
 
 
 def _count_by_frame(counts: Mapping[str, int]) -> tuple[int, str]:

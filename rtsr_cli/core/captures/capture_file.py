@@ -36,6 +36,7 @@ from rtsr_cli.core.frames.conventions import (
     DepthKind,
     NormalSpace,
     RoughnessKind,
+    SkyRule,
     SpecularWorkflow,
 )
 from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
@@ -99,13 +100,25 @@ class MotionCapture(_Strict):
         return None not in {self.unit, self.direction, self.y_axis}
 
 
+def _tell_sky_kind(value: object) -> str:
+    """Tell rules of the sky from values of depth, so that errors speak of the one meant."""
+    return "rule" if isinstance(value, str) else "value"
+
+
+SkyDepth = Annotated[
+    Annotated[Stored, Tag("value")] | Annotated[SkyRule, Tag("rule")],
+    Discriminator(_tell_sky_kind),
+]
+"""A stored value from which on depth is sky (upwards; from 0 and below downwards), or a rule."""
+
+
 class DepthCapture(_Strict):
-    """`[depth]`: kind, sense, and metres in one stored unit (or the unit's name)."""
+    """`[depth]`: kind, sense, metres in one stored unit (or its name), and what is sky."""
 
     kind: DepthKind | None = None
     reversed: bool | None = None
     unit: LengthUnit | None = None
-    sky: Stored | None = None
+    sky: SkyDepth | None = None
 
 
 class NormalCapture(_Strict):
@@ -168,7 +181,7 @@ JitterTable = Annotated[
 ]
 """One offset for all frames, a pattern, or one a frame."""
 
-_TAGS = frozenset({"offset", "sequence", "frames", "[key]", *SPEC_TAGS})
+_TAGS = frozenset({"value", "rule", "offset", "sequence", "frames", "[key]", *SPEC_TAGS})
 """Parts of an error's place that no user wrote."""
 
 

@@ -293,8 +293,11 @@ class FrameReader:
             uses.subtract((c.stream, c.channel) for c in bound)
             for key in [k for k in planes if uses[k] <= 0]:
                 del planes[key]
-        if self._sky_in_normals and Buffer.DEPTH in tensors:
-            sky = (tensors[Buffer.NORMAL] == 0).all(1, keepdim=True)
+        marker = self._sky_marker
+        if marker is not None and Buffer.DEPTH in tensors:
+            sky = (tensors[marker] <= 0 if marker is Buffer.ALPHA else tensors[marker] == 0).all(
+                1, keepdim=True
+            )
             tensors[Buffer.DEPTH] = tensors[Buffer.DEPTH].masked_fill(sky, SKY_DEPTH_M)
         if lent is not None:
             tensors[Buffer.MOTION] = lent.read(number)
@@ -324,14 +327,19 @@ class FrameReader:
         return dict.fromkeys(keys, still), dict.fromkeys(keys, self.region)
 
     @property
-    def _sky_in_normals(self) -> bool:
-        """Tell whether normals mark sky, which depth then takes from them."""
-        return self.conventions.normal.sky is not None and Buffer.NORMAL in self.binding
+    def _sky_marker(self) -> Buffer | None:
+        """Return the buffer that marks sky, which depth then takes from it."""
+        rule = self.conventions.depth.sky
+        marker = conv.SKY_MARKERS.get(rule) if isinstance(rule, conv.SkyRule) else None
+        if marker is None and self.conventions.normal.sky is not None:
+            marker = Buffer.NORMAL
+        return marker if marker in self.binding else None
 
     def _needed(self, buffers: tuple[Buffer, ...]) -> tuple[Buffer, ...]:
         """Buffers to read for the ones asked for."""
-        lacking = Buffer.DEPTH in buffers and Buffer.NORMAL not in buffers
-        return (*buffers, Buffer.NORMAL) if lacking and self._sky_in_normals else buffers
+        marker = self._sky_marker
+        lacking = Buffer.DEPTH in buffers and marker is not None and marker not in buffers
+        return (*buffers, marker) if lacking and marker is not None else buffers
 
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -76,6 +77,24 @@ class SpecularWorkflow(StrEnum):
     F0 = "f0"
 
 
+class SkyRule(StrEnum):
+    """What is sky, where no stored value of depth is declared to be."""
+
+    FAR = "far"
+    NONE = "none"
+    NORMAL = "normal"
+    OBJECT_ID = "object_id"
+    ALPHA = "alpha"
+
+
+SKY_MARKERS: Mapping[SkyRule, Buffer] = {
+    SkyRule.NORMAL: Buffer.NORMAL,
+    SkyRule.OBJECT_ID: Buffer.OBJECT_ID,
+    SkyRule.ALPHA: Buffer.ALPHA,
+}
+"""Buffers whose zeros are sky."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DepthConvention:
     """How a file stores depth.
@@ -84,14 +103,15 @@ class DepthConvention:
         kind: along the camera axis, along the ray, or the depth buffer's own value.
         reversed: device depth only: 1 is near and 0 is far.
         unit_m: metres in one stored unit.
-        sky: stored values from here on are sky; by default those of `SKY_DEPTH_M` metres
-            (device depth: ignored, far is sky).
+        sky: stored values from here on are sky: upwards if above 0, else downwards; or a rule:
+            infinite and from `SKY_DEPTH_M` metres on (the default; of device depth the far end),
+            nothing, or also where the normal, the object id or the coverage is 0.
     """
 
     kind: DepthKind = DepthKind.PLANAR
     reversed: bool = False
     unit_m: float = 1.0
-    sky: float | None = None
+    sky: float | SkyRule | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,19 +162,44 @@ def depth_to_metres(
     """
     if convention.kind is DepthKind.DEVICE:
         projection = _require_projection(camera, where)
-        return device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
+        metres = device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
+        return _mark_sky(metres, is_sky_depth(stored, convention), convention)
     metres = stored * convention.unit_m
-    plain = convention.kind is DepthKind.PLANAR and convention.sky is None
+    plain = convention.kind is DepthKind.PLANAR and convention.sky in {None, *_BY_FAR}
     if plain and convention.unit_m == 1.0:
         # what lies beyond the sky is the sky, so that a bound says it all, but for -inf
         return metres.clamp_(max=SKY_DEPTH_M).masked_fill_(stored == -torch.inf, SKY_DEPTH_M)
-    if convention.sky is None:
-        # half files cannot hold more than their largest value, whatever the unit
-        sky = (metres >= SKY_DEPTH_M) | (stored == SKY_DEPTH_M) | torch.isinf(stored)
-    else:
-        sky = (stored >= convention.sky) | torch.isinf(stored)
+    sky = is_sky_depth(stored, convention)
     if convention.kind is DepthKind.RAY:
         metres = metres / _measure_rays(stored, camera, view, where)
+    return _mark_sky(metres, sky, convention)
+
+
+_BY_FAR = (SkyRule.FAR, SkyRule.NORMAL, SkyRule.OBJECT_ID, SkyRule.ALPHA)
+"""Rules by which far and infinite depth is sky; other buffers mark more of it."""
+
+FARTHEST_M = float(np.nextafter(np.float32(SKY_DEPTH_M), np.float32(0.0)))
+"""Depth of surfaces that lie as far as the sky, where nothing is sky."""
+
+
+def is_sky_depth(stored: Plane, convention: DepthConvention) -> Tensor:
+    """True where stored depth itself is the sky's."""
+    rule = convention.sky
+    if rule is SkyRule.NONE:
+        return torch.zeros_like(stored, dtype=torch.bool)
+    if rule is not None and not isinstance(rule, SkyRule):
+        return (stored >= rule if rule > 0.0 else stored <= rule) | torch.isinf(stored)
+    if convention.kind is DepthKind.DEVICE:
+        return stored <= 0.0 if convention.reversed else stored >= 1.0
+    # half files cannot hold more than their largest value, whatever the unit
+    far = stored * convention.unit_m >= SKY_DEPTH_M
+    return far | (stored == SKY_DEPTH_M) | torch.isinf(stored)
+
+
+def _mark_sky(metres: Plane, sky: Tensor, convention: DepthConvention) -> Plane:
+    """Give the sky its depth; where nothing is sky, nothing lies as far."""
+    if convention.sky is SkyRule.NONE:
+        return metres.nan_to_num(nan=torch.nan, neginf=FARTHEST_M).clamp(max=FARTHEST_M)
     return torch.where(sky, torch.full_like(metres, SKY_DEPTH_M), metres.clamp(max=SKY_DEPTH_M))
 
 
@@ -172,7 +217,8 @@ def depth_from_metres(
     stored = depth_m / convention.unit_m
     if convention.kind is DepthKind.RAY:
         stored = stored * _measure_rays(depth_m, camera, view, where)
-    sky = SKY_DEPTH_M if convention.sky is None else convention.sky
+    rule = convention.sky
+    sky = SKY_DEPTH_M if rule is None or isinstance(rule, SkyRule) else rule
     return torch.where(depth_m >= SKY_DEPTH_M, torch.full_like(stored, sky), stored)
 
 

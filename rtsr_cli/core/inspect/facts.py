@@ -50,6 +50,7 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
         "motion": _describe_motion(inspected),
         "depth": _describe_depth(inspected),
         "normal": _describe_normals(inspected),
+        "sky": _describe_sky(inspected),
         "nonfinite": {
             buffer.value: statistics.nonfinite
             for buffer, statistics in inspected.statistics.items()
@@ -94,6 +95,18 @@ def _describe_candidate(candidate: MotionCandidate, *, tied: bool) -> dict[str, 
         "margin": round(candidate.margin, 4),
         "significance": round(candidate.significance, 2),
         "tied": tied,
+    }
+
+
+def _describe_sky(inspected: SetInspection) -> dict[str, Any] | None:
+    """Share of the pixels, what it was found by, and depth values that no surface has."""
+    found = None if inspected.settled is None else inspected.settled.measured.sky
+    if found is None:
+        return None
+    return {
+        "share": round(found.share, 5),
+        "rule": found.rule,
+        "impossible": round(found.impossible, 5),
     }
 
 

@@ -152,7 +152,16 @@ def open_real_pairs(
             f"{lr.frames.root}; render them, or use --on-missing skip"
         )
     lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
-    return RealPairs(lr=lr, hr=hr, scale=ratio)
+    return RealPairs(lr=_take_sky_rule(lr, hr), hr=_take_sky_rule(hr, lr), scale=ratio)
+
+
+def _take_sky_rule(reader: FrameReader, other: FrameReader) -> FrameReader:
+    """Let what is sky at one size be sky at the other, where nothing was found there."""
+    own, theirs = reader.conventions.depth, other.conventions.depth
+    if own.sky is not None or theirs.sky is None or own.kind is not theirs.kind:
+        return reader
+    depth = replace(own, sky=theirs.sky)
+    return replace(reader, conventions=replace(reader.conventions, depth=depth))
 
 
 def _check_windows(lr: FrameReader, hr: FrameReader, scale: int) -> None:

@@ -21,10 +21,11 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
 from rtsr_cli.core.captures.measuring.measurement import measure_storage
 from rtsr_cli.core.captures.measuring.motion_choices import describe_repeated, describe_undecided
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
+from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import NormalConvention
+from rtsr_cli.core.frames.conventions import DepthKind, NormalConvention
 from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.frames.selection import format_ranges
 
@@ -66,6 +67,7 @@ def measure_and_decide(
         _decide_jitter,
         _decide_depth,
         check_depth_size,
+        _decide_sky,
         _check_position,
         _decide_normal,
     ):
@@ -342,6 +344,25 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
         f"without measurement: {presumed.kind}, {presumed.unit_m:g} m a unit)"
     )
     return take_measurement(settled, "depth", note, depth=chosen)
+
+
+def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Take the measured rule of the sky for all frames, and say what no rule explains."""
+    finding, presumed = settled.measured.sky, settled.reader.conventions
+    if finding is None or capture.depth.sky is not None or presumed.normal.sky is not None:
+        return settled
+    if finding.impossible >= DOUBTFUL:
+        settled = add_warning(
+            settled,
+            f"{finding.impossible:.1%} of the depth values are 0, negative or no number, which no "
+            "surface has, and do not look like sky; if they are, declare it (capture.toml: "
+            '[depth] sky = 0.0, or "normal", "object_id", "alpha"; else sky = "none")',
+        )
+    if finding.sky is None or presumed.depth.kind is DepthKind.DEVICE:
+        return settled
+    depth = replace(presumed.depth, sky=finding.sky)
+    note = f"sky measured: {finding.rule} ({finding.share:.1%} of the pixels)"
+    return take_measurement(settled, "sky", note, depth=depth)
 
 
 def _check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:

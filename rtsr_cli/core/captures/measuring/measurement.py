@@ -25,6 +25,7 @@ from rtsr_cli.core.captures.measuring.motion_finder import STILL_PX, find_motion
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, normalise_picture
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding, find_normals
+from rtsr_cli.core.captures.measuring.sky_finder import SKY_BUFFERS, SkyFinding, find_sky
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
@@ -72,6 +73,7 @@ class StorageMeasurement:
         median_depth: stored value that half of the surfaces lie below, None without depth.
         position_unit_m: metres in a unit of the position buffer.
         normal: packing and axes.
+        sky: what is sky, None where neither depth nor normals tell.
         frames: numbers that were read.
     """
 
@@ -84,6 +86,7 @@ class StorageMeasurement:
     median_depth: float | None = None
     position_unit_m: float | None = None
     normal: NormalFinding | None = None
+    sky: SkyFinding | None = None
     frames: tuple[int, ...] = ()
 
     @property
@@ -121,7 +124,22 @@ def measure_storage(
             measured = candidate
         if not motion or _measure_movement(candidate) > LEAST_MOVING:
             break
+    if measured.sky is not None and not (measured.sky.share or measured.sky.impossible):
+        measured = replace(measured, sky=_look_elsewhere(reader, presumed) or measured.sky)
     return measured
+
+
+def _look_elsewhere(reader: FrameReader, presumed: Conventions) -> SkyFinding | None:
+    """What is sky in the first and the last frame, if they can be read."""
+    own = [n for n in reader.numbers if n not in reader.held]
+    ends = tuple(dict.fromkeys((own[0], own[-1])))
+    buffers = reader.stored.intersection(SKY_BUFFERS)
+    try:
+        narrowed = reader.narrowed(ends)
+        frames = map_in_threads(partial(narrowed.read_raw, buffers=buffers), ends)
+    except RtsrError:
+        return None
+    return run_single_threaded(partial(find_sky, frames, presumed))
 
 
 def _measure_movement(measured: StorageMeasurement) -> float:
@@ -150,7 +168,7 @@ def _read_group(
     reader: FrameReader, numbers: Sequence[int]
 ) -> tuple[FrameReader, dict[int, Mapping[Buffer, Tensor]]]:
     """Read the stored buffers of a group where all files have them; none if one is unreadable."""
-    wanted = {Buffer.MOTION, Buffer.FORWARD, Buffer.DEPTH, Buffer.OBJECT_ID, *PICTURES}
+    wanted = {Buffer.MOTION, Buffer.FORWARD, *SKY_BUFFERS, *PICTURES}
     buffers = wanted & reader.stored
     try:
         narrowed = reader.narrowed(numbers)
@@ -168,6 +186,8 @@ def _measure_group(
     motion: bool,
 ) -> StorageMeasurement:
     measured = StorageMeasurement(frames=tuple(stored))
+    if reader.stored & {Buffer.DEPTH, Buffer.NORMAL}:
+        measured = replace(measured, sky=find_sky(list(stored.values()), presumed))
     if motion and len(stored) > 1 and _has_pictures(reader.stored):
         finding = _find_motion(reader, stored, presumed.motion)
         repeats = dict(_find_repeats(stored, reader.step, presumed.motion.zero))
