@@ -118,7 +118,8 @@ def matrices_to_memory(
 
     view, ndc, projection = (ordered(m) for m in (stored.view, stored.ndc, stored.projection))
     if view is not None and CameraWord.CAMERA_TO_WORLD in convention.words:
-        view = torch.linalg.inv(view)
+        # a matrix that has none gives numbers that are not finite; the survey refuses them
+        view = torch.linalg.inv_ex(view).inverse
     if view is not None and ndc is None and projection is not None:
         ndc = view @ projection
     if ndc is not None and CameraWord.NDC_Y_DOWN in convention.words:

@@ -15,6 +15,7 @@ from rtsr_cli.core.frames.camera import (
     CameraMetadata,
     View,
     device_to_planar_depth,
+    list_near_planes,
     planar_to_device_depth,
     ray_axes,
 )
@@ -86,12 +87,16 @@ class DepthConvention:
         unit_m: metres in one stored unit.
         sky: stored values from here on are sky; by default those of `SKY_DEPTH_M` metres
             (device depth: ignored, far is sky).
+        from_near: ray distance only: it is measured from the near plane, not from the camera.
+        near_m: depth of that plane in metres; None takes it from the camera's matrices.
     """
 
     kind: DepthKind = DepthKind.PLANAR
     reversed: bool = False
     unit_m: float = 1.0
     sky: float | None = None
+    from_near: bool = False
+    near_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +160,7 @@ def depth_to_metres(
         sky = (stored >= convention.sky) | torch.isinf(stored)
     if convention.kind is DepthKind.RAY:
         metres = metres / _measure_rays(stored, camera, view, where)
+        metres = metres + _measure_start(convention, camera, where)
     return torch.where(sky, torch.full_like(metres, SKY_DEPTH_M), metres.clamp(max=SKY_DEPTH_M))
 
 
@@ -171,7 +177,8 @@ def depth_from_metres(
         return planar_to_device_depth(depth_m, projection, reversed_depth=convention.reversed)
     stored = depth_m / convention.unit_m
     if convention.kind is DepthKind.RAY:
-        stored = stored * _measure_rays(depth_m, camera, view, where)
+        start = _measure_start(convention, camera, where)
+        stored = (depth_m - start) / convention.unit_m * _measure_rays(depth_m, camera, view, where)
     sky = SKY_DEPTH_M if convention.sky is None else convention.sky
     return torch.where(depth_m >= SKY_DEPTH_M, torch.full_like(stored, sky), stored)
 
@@ -181,6 +188,25 @@ def _require_projection(camera: CameraMetadata, where: str) -> Tensor:
     if projection is None:
         raise MissingBufferError(_needs_camera(where, "device depth"))
     return projection
+
+
+def _measure_start(convention: DepthConvention, camera: CameraMetadata, where: str) -> float:
+    """Depth at which ray distances begin: 0, or that of the near plane.
+
+    A ray that starts on the near plane (planar depth n) and is t long ends at n + t / L, where L
+    is the length of a ray to the plane one metre ahead.
+    """
+    if not convention.from_near:
+        return 0.0
+    if convention.near_m is not None:
+        return convention.near_m
+    planes = list_near_planes(_require_projection(camera, where))
+    if not planes:
+        raise MissingBufferError(
+            f"{where}: the camera matrices tell no near plane, from which distances are declared "
+            "to be measured; declare it in capture.toml: [depth] near = 0.05"
+        )
+    return planes[0]
 
 
 def _measure_rays(depth: Plane, camera: CameraMetadata, view: View, where: str) -> Plane:

@@ -68,7 +68,7 @@ def test_every_field_is_parsed(tmp_path: Path) -> None:
     assert found.jitter(7) == (0.25, -0.5)
     assert (found.scale, found.frame_step) == (4, 10)
     assert found.camera_cuts == {20, 50}
-    assert found.camera == "camera.csv"
+    assert found.camera.file == "camera.csv"
     assert found.conventions(Conventions()) == Conventions(
         motion=MotionConvention(
             unit=MotionUnit.UV,
@@ -197,8 +197,8 @@ def test_values_out_of_range_are_refused(tmp_path: Path, text: str) -> None:
     assert str(tmp_path) in refusal(tmp_path, text)
 
 
-MATRIX = [float(i) for i in range(16)]
-CELL = " ".join(str(i) for i in range(16))
+MATRIX = [100.0, 1.0, 2.0, 3.0, 4.0, 50.0, *(float(i) for i in range(6, 16))]
+CELL = " ".join(str(number) for number in MATRIX)
 
 
 def test_a_csv_of_cameras_has_a_row_a_frame(tmp_path: Path) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.measuring.camera_evidence import PositionEvidence, list_units
+from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import (
     StoredGeometry,
     find_depth,
-    find_position_unit,
     project_points,
     unproject_depth,
 )
@@ -113,10 +115,13 @@ def test_positions_are_in_the_unit_that_puts_them_on_their_own_pixels() -> None:
     now = camera(0.3, 0.02)
     world = unproject_depth(slope(), now, VIEW)
     assert world is not None
-    found = find_position_unit(world * 100.0, now, VIEW)
-    assert found is not None
-    assert found[0] == 0.01
-    assert found[1] < 0.01
+    frame = replace(geometry(slope(), before=now), position=world * 100.0, camera=now)
+    evidence = PositionEvidence(frames={1: frame}, units=list_units(1.0), thinning=1)
+    assert now.world_to_camera is not None
+    assert now.world_to_ndc is not None
+    cameras = {1: CameraMatrices(now.world_to_camera.numpy(), now.world_to_ndc.numpy())}
+    assert evidence.choose_unit(cameras) == 0.01
+    assert evidence.measure(cameras, closely=False)[1] < 0.01
 
 
 def facing_normals(view_space: bool) -> Tensor:
