@@ -64,8 +64,8 @@ def _flatten_numbers(value: object) -> object:
     """Let a cell of a CSV, or a nested list, be a flat list of numbers."""
     if isinstance(value, str):
         return value.replace(",", " ").replace(";", " ").split()
-    if isinstance(value, Sequence) and value and isinstance(value[0], Sequence):
-        if any(not isinstance(row, Sequence) or isinstance(row, str) for row in value):
+    if isinstance(value, list | tuple) and any(isinstance(row, list | tuple) for row in value):
+        if not all(isinstance(row, list | tuple) for row in value):
             raise ValueError("holds rows and numbers mixed")
         return [number for row in value for number in row]
     return value

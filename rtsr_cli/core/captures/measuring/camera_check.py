@@ -23,11 +23,8 @@ from rtsr_cli.core.captures.measuring.camera_structure import (
 )
 from rtsr_cli.core.frames.camera_convention import CameraConvention
 
-CONTRADICTED = 4.0
-"""Matrices fail where another reading has an error this many times smaller."""
-
-RULED_OUT = 2.0
-"""A reading is ruled out where its error is this many times that of the matrices as given."""
+ALIKE = 2.0
+"""Of readings whose errors are within this factor of the best one's, the simplest is named."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,12 +72,12 @@ class _Trial:
         """Tell whether a reading fits where the matrices as given do not, by far."""
         error, own = self.pairs.get(index, (float("inf"), 0.0))
         slack, limit = self.evidence.slack, self.evidence.limit
-        return error <= limit and own > max(CONTRADICTED * error, error + slack)
+        return error <= limit and own > max(self.evidence.factor * error, error + slack)
 
     def is_worse(self, index: int) -> bool:
         """Tell whether a reading is ruled out."""
         error, own = self.pairs.get(index, (0.0, 0.0))
-        return error > max(RULED_OUT * own, own + self.evidence.slack)
+        return error > max(self.evidence.factor * own, own + self.evidence.slack)
 
 
 def check_cameras(
@@ -131,7 +128,7 @@ def _try_readings(
     if not own:
         return None
     mean = mean_error(own.values())
-    closely = mean <= evidence.limit
+    closely = mean <= evidence.slack
     pairs = {}
     for index, reading in enumerate(readings):
         errors = evidence.measure(reading.cameras, closely=closely)
@@ -148,7 +145,7 @@ def _find_better(trial: _Trial, readings: Sequence[CameraReading]) -> int | None
         return None
     best = min(trial.pairs[i][0] for i in better)
     slack = trial.evidence.slack
-    return next(i for i in better if trial.pairs[i][0] <= max(RULED_OUT * best, best + slack))
+    return next(i for i in better if trial.pairs[i][0] <= max(ALIKE * best, best + slack))
 
 
 def _choose_sound(
@@ -177,7 +174,7 @@ def _judge_unopposed(
     if not proofs or not told:
         doubt = " ".join(_describe_doubt(trials, mirrored=mirrored))
         return CameraFinding(doubt=doubt, errors=errors)
-    undecided = dict.fromkeys(_shorten(readings[i]) for i in open_)
+    undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))
     return CameraFinding(
         proofs=tuple(t.evidence.name for t in proofs),
         undecided=tuple(undecided),
@@ -187,6 +184,8 @@ def _judge_unopposed(
 
 
 def _shorten(reading: CameraReading) -> str:
+    if reading.of_neighbour:
+        return "those of a neighbouring frame"
     return "of a mirrored world" if reading.mirrors_world else reading.text
 
 
@@ -231,9 +230,9 @@ def _describe_unfit(
 ) -> str:
     """One message: what is wrong with the matrices, what they look like, the remedy."""
     said = f" (read as declared: {convention})" if convention.words else ""
-    looks = "" if reading is None else f"looks {_word_look(reading)}"
+    looks = () if reading is None else (f"worldToCamera looks {_word_look(reading)}",)
     first = f"the camera matrices of frame {number} are not used{said}: "
-    found = ": ".join(part for part in (f"worldToCamera {looks}" if looks else "", fault or proof))
+    found = ": ".join((*looks, fault or proof))
     own = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
     return f"{first}{found}; {own}{_word_declaration(reading, convention)}"
 

@@ -25,7 +25,7 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         return add_warning(replace(settled, reader=reader), f"{found.unfit}; {REFUSED}")
     if found.doubt and leads:
         return add_warning(settled, found.doubt)
-    if found.undecided and leads:
+    if found.undecided and not found.certain and leads:
         note = (
             f"camera: {' and '.join(found.proofs)} agree with the matrices, but cannot tell them "
             f"from ones that look {'; or '.join(found.undecided)}"

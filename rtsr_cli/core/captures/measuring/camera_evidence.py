@@ -42,8 +42,8 @@ MOST_PIXELS = 1 << 12
 MOST_SURFACE_PIXELS = 1 << 14
 """Pixels of a frame whose depths are compared with those beside them."""
 
-SMOOTH_SHARE = 0.3
-"""Share of the pixels on which normals stand as flat surfaces do: neither bumps nor edges."""
+ALIKE = math.cos(math.radians(12.0))
+"""Cosine of a normal and the surface that it stands on; bumps lean it."""
 
 Errors = Mapping[int, float]
 """By frame number; frames that tell nothing are not there."""
@@ -67,6 +67,10 @@ class CameraEvidence(Protocol):
     @property
     def slack(self) -> float:
         """Errors that differ less than this are alike."""
+
+    @property
+    def factor(self) -> float:
+        """Errors that are not so many times another one are like it."""
 
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Errors of a reading of the matrices.
@@ -114,6 +118,7 @@ class PositionEvidence:
     name = "world positions"
     unit = "px from their pixels"
     slack = 0.02
+    factor = 4.0
 
     @property
     def limit(self) -> float:
@@ -152,6 +157,11 @@ def measure_landing_error(position: Vector3, frame: StoredGeometry) -> float | N
         return None
     size = (position.shape[-2], position.shape[-1])
     apart = landed - sample_positions(size, frame.camera.jitter_px)
+    view = frame.camera.world_to_camera
+    if view is not None:
+        # an orthographic camera projects what is behind it like what is before it
+        z = sum((position[:, i : i + 1] * float(view[i, 2]) for i in range(3)), start=view[3, 2])
+        apart = torch.where(z < 0.0, apart, torch.nan)
     there = torch.isfinite(position).all(1, keepdim=True) & (vector_length(position) > 0)
     return measure_offset_error(apart, there, frame.thinned)
 
@@ -177,9 +187,10 @@ class VectorEvidence:
     thinning: int
     best: MotionSource | None = None
 
-    name = "motion and depth"
+    name = "motion with depth"
     unit = "px of motion"
     slack = 0.02
+    factor = 4.0
 
     @property
     def limit(self) -> float:
@@ -256,13 +267,17 @@ class NormalEvidence:
     depths: tuple[DepthConvention, ...] = SURFACE_DEPTHS
     known: dict[object, tuple[Tensor, Tensor] | None] = field(default_factory=dict)
 
-    name = "normals and depth"
-    unit = "degrees from the surfaces"
-    slack = 3.0
-    limit = 8.0
+    name = "normals with depth"
+    unit = "% of the surfaces elsewhere"
+    slack = 8.0
+    factor = 1.2
+    limit = 70.0
 
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
-        """Angle between normals and surfaces, where those are smooth."""
+        """Share of the normals that do not stand on their surfaces, in per cent.
+
+        Bumps and edges have their share in it whatever the camera is.
+        """
         depths = self.depths[:1] if closely else self.depths
         trials = [self._measure(cameras, depth) for depth in depths]
         return trials[pick_best(trials)]
@@ -276,36 +291,35 @@ class NormalEvidence:
         found = {}
         for number in self.frames.keys() & cameras.keys():
             rotation = torch.tensor(cameras[number].view[:3, :3])
-            angle = self._measure_angle(number, cameras[number], depth, (rotation,))
-            if angle is not None:
-                found[number] = angle
+            share = self._measure_share(number, cameras[number], depth, (rotation,))
+            if share is not None:
+                found[number] = share
         return found
 
-    def are_of_camera(self, cameras: Cameras) -> bool:
-        """Tell whether the normals fit the surfaces in the camera's own axes, or nearly so."""
+    def measure_in_camera(self, cameras: Cameras) -> float:
+        """The same for normals in the camera's own axes, however those are named."""
         turns = tuple(torch.tensor(a, dtype=torch.float64) for a in AXES.values())
         errors = []
         for number in self.frames.keys() & cameras.keys():
             camera = cameras[number]
-            angles = [self._measure_angle(number, camera, d, turns) for d in self.depths]
-            errors += [min((a for a in angles if a is not None), default=math.inf)]
-        return bool(errors) and mean_error(errors) < self.limit
+            shares = [self._measure_share(number, camera, d, turns) for d in self.depths]
+            errors += [min((s for s in shares if s is not None), default=math.inf)]
+        return mean_error(errors)
 
-    def _measure_angle(
+    def _measure_share(
         self,
         number: int,
         camera: CameraMatrices,
         depth: DepthConvention,
         turns: Sequence[Tensor],
     ) -> float | None:
-        """Degrees between normals and surfaces for the best of some turns, n_camera = n . turn."""
+        """Per cent of the normals that are apart for the best of turns, n_camera = n . turn."""
         surfaces = self._find_surfaces(number, camera, depth)
         if surfaces is None:
             return None
         normal, own = surfaces
         cosines = [(normalize_vectors(normal @ turn.to(normal)) * own).sum(1) for turn in turns]
-        smooth = max(float(c.clamp(-1.0, 1.0).quantile(1.0 - SMOOTH_SHARE)) for c in cosines)
-        return math.degrees(math.acos(smooth))
+        return min(100.0 * float((c < ALIKE).float().mean()) for c in cosines)
 
     def _find_surfaces(
         self, number: int, camera: CameraMatrices, depth: DepthConvention

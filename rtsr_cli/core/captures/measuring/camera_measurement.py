@@ -16,6 +16,7 @@ from rtsr_cli.core.captures.measuring.camera_evidence import (
     VectorEvidence,
     list_likely_depths,
     list_units,
+    mean_error,
     thin,
 )
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
@@ -156,9 +157,11 @@ def _gather_normals(
         normals[number] = ThinnedFrame(thinning).image(unit)
     depths = list_likely_depths(presumed.depth)[:5]
     evidence = NormalEvidence(frames=frames, normals=normals, depths=depths)
-    errors = evidence.measure(given, closely=False)
-    fits = bool(errors) and max(errors.values()) <= evidence.limit
-    return [evidence.hold(given)] if fits or not evidence.are_of_camera(given) else []
+    in_world = mean_error(evidence.measure(given, closely=False).values())
+    in_camera = evidence.measure_in_camera(given)
+    if in_camera <= evidence.limit and in_camera < in_world - evidence.slack:
+        return []
+    return [evidence.hold(given)]
 
 
 def drop_matrices(camera: CameraMetadata) -> CameraMetadata:

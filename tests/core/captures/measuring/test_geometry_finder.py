@@ -19,7 +19,13 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
 )
 from rtsr_cli.core.captures.measuring.normal_finder import find_normals
 from rtsr_cli.core.frames.camera import CameraMetadata, View, ray_axes
-from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind, NormalSpace
+from rtsr_cli.core.frames.conventions import (
+    DepthConvention,
+    DepthKind,
+    NormalSpace,
+    depth_from_metres,
+    depth_to_metres,
+)
 
 SIZE = (60, 80)
 VIEW = View(display=SIZE)
@@ -104,6 +110,22 @@ def test_depth_is_the_reading_under_which_points_lie_where_the_positions_say() -
     assert finding.best is not None
     assert finding.best.convention == DepthConvention(kind=DepthKind.RAY, unit_m=0.001)
     assert finding.measure == "of the distance"
+
+
+def test_distance_from_the_near_plane_is_recognised_and_exact() -> None:
+    stored = (slope() - NEAR_M) * ray_lengths()
+    finding = find_depth([geometry(stored, before=camera(-0.4))])
+    assert finding.best is not None
+    found = finding.best.convention
+    assert (found.kind, found.from_near, found.unit_m) == (DepthKind.RAY, True, 1.0)
+    assert found.near_m == pytest.approx(NEAR_M)
+    metres = depth_to_metres(stored, found, camera(0.0), VIEW, where="")
+    assert torch.allclose(metres, slope(), atol=1e-5)
+    # declared without a number, the matrices tell where the plane is
+    declared = DepthConvention(kind=DepthKind.RAY, from_near=True)
+    assert torch.allclose(depth_to_metres(stored, declared, camera(0.0), VIEW, where=""), slope())
+    back = depth_from_metres(metres, found, camera(0.0), VIEW, where="")
+    assert torch.allclose(back, stored, atol=1e-4)
 
 
 def test_a_camera_that_only_turns_tells_nothing_about_depth() -> None:
