@@ -42,7 +42,8 @@ def list_matrices(reader: FrameReader, numbers: Sequence[int]) -> Cameras:
     """Matrices of some frames, and of those before and after them; empty without cameras."""
     wanted = {n + offset for n in numbers for offset in (-reader.step, 0, reader.step)}
     found = {}
-    for number in sorted(wanted & set(reader.numbers)):
+    # of neighbours those that were surveyed: no file is opened for them
+    for number in sorted(wanted & ({*reader.cameras} | {*numbers})):
         camera = reader.cameras[number]
         if camera.world_to_camera is not None and camera.world_to_ndc is not None:
             found[number] = CameraMatrices(
