@@ -71,8 +71,8 @@ class _Trial:
     def is_better(self, index: int) -> bool:
         """Tell whether a reading fits where the matrices as given do not, by far."""
         error, own = self.pairs.get(index, (float("inf"), 0.0))
-        slack, limit = self.evidence.slack, self.evidence.limit
-        return error <= limit and own > max(self.evidence.factor * error, error + slack)
+        slack, sure = self.evidence.slack, self.evidence.sure
+        return error <= sure and own > max(self.evidence.factor * error, error + slack)
 
     def is_worse(self, index: int) -> bool:
         """Tell whether a reading is ruled out."""

@@ -65,6 +65,10 @@ class CameraEvidence(Protocol):
         """Errors up to this are those of right matrices."""
 
     @property
+    def sure(self) -> float:
+        """Errors up to this are no chance: another reading has to be as good to be believed."""
+
+    @property
     def slack(self) -> float:
         """Errors that differ less than this are alike."""
 
@@ -120,10 +124,9 @@ class PositionEvidence:
     slack = 0.02
     factor = 4.0
 
-    @property
-    def limit(self) -> float:
-        """Positions may be half floats."""
-        return 0.75
+    limit = 0.75
+    """Positions may be half floats."""
+    sure = 0.75
 
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Median distance from the pixels, pixels of the frame."""
@@ -203,6 +206,11 @@ class VectorEvidence:
         ]
         return 0.1 + 0.02 * max(moved, default=0.0)
 
+    @property
+    def sure(self) -> float:
+        """Right readings differ by the rounding of the vectors alone."""
+        return 0.25 * self.limit
+
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Median difference of the vectors, pixels of the frame."""
         trials = [self._measure(cameras, source) for source in self._list_sources(closely=closely)]
@@ -270,8 +278,9 @@ class NormalEvidence:
     name = "normals with depth"
     unit = "% of the surfaces elsewhere"
     slack = 8.0
-    factor = 1.2
+    factor = 1.5
     limit = 70.0
+    sure = 25.0
 
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Share of the normals that do not stand on their surfaces, in per cent.
