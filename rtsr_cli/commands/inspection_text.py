@@ -137,7 +137,7 @@ def _list_set_lines(frame_set: SetInspection) -> Iterator[str]:
     for key, names in frame_set.unknown.items():
         yield _format_line("not used", f"{key + ': ' if key else ''}{' '.join(names)}")
     yield from _list_guess_lines(frame_set)
-    yield _format_line("camera", _describe_camera(reader))
+    yield _format_line("camera", _describe_camera(reader, frame_set.settled))
     if frame_set.settled is not None:
         yield from _list_convention_lines(frame_set, reader, frame_set.settled)
     yield from _list_problem_lines(frame_set)
@@ -200,10 +200,21 @@ def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:
         )
 
 
-def _describe_camera(reader: FrameReader) -> str:
+def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str:
+    if reader.camera_unfit:
+        return "matrices that do not hold are not used: see the problems"
     if reader.has_camera:
-        return "worldToCamera and worldToNDC of every frame"
+        read = f", read as {reader.matrices}" if reader.matrices.words else ""
+        return f"worldToCamera and worldToNDC of every frame{read}; {_describe_proof(settled)}"
     return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'
+
+
+def _describe_proof(settled: MeasuredReader | None) -> str:
+    found = None if settled is None else settled.measured.camera
+    if found is None or not found.proofs:
+        return "unverified"
+    but = f"; not told from {' or '.join(found.undecided)}" if found.undecided else ""
+    return f"verified by {', '.join(found.proofs)}{but}"
 
 
 def _list_convention_lines(
@@ -217,6 +228,7 @@ def _list_convention_lines(
         depth = reader.conventions.depth
         kind = f"{depth.kind}{', reversed' if depth.reversed else ''}"
         unit = "" if depth.kind == "device" else f", {depth.unit_m:g} m a unit"
+        kind += ", from the near plane" if depth.from_near else ""
         yield _format_line("depth", f"{kind}{unit}{_describe_depth_proof(settled)}")
     sky = settled.measured.sky
     if sky is not None:

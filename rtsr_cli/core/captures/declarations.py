@@ -9,7 +9,8 @@ from functools import cache
 from itertools import takewhile
 from pathlib import Path
 
-from rtsr_cli.core.captures.cameras import CameraRow, add_depth_sense, read_side_car
+from rtsr_cli.core.captures.camera_rows import CameraRow
+from rtsr_cli.core.captures.cameras import add_depth_sense, read_side_car
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE, CaptureDeclaration, read_capture
 from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.layout_files import list_declared_buffers, load_layout
@@ -74,8 +75,8 @@ class DeclarationFiles:
         path = self._capture_file or next(filter(is_file, above), None)
         capture = CaptureDeclaration() if path is None else self._capture(path)
         cameras = shot.side_car
-        if path is not None and capture.camera:
-            cameras = self._place_side_car(path, capture.camera)
+        if path is not None and capture.camera.file:
+            cameras = self._place_side_car(path, capture.camera.file)
         rows: Mapping[int, CameraRow] = {}
         if cameras is not None:
             side_car = self._side_car(cameras)

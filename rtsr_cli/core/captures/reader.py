@@ -19,11 +19,13 @@ from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
 from rtsr_cli.core.captures.shots import FrameSet
+from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.files.exr import ExrHeader, Plane, read_header, read_pixels
 from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.camera_convention import CameraConvention
 from rtsr_cli.core.frames.sequence import Frame
 
 FLOAT_BYTES = 4
@@ -73,6 +75,8 @@ class FrameReader:
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
         undecided: why nothing but radiance can be read, empty if the rest can.
+        matrices: how the files store camera matrices; `cameras` are in memory's convention.
+        camera_unfit: why camera matrices are not used; empty if they are.
         views: by sequence, channel -> the stereo view that it belongs to.
         layers: names of the layers and views of the files; empty where they name none.
         layer: the one that is read.
@@ -99,6 +103,8 @@ class FrameReader:
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
     undecided: str = ""
+    matrices: CameraConvention = field(default_factory=CameraConvention)
+    camera_unfit: str = ""
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layer: str = ""
@@ -113,6 +119,20 @@ class FrameReader:
     def fills_region(self) -> bool:
         """Tell whether every file has every pixel that is read."""
         return all(place.holds(self.region) for file in self.places for place in file.places)
+
+    def without_matrices(self, reason: str) -> FrameReader:
+        """Return a reader that takes all cameras for unknown, and says why."""
+
+        def drop(camera: CameraMetadata) -> CameraMetadata:
+            return replace(camera, world_to_camera=None, world_to_ndc=None)
+
+        cameras = self.cameras
+        bare = (
+            cameras.mapped(drop)
+            if isinstance(cameras, SurveyedValues)
+            else {number: drop(camera) for number, camera in cameras.items()}
+        )
+        return replace(self, cameras=bare, camera_unfit=reason)
 
     def narrowed(self, numbers: Iterable[int]) -> FrameReader:
         """Return a reader of what the files of some frames all have pixels for, if anything."""

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.captures.bound_channels import Binding
-from rtsr_cli.core.captures.cameras import CameraRow
+from rtsr_cli.core.captures.camera_rows import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.color_tags import (
     describe_contradictions,
@@ -32,6 +32,7 @@ from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.camera_convention import StoredMatrices, matrices_to_memory
 from rtsr_cli.core.frames.conventions import Conventions, SpecularWorkflow
 from rtsr_cli.core.frames.selection import format_ranges
 
@@ -109,6 +110,7 @@ def open_frames(
         views={key: header.views for key, header in first.items()},
         layers=bound.layers,
         layer=bound.layer,
+        matrices=capture.camera.matrices,
         notes=(*bound.notes, *_list_notes(first), *_list_unread(bound.layout, binding, first)),
     )
     main = headers[reader.main_stream]
@@ -194,9 +196,29 @@ class _CameraSource:
         cut = {n for n, row in self._side_car.items() if row.cut} | self._capture.camera_cuts
         return frozenset(n for n, source in self._sources.items() if source in cut)
 
-    def _read(self, number: int, header: ExrHeader) -> CameraMetadata:
-        source = self._sources[number]
-        return _read_camera(source, header, self._capture, self._side_car, jittered=self._jittered)
+    def _read(self, frame: int, header: ExrHeader) -> CameraMetadata:
+        """Camera of a side-car's row, or of a header; in memory's convention."""
+        number, capture = self._sources[frame], self._capture
+        convention = capture.camera.matrices
+        display = self._reader.display
+        row = CameraMetadata()
+        if number in self._side_car:
+            row = self._side_car[number].metadata((display.height, display.width), convention)
+        matrices = row.world_to_camera, row.world_to_ndc
+        if matrices == (None, None):
+            stored = StoredMatrices(
+                view=_read_matrix(header, WORLD_TO_CAMERA), ndc=_read_matrix(header, WORLD_TO_NDC)
+            )
+            matrices = matrices_to_memory(stored, convention)
+        declared = capture.jitter(number)
+        jitter = row.jitter_px if declared is None else declared
+        return CameraMetadata(
+            world_to_camera=matrices[0],
+            world_to_ndc=matrices[1],
+            jitter_px=jitter if self._jittered else (0.0, 0.0),
+            pre_exposure=row.pre_exposure,
+            cut=row.cut or number in capture.camera_cuts,
+        )
 
     def _read_later(self, number: int) -> CameraMetadata:
         camera = self._read(number, self._files.of(self._reader.path(number)))
@@ -249,29 +271,6 @@ def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> Non
                     f"'{c.channel}') is of another view than in other frames; write all frames "
                     "with the same views"
                 )
-
-
-def _read_camera(
-    number: int,
-    header: ExrHeader,
-    capture: CaptureDeclaration,
-    side_car: Mapping[int, CameraRow],
-    *,
-    jittered: bool,
-) -> CameraMetadata:
-    row = side_car[number].metadata() if number in side_car else CameraMetadata()
-    matrices = row.world_to_camera, row.world_to_ndc
-    if matrices == (None, None):
-        matrices = _read_matrix(header, WORLD_TO_CAMERA), _read_matrix(header, WORLD_TO_NDC)
-    declared = capture.jitter(number)
-    jitter = row.jitter_px if declared is None else declared
-    return CameraMetadata(
-        world_to_camera=matrices[0],
-        world_to_ndc=matrices[1],
-        jitter_px=jitter if jittered else (0.0, 0.0),
-        pre_exposure=row.pre_exposure,
-        cut=row.cut or number in capture.camera_cuts,
-    )
 
 
 def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) -> None:

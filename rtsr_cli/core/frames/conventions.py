@@ -16,6 +16,7 @@ from rtsr_cli.core.frames.camera import (
     CameraMetadata,
     View,
     device_to_planar_depth,
+    list_near_planes,
     planar_to_device_depth,
     ray_axes,
 )
@@ -106,12 +107,16 @@ class DepthConvention:
         sky: stored values from here on are sky: upwards if above 0, else downwards; or a rule:
             infinite and from `SKY_DEPTH_M` metres on (the default; of device depth the far end),
             nothing, or also where the normal, the object id or the coverage is 0.
+        from_near: ray distance only: it is measured from the near plane, not from the camera.
+        near_m: depth of that plane in metres; None takes it from the camera's matrices.
     """
 
     kind: DepthKind = DepthKind.PLANAR
     reversed: bool = False
     unit_m: float = 1.0
     sky: float | SkyRule | None = None
+    from_near: bool = False
+    near_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +177,7 @@ def depth_to_metres(
     sky = is_sky_depth(stored, convention)
     if convention.kind is DepthKind.RAY:
         metres = metres / _measure_rays(stored, camera, view, where)
+        metres = metres + _measure_start(convention, camera, where)
     return _mark_sky(metres, sky, convention)
 
 
@@ -216,7 +222,8 @@ def depth_from_metres(
         return planar_to_device_depth(depth_m, projection, reversed_depth=convention.reversed)
     stored = depth_m / convention.unit_m
     if convention.kind is DepthKind.RAY:
-        stored = stored * _measure_rays(depth_m, camera, view, where)
+        start = _measure_start(convention, camera, where)
+        stored = (depth_m - start) / convention.unit_m * _measure_rays(depth_m, camera, view, where)
     rule = convention.sky
     sky = SKY_DEPTH_M if rule is None or isinstance(rule, SkyRule) else rule
     return torch.where(depth_m >= SKY_DEPTH_M, torch.full_like(stored, sky), stored)
@@ -227,6 +234,25 @@ def _require_projection(camera: CameraMetadata, where: str) -> Tensor:
     if projection is None:
         raise MissingBufferError(_needs_camera(where, "device depth"))
     return projection
+
+
+def _measure_start(convention: DepthConvention, camera: CameraMetadata, where: str) -> float:
+    """Depth at which ray distances begin: 0, or that of the near plane.
+
+    A ray that starts on the near plane (planar depth n) and is t long ends at n + t / L, where L
+    is the length of a ray to the plane one metre ahead.
+    """
+    if not convention.from_near:
+        return 0.0
+    if convention.near_m is not None:
+        return convention.near_m
+    planes = list_near_planes(_require_projection(camera, where))
+    if not planes:
+        raise MissingBufferError(
+            f"{where}: the camera matrices tell no near plane, from which distances are declared "
+            "to be measured; declare it in capture.toml: [depth] near = 0.05"
+        )
+    return planes[0]
 
 
 def _measure_rays(depth: Plane, camera: CameraMetadata, view: View, where: str) -> Plane:

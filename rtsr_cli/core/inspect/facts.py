@@ -47,6 +47,7 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
             b.value: _describe_buffer(inspected, b, s) for b, s in inspected.statistics.items()
         },
         "camera": reader is not None and reader.has_camera,
+        "camera_check": _describe_camera_check(inspected),
         "motion": _describe_motion(inspected),
         "depth": _describe_depth(inspected),
         "normal": _describe_normals(inspected),
@@ -151,6 +152,20 @@ def _describe_best(
     return _describe_candidate(best, tied=False) | {"margin": margin, "jittered": in_vectors}
 
 
+def _describe_camera_check(inspected: SetInspection) -> dict[str, Any] | None:
+    """`verified` names what agrees with the matrices; `refused` says why they are not used."""
+    found = None if inspected.settled is None else inspected.settled.measured.camera
+    if found is None:
+        return None
+    return {
+        "verified": list(found.proofs),
+        "undecided": list(found.undecided),
+        "refused": found.unfit or None,
+        "unverified": found.doubt or None,
+        "errors": {name: float(f"{error:.4g}") for name, error in found.errors.items()},
+    }
+
+
 def _describe_depth(inspected: SetInspection) -> dict[str, Any] | None:
     reader, settled = inspected.reader, inspected.settled
     if reader is None or settled is None or Buffer.DEPTH not in reader.stored:
@@ -161,6 +176,7 @@ def _describe_depth(inspected: SetInspection) -> dict[str, Any] | None:
         "kind": used.kind.value,
         "reversed": used.reversed,
         "unit_m": used.unit_m,
+        "from": "near" if used.from_near else "camera",
         "measured": finding.best is not None,
         "margin": round(finding.margin, 4),
         "error": None if finding.best is None else finding.best.error,

@@ -9,6 +9,7 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, PairInputs, PairSource
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.system import System
@@ -96,6 +97,9 @@ def check_inputs(reads: str, source: PairSource, inputs: PairInputs, *, remedy: 
         raise FrameFolderError(
             f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"
         )
+    unfit = next((r.camera_unfit for r in source.readers if r.camera_unfit), "")
+    if unfit and any(m.split()[-1] == CAMERA for m in missing):
+        raise FrameFolderError(f"{root}: {reads} needs the camera, but {unfit}")
     if missing:
         raise FrameFolderError(
             f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "

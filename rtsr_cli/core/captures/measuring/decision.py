@@ -11,6 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
 from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import (
@@ -60,6 +61,7 @@ def measure_and_decide(
     )
     if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
         settled = replace(settled, undecided=_describe_undocumented(reader))
+    settled = decide_camera(settled, leads=motion)
     for step in (
         _check_plausible,
         _check_repeats,
@@ -181,7 +183,9 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         if _is_plain(chosen) != best.convention:
             lower = against.margin if against is not None else 1.0
             proof = (
-                "as camera and depth tell" if measured.by_geometry else f"error {lower:.0%} lower"
+                f"as {measured.geometry} tell"
+                if measured.by_geometry
+                else f"error {lower:.0%} lower"
             )
             text = (
                 f"motion is declared as {presumed}, but the frames fit {best.convention} better "
@@ -327,11 +331,11 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
     if best.error > (1.0 - WIDE_DEPTH_MARGIN) * against.error:
         return settled
     measured = best.convention
-    text = (
-        f"{measured.kind}{' reversed' if measured.reversed else ''}, {measured.unit_m:g} m a unit"
-    )
+    reversed_ = " reversed" if measured.reversed else ""
+    start = f" from the near plane ({measured.near_m:g} m)" if measured.from_near else ""
+    text = f"{measured.kind}{reversed_}{start}, {measured.unit_m:g} m a unit"
     given = capture.depth.declared()
-    if {"kind", "unit", "reversed"} & set(given):
+    if {"kind", "unit", "reversed", "start"} & set(given):
         return add_warning(
             settled,
             f"depth is declared as {presumed.kind}, {presumed.unit_m:g} m a unit, but the camera "

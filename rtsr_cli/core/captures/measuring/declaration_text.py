@@ -96,6 +96,8 @@ def _list_convention_lines(settled: MeasuredReader) -> list[str]:
         lines += ["[depth]", f"kind = {write_toml_value(depth.kind)}"]
         lines += [f"reversed = {write_toml_value(depth.reversed)}"] if depth.reversed else []
         lines += [f"unit = {write_toml_value(depth.unit_m)}    # metres"]
+        lines += ['from = "near"'] if depth.from_near else []
+        lines += [f"near = {write_toml_value(depth.near_m)}"] if depth.near_m is not None else []
         lines += [f"sky = {write_toml_value(depth.sky)}"] if depth.sky is not None else []
     if Buffer.NORMAL in stored:
         normal = conventions.normal

@@ -17,7 +17,7 @@ from rtsr_cli.core.captures.measuring.decision import measure_and_decide, requir
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthCandidate, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
-from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement
+from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding
 from rtsr_cli.core.captures.reader import FrameReader
