@@ -15,6 +15,7 @@ from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.inspect.events import (
     CaptureBlocked,
@@ -195,6 +196,8 @@ def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:
 def _describe_camera(reader: FrameReader) -> str:
     if reader.has_camera:
         return "worldToCamera and worldToNDC of every frame"
+    if len(reader.without_camera) < len(reader.cameras):
+        return f"{say_frames(reader.without_camera)} without matrices, the others have them"
     return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'
 
 

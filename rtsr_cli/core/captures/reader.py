@@ -22,6 +22,7 @@ from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.camera_needs import UnmetNeed, find_unmet_needs
 from rtsr_cli.core.frames.sequence import Frame
 
 FLOAT_BYTES = 4
@@ -129,13 +130,27 @@ class FrameReader:
 
     @cached_property
     def readable(self) -> frozenset[Buffer]:
-        """Buffers that the files hold, and of which it is known how."""
-        return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ())
+        """Buffers that are known how to read, in every frame that was surveyed."""
+        undecided = VECTOR_BUFFERS if self.motion_undecided else ()
+        return self.stored.difference(undecided, self.unmet)
+
+    @cached_property
+    def unmet(self) -> Mapping[Buffer, UnmetNeed]:
+        """Buffers whose conversion lacks the camera of a frame that was surveyed."""
+        unmet = find_unmet_needs(self.conventions, self.stored, self.cameras)
+        if Buffer.NORMAL in unmet and Buffer.DEPTH in self.stored and self._sky_in_normals:
+            return {Buffer.DEPTH: unmet[Buffer.NORMAL], **unmet}
+        return unmet
+
+    @cached_property
+    def without_camera(self) -> tuple[int, ...]:
+        """Frames that were surveyed and whose camera matrices nothing tells."""
+        return tuple(n for n, camera in self.cameras.items() if not camera.has_matrices)
 
     @cached_property
     def has_camera(self) -> bool:
         """Tell whether every frame that was surveyed has camera matrices."""
-        return all(camera.has_matrices for camera in self.cameras.values())
+        return not self.without_camera
 
     @cached_property
     def resets(self) -> frozenset[int]:

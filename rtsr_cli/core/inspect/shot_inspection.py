@@ -14,6 +14,7 @@ from rtsr_cli.core.captures.channel_guesses import guess_buffers
 from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.frame_numbers import list_missing_frames
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_readable
+from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
@@ -315,6 +316,7 @@ def _with_pixels(
     remarks = [*describe_lossy(lossy), *describe_negative(statistics)]
     remarks += [*list_doubts(reader, statistics), *settled.warnings]
     remarks += [settled.motion_undecided] if settled.motion_undecided else []
+    remarks += describe_unmet(reader)
     problems = [
         *inspection.problems,
         *(ShotProblem(text=text, gravity=Severity.PIXELS) for text in damaged),

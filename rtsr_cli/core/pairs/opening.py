@@ -230,6 +230,7 @@ def survey_set(
         side_car=known.side_car,
         layer=opened.options.layer or known.capture.layer,
         on_missing=opened.options.on_missing,
+        wanted=opened.options.selection.frames,
         jittered=jittered,
     )
 
@@ -325,9 +326,12 @@ def open_pair(
         return open_simulated_pairs(capture, simulation)
     lr = open_set(shot.frames, opened, jittered=True)
     target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
-    skip = opened.options.on_missing is MissingPolicy.SKIP
     return open_real_pairs(
-        lr, target, scale or opened.declarations.capture.scale, skip_missing=skip
+        lr,
+        target,
+        scale or opened.declarations.capture.scale,
+        skip_missing=opened.options.on_missing is MissingPolicy.SKIP,
+        wanted=opened.options.selection.frames,
     )
 
 

@@ -15,11 +15,12 @@ from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.sources import (
+    HR_FRAMES,
     FramePair,
     PairInputs,
     PairReads,
     check_frame,
-    describe_undeclared,
+    describe_missing,
     resolve_buffers,
 )
 from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr
@@ -79,11 +80,12 @@ class RealPairs:
     def missing(self, inputs: PairInputs) -> tuple[str, ...]:
         """Name what is missing, with the resolution it is missing at."""
         reads = self.resolve(inputs)
-        lacking = [f"lr {m}" for m in reads.lr.missing]
-        if inputs.hr:
-            hr = [f"hr {m}" for m in reads.hr.missing]
-            lacking += ["hr frames"] if self.hr is None else hr
-        return describe_undeclared(lacking, self.lr)
+        lacking = describe_missing(reads.lr.missing, self.lr, "lr ")
+        if not inputs.hr:
+            return lacking
+        if self.hr is None:
+            return (*lacking, HR_FRAMES)
+        return (*lacking, *describe_missing(reads.hr.missing, self.hr, "hr "))
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
         """Files of both resolutions."""
@@ -109,7 +111,12 @@ class RealPairs:
 
 
 def open_real_pairs(
-    lr: FrameReader, hr: FrameReader | None, scale: int | None, *, skip_missing: bool = False
+    lr: FrameReader,
+    hr: FrameReader | None,
+    scale: int | None,
+    *,
+    skip_missing: bool = False,
+    wanted: frozenset[int] | None = None,
 ) -> RealPairs:
     """Match LR and HR frames.
 
@@ -118,6 +125,7 @@ def open_real_pairs(
         hr: their G-buffers at the target size, or None.
         scale: as asked for, or None to take it from the sizes.
         skip_missing: leave out frames that HR lacks, instead of refusing.
+        wanted: frames that are asked for, None for all; others may lack their HR frames.
 
     Raises:
         FrameFolderError: HR lacks a frame, is no multiple of LR, or contradicts `scale`.
@@ -143,9 +151,10 @@ def open_real_pairs(
         )
     _check_windows(lr, hr, ratio)
     lacking = sorted(set(lr.numbers) - set(hr.numbers))
-    if lacking and not skip_missing:
+    refused = [n for n in lacking if not wanted or min(wanted) <= n <= max(wanted)]
+    if refused and not skip_missing:
         raise FrameFolderError(
-            f"{hr.frames.root}: HR lacks frames {format_ranges(lacking)} that LR has in "
+            f"{hr.frames.root}: HR lacks frames {format_ranges(refused)} that LR has in "
             f"{lr.frames.root}; render them, or use --on-missing skip"
         )
     lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))

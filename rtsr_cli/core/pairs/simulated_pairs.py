@@ -18,7 +18,7 @@ from rtsr_cli.core.pairs.sources import (
     PairInputs,
     PairReads,
     check_frame,
-    describe_undeclared,
+    describe_missing,
     resolve_buffers,
 )
 from rtsr_cli.core.pairs.window import build_hr, build_lr, select_hr
@@ -80,7 +80,7 @@ class SimulatedPairs:
     def missing(self, inputs: PairInputs) -> tuple[str, ...]:
         """Name what the capture lacks."""
         reads = self.resolve(inputs)
-        return describe_undeclared((*reads.lr.missing, *reads.hr.missing), self.capture)
+        return describe_missing((*reads.lr.missing, *reads.hr.missing), self.capture)
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
         """Files of the capture."""

@@ -104,7 +104,13 @@ def require_decision(settled: MeasuredReader, *, sharded: bool) -> FrameReader:
             "'rtsr inspect --write' once"
         )
     unread = (NOT_READ,) if settled.motion_undecided else ()
-    return replace(settled.reader, warnings=settled.warnings, notes=(*settled.notes, *unread))
+    warnings = (*settled.warnings, *describe_unmet(settled.reader))
+    return replace(settled.reader, warnings=warnings, notes=(*settled.notes, *unread))
+
+
+def describe_unmet(reader: FrameReader) -> list[str]:
+    """Say which buffers are not read for want of a camera: what needs them is refused."""
+    return [unmet.describe(buffer) for buffer, unmet in reader.unmet.items()]
 
 
 NOT_READ = (
