@@ -10,6 +10,8 @@ from tqdm import tqdm
 from rtsr_cli.commands.exit_codes import FAILED, REFUSED
 from rtsr_cli.commands.log import LOG, show
 from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.readiness_text import list_readiness_lines
+from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T
@@ -107,7 +109,8 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
     yield from _list_set_lines(inspection.main)
     if inspection.hr is not None:
         yield from _list_set_lines(inspection.hr)
-    yield from _list_system_lines(inspection)
+    for label, text in list_readiness_lines(inspection):
+        yield _format_line(label, text)
     yield from _list_next_steps(inspection)
     yield ""
 
@@ -185,8 +188,8 @@ def _list_buffer_lines(frame_set: SetInspection, reader: FrameReader) -> Iterato
 
 def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:
     for buffer, places in frame_set.guessed.items():
-        listed = ", ".join(f'"{p}"' for p in places)
-        yield _format_line("maybe", f"{buffer} = [{listed}]   ({BUFFER_SPECS[buffer].unit})")
+        value = write_guess(buffer, places)
+        yield _format_line("maybe", f"{buffer} = {value}   ({BUFFER_SPECS[buffer].unit})")
     if frame_set.guessed:
         yield _format_line(
             "", "declare what is right under [buffers] in capture.toml (--write starts one)"
@@ -287,17 +290,6 @@ def _list_problem_lines(frame_set: SetInspection) -> Iterator[str]:
         first, *others = problem.text.splitlines()
         yield _format_line("PROBLEM", first)
         yield from (_format_line("", line) for line in others)
-
-
-def _list_system_lines(inspection: ShotInspection) -> Iterator[str]:
-    label = "systems"
-    for name, readiness in inspection.systems.items():
-        if readiness.ready:
-            text = f"ready{' with ' + readiness.how if readiness.how else ''}"
-        else:
-            text = f"missing: {', '.join(readiness.missing)}"
-        yield _format_line(label, f"{name:<16}{text}")
-        label = ""
 
 
 def _list_next_steps(inspection: ShotInspection) -> Iterator[str]:

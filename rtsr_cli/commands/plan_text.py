@@ -8,7 +8,7 @@ from pathlib import Path
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.run.events import RunDone, ShotPlanned
+from rtsr_cli.core.run.events import BETTER, RunDone, ShotPlanned
 
 MIB = 1 << 20
 
@@ -38,6 +38,8 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         plan.pending,
         len(plan.selected) - plan.pending,
     )
+    if plan.details.get(BETTER):
+        LOG.info("    %s", plan.details[BETTER])
     log_damage(plan.damaged)
     for reader in plan.readers:
         log_findings(reader)

@@ -57,6 +57,8 @@ class FrameReader:
         predicted: frames whose files say that a system predicted them.
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
+        motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
+        jitter_trusted: whether nothing contradicts the jitter that is declared.
         views: by sequence, channel -> the stereo view that it belongs to.
         layers: names of the layers and views of the files; empty where they name none.
         layer: the one that is read.
@@ -81,6 +83,8 @@ class FrameReader:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
+    motion_trusted: bool = False
+    jitter_trusted: bool = True
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layer: str = ""

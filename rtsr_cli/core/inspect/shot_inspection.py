@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.channel_guesses import guess_buffers
+from rtsr_cli.core.captures.channel_guesses import guess_buffers, guess_material
 from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.frame_numbers import list_missing_frames
+from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_readable
 from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
@@ -21,8 +22,11 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import LayerChoiceError, RtsrError
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.gaps import format_gaps
+from rtsr_cli.core.inspect.checked_commands import CheckedCommand, ShotSources, judge_commands
+from rtsr_cli.core.inspect.fixes import Fix, Hints, list_fixes
 from rtsr_cli.core.inspect.lossy_buffers import LossyBuffer, describe_lossy, find_lossy_buffers
 from rtsr_cli.core.inspect.pixel_statistics import (
     PixelStatistics,
@@ -36,7 +40,6 @@ from rtsr_cli.core.inspect.readiness import (
     ShotProblem,
     Sources,
     SystemReadiness,
-    judge_readiness,
     list_single_sources,
     match_resolutions,
 )
@@ -47,7 +50,7 @@ from rtsr_cli.core.pairs.opening import (
     measure_set,
     open_shot,
 )
-from rtsr_cli.core.system import System
+from rtsr_cli.core.training.data_folders import REFERENCE_FOLDER
 
 MOST_FRAMES = 64
 """Frames whose pixels are looked at, evenly spaced, unless all are asked for."""
@@ -63,6 +66,7 @@ class SetInspection:
         channels: per file sequence, the names of all channels.
         unknown: those that no buffer takes.
         guessed: what unknown channels may be, by their names.
+        material: how unknown channels may add up to material; empty if nothing speaks for it.
         missing: per file sequence, the frames that it lacks.
         layers: names of the layers and views that the files hold; empty where they name none.
         settled: how it is read, None if it cannot be.
@@ -83,6 +87,7 @@ class SetInspection:
     looked_at: tuple[int, ...]
     problems: tuple[ShotProblem, ...]
     layers: tuple[str, ...] = ()
+    material: str = ""
     lossy: Mapping[str, LossyBuffer] = field(default_factory=dict)
 
     @property
@@ -100,7 +105,8 @@ class ShotInspection:
         root: its folder.
         main: its frames.
         hr: the HR frames beside them, if there are any.
-        systems: whether each can run.
+        commands: by command, whether each of its systems or parts can run.
+        fixes: lines that would provide what is missing.
         capture: what is declared about it; nothing where that cannot be read.
     """
 
@@ -108,8 +114,14 @@ class ShotInspection:
     root: Path
     main: SetInspection
     hr: SetInspection | None
-    systems: Mapping[str, SystemReadiness]
+    commands: Mapping[str, Mapping[str, SystemReadiness]]
+    fixes: tuple[Fix, ...] = ()
     capture: CaptureDeclaration = field(default_factory=CaptureDeclaration)
+
+    @property
+    def systems(self) -> Mapping[str, SystemReadiness]:
+        """Whether each system that upscales can run."""
+        return self.commands.get(SystemTask.UPSCALE.value, {})
 
     @property
     def problems(self) -> tuple[ShotProblem, ...]:
@@ -129,7 +141,7 @@ def inspect_shot(
     root: Path,
     options: ReadOptions,
     *,
-    systems: Iterable[System],
+    commands: Sequence[CheckedCommand],
     every: bool,
     files: DeclarationFiles | None = None,
 ) -> ShotInspection:
@@ -139,7 +151,7 @@ def inspect_shot(
         shot: what was found.
         root: IN.
         options: how frames are read; holes in the numbering are always reported, never refused.
-        systems: to judge.
+        commands: to judge.
         every: look at the pixels of every frame, however many there are.
         files: declarations below IN, as far as they are read already.
     """
@@ -164,24 +176,36 @@ def inspect_shot(
         sources, apart = match_resolutions(main.reader, hr.reader, capture.scale)
         hr = replace(hr, problems=_drop_repeats((*hr.problems, *apart)))
     inspection = ShotInspection(
-        name=shot.name, root=shot.root, main=main, hr=hr, systems={}, capture=capture
+        name=shot.name, root=shot.root, main=main, hr=hr, commands={}, capture=capture
     )
-    ready = {
-        s.name: judge_readiness(s, sources, inspection.problems)
-        for s in systems
-        if s.task is SystemTask.UPSCALE
-    }
-    return replace(inspection, systems=ready)
+    known = ShotSources(
+        main=main.reader,
+        hr=None if hr is None else hr.reader,
+        enlarged=sources,
+        referenced=is_folder(shot.root / REFERENCE_FOLDER),
+    )
+    ready = judge_commands(commands, known, inspection.problems)
+    return replace(inspection, commands=ready, fixes=list_fixes(ready, _list_hints(main, hr)))
 
 
-def inspect_refused_folder(root: Path, message: str, systems: Iterable[System]) -> ShotInspection:
+def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
+    """What is known that may stand for what is missing; of the frames that lead first."""
+    sets = [one for one in (main, hr) if one is not None]
+    guessed = {b: places for one in reversed(sets) for b, places in one.guessed.items()}
+    layers = tuple(dict.fromkeys(name for one in sets for name in one.layers))
+    material = next((one.material for one in sets if one.material), "")
+    return Hints(guessed=guessed, layers=layers, material=material)
+
+
+def inspect_refused_folder(
+    root: Path, message: str, commands: Sequence[CheckedCommand]
+) -> ShotInspection:
     """Inspect a folder in which not even shots can be found."""
     problem = ShotProblem(text=message, gravity=Severity.REFUSED)
     main = _inspect_unread_set(FrameSet(root=root, streams={}), {}, [problem])
-    ready = {
-        s.name: judge_readiness(s, [], [problem]) for s in systems if s.task is SystemTask.UPSCALE
-    }
-    return ShotInspection(name=".", root=root, main=main, hr=None, systems=ready)
+    nothing = ShotSources(main=None, hr=None, enlarged=[])
+    ready = judge_commands(commands, nothing, [problem])
+    return ShotInspection(name=".", root=root, main=main, hr=None, commands=ready)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,12 +254,14 @@ def _inspect_unread_set(
         key: tuple(sorted({c for h in by_number.values() for c in h.channels}))
         for key, by_number in headers.items()
     }
+    check = check_guesses(choose_files(frames, headers))
     return SetInspection(
         root=frames.root,
         numbers=frames.numbers,
         channels=channels,
         unknown=channels,
-        guessed=guess_buffers(channels),
+        guessed=guess_buffers(channels, check),
+        material=guess_material(channels, check),
         missing={},
         settled=None,
         statistics={},
@@ -302,6 +328,7 @@ def _with_pixels(
         for key, names in inspection.channels.items()
     }
     unknown = {key: names for key, names in unknown.items() if names}
+    check = check_guesses(choose_files(reader.frames, reader.channels))
     missing = list_missing_frames(frames, sorted(bound), reader.step)
     looked_at = _choose_numbers(reader.numbers, every=every)
     statistics, damaged = measure_statistics(reader, looked_at)
@@ -332,7 +359,8 @@ def _with_pixels(
         inspection,
         layers=reader.layers,
         unknown=unknown,
-        guessed={b: p for b, p in guess_buffers(unknown).items() if b not in reader.binding},
+        guessed={b: p for b, p in guess_buffers(unknown, check).items() if b not in reader.binding},
+        material="" if Buffer.MATERIAL in reader.binding else guess_material(unknown, check),
         missing=missing,
         statistics=statistics,
         looked_at=looked_at,

@@ -57,6 +57,12 @@ class RealPairs:
         """LR's and HR's."""
         return (self.lr,) if self.hr is None else (self.lr, self.hr)
 
+    @cached_property
+    def jitters(self) -> bool:
+        """Tell whether the LR frames' jitter differs, and nothing speaks against it."""
+        offsets = {camera.jitter_px for camera in self.lr.cameras.values()}
+        return len(offsets) > 1 and self.lr.jitter_trusted
+
     @property
     def frame_bytes(self) -> int:
         """Both resolutions."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, place_output
+from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.pairs.nonfinite import apply_policy
@@ -57,6 +58,11 @@ class SimulatedPairs:
     def readers(self) -> tuple[FrameReader, ...]:
         """The capture's."""
         return (self.capture,)
+
+    @property
+    def jitters(self) -> bool:
+        """Tell whether the samples that are kept differ."""
+        return self.simulation.jitter is not JitterMode.NONE
 
     @property
     def frame_bytes(self) -> int:

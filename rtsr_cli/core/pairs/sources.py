@@ -131,6 +131,10 @@ class PairSource(Protocol):
         """Every reader behind the pairs."""
 
     @property
+    def jitters(self) -> bool:
+        """Tell whether LR samples lie elsewhere from frame to frame, as far as is known."""
+
+    @property
     def frame_bytes(self) -> int:
         """Memory that reading one frame takes, generously."""
 

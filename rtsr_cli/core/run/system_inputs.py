@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
+from rtsr_cli.core.choices import InputCondition, NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, PairInputs, PairSource
@@ -21,10 +21,12 @@ class SystemTable:
     Attributes:
         load: name -> its declaration.
         preferred: names, best first: the default is the first that the inputs allow.
+        when: name -> what inputs must be like for it to be the default.
     """
 
     load: Callable[[str], System]
     preferred: tuple[str, ...] = ()
+    when: Mapping[str, tuple[InputCondition, ...]] = field(default_factory=dict)
 
 
 def measure_history_reach(system: System) -> HistoryReach:

@@ -20,6 +20,7 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
 from rtsr_cli.core.captures.measuring.measurement import measure_storage
 from rtsr_cli.core.captures.measuring.motion_choices import describe_repeated, describe_undecided
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
+from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
@@ -74,9 +75,13 @@ def measure_and_decide(
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
         settled = replace(settled, undecided=text)
-    return replace(
-        settled, reader=_bind_forward_motion(replace(settled.reader, motion_undecided=text))
+    reader = replace(
+        settled.reader,
+        motion_undecided=text,
+        motion_trusted=not text and is_motion_trusted(settled, capture),
+        jitter_trusted=is_jitter_trusted(settled.measured.jitter),
     )
+    return replace(settled, reader=_bind_forward_motion(reader))
 
 
 def _describe_undocumented(reader: FrameReader) -> str:
