@@ -9,6 +9,7 @@ from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.run.events import BETTER, RunDone, ShotPlanned
+from rtsr_cli.core.wording import say_count
 
 MIB = 1 << 20
 
@@ -119,7 +120,7 @@ def log_pixel_findings(done: RunDone) -> None:
 def _count_by_frame(counts: Mapping[str, int]) -> tuple[int, str]:
     """Return the sum, and how many frames of which names it is in."""
     listed = _list_some([f"{name}: {count}" for name, count in counts.items()])
-    return sum(counts.values()), f"{len(counts)} frames ({listed})"
+    return sum(counts.values()), f"{say_count(len(counts), 'frame')} ({listed})"
 
 
 def _list_some(names: Sequence[str]) -> str:

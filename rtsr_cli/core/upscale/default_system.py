@@ -12,6 +12,7 @@ from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.sources import HR_FRAMES, PairSource
 from rtsr_cli.core.run.system_inputs import SystemTable, resolve_system_inputs
 from rtsr_cli.core.system import System
+from rtsr_cli.core.wording import join_names
 
 NETWORKS = "networks"
 """What trained systems are called together."""
@@ -126,11 +127,6 @@ def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:
         for name, stem in zip(left, stems, strict=True)
     )
     return [*named, *([NETWORKS] if whole else [])]
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Write a, b and c."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 CONSTANTS = frozenset({Buffer.METALLIC.value, Buffer.ROUGHNESS.value})
