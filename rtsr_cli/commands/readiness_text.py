@@ -11,6 +11,9 @@ from rtsr_cli.core.inspect.shot_inspection import ShotInspection
 LABELS = {SystemTask.UPSCALE.value: "systems"}
 """Labels of commands' lines where they are not the command's name."""
 
+EVERY = "all"
+"""Stands for all systems of a command where none can run, for one reason."""
+
 NAME, LINE = 16, 40
 """Widths of columns."""
 
@@ -32,7 +35,10 @@ def list_readiness_lines(inspection: ShotInspection) -> Iterator[tuple[str, str]
 def _list_command_lines(
     label: str, systems: Mapping[str, SystemReadiness]
 ) -> Iterator[tuple[str, str]]:
-    for name, readiness in systems.items():
+    found = set(systems.values())
+    alike = len(systems) > 1 and len(found) == 1 and not any(r.ready for r in found)
+    shown = {EVERY: found.pop()} if alike else systems
+    for name, readiness in shown.items():
         if readiness.ready:
             text = f"ready{' with ' + readiness.how if readiness.how else ''}"
         else:

@@ -87,20 +87,13 @@ def judge_commands(
     given = list(problems)
     return {
         command.name: {
-            demand.name: _judge(demand, command.use, sources, given) for demand in command.demands
+            demand.name: judge_demand(
+                _lighten(demand, command.use, sources), sources.of(command.use), given
+            )
+            for demand in command.demands
         }
         for command in commands
     }
-
-
-def _judge(
-    demand: InputDemand, use: FrameUse, sources: ShotSources, problems: list[ShotProblem]
-) -> SystemReadiness:
-    found = judge_demand(_lighten(demand, use, sources), sources.of(use), problems)
-    if use is not FrameUse.ALONE:
-        return found
-    # frames of one size have no other ones to be told from
-    return replace(found, missing=tuple(m.removeprefix("lr ") for m in found.missing))
 
 
 def _lighten(demand: InputDemand, use: FrameUse, sources: ShotSources) -> InputDemand:

@@ -84,9 +84,10 @@ class RealPairs:
         return self._resolved[inputs]
 
     def missing(self, inputs: PairInputs) -> tuple[str, ...]:
-        """Name what is missing, with the resolution it is missing at."""
+        """Name what is missing, with the resolution it is missing at where there are two."""
         reads = self.resolve(inputs)
-        lacking = describe_missing(reads.lr.missing, self.lr, "lr ")
+        alone = self.hr is None and self.scale == 1
+        lacking = describe_missing(reads.lr.missing, self.lr, "" if alone else "lr ")
         if not inputs.hr:
             return lacking
         if self.hr is None:
