@@ -51,11 +51,13 @@ class Hints:
     Attributes:
         guessed: buffer -> channels that may be it, by name and by what they hold.
         layers: to choose from.
+        layout: that the frames look like, where it has to be named; else empty.
         material: how channels add up to what radiance is divided by; empty if they do not.
     """
 
     guessed: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
+    layout: str = ""
     material: str = ""
 
 
@@ -87,8 +89,8 @@ def strip_size(missing: str) -> str:
     return missing if missing == HR_FRAMES else missing.removeprefix("lr ").removeprefix("hr ")
 
 
-UNREAD = "a known layout"
-"""What is missing where no layout fits."""
+UNREAD, UNNAMED = "a known layout", "a named layout"
+"""What is missing where no layout fits, and where one fits that nothing proves."""
 
 
 def _is_unread(missing: Mapping[str, None]) -> bool:
@@ -103,6 +105,9 @@ def _list_fixes_of(missing: str, hints: Hints) -> Iterator[Fix]:
     elif missing == HR_FRAMES:
         note = "the folder of the G-buffers of the target size"
         yield Fix(missing=missing, where=SHELL, line="--hr DIR", note=note)
+    elif hints.layout and missing == UNNAMED:
+        line = f"layout = {write_toml_value(hints.layout)}"
+        yield Fix(missing=missing, where=HEAD, line=line, note="or --layout")
     elif missing == "a choice of layer":
         for name in hints.layers:
             line = f"layer = {write_toml_value(name)}"

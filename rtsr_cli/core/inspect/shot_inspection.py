@@ -194,7 +194,9 @@ def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
     guessed = {b: places for one in reversed(sets) for b, places in one.guessed.items()}
     layers = tuple(dict.fromkeys(name for one in sets for name in one.layers))
     material = next((one.material for one in sets if one.material), "")
-    return Hints(guessed=guessed, layers=layers, material=material)
+    settled = main.settled
+    layout = settled.reader.layout.name if settled is not None and settled.undecided else ""
+    return Hints(guessed=guessed, layers=layers, layout=layout, material=material)
 
 
 def inspect_refused_folder(
