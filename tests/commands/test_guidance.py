@@ -198,3 +198,17 @@ def test_two_colours_are_offered_as_material(
     lines = {fix["line"] for fix in inspected(rtsr, folder)["fixes"]}
     assert 'material = "Diff Col.RGB + Gloss Col.RGB"' in lines
     assert "metallic = 0.0" not in lines
+
+
+def test_evaluate_names_what_it_did_not_search(rtsr: Run, small_shot: Path, tmp_path: Path) -> None:
+    test = tmp_path / "test"
+    test.mkdir()
+    for path in sorted((small_shot / "reference").glob("*.exr")):
+        (test / path.name).write_bytes(path.read_bytes())
+    (test / "again").symlink_to(test)
+    line = ("evaluate", test, small_shot, "--metric", "psnr", "--dry-run")
+    result = rtsr(*line)
+    assert result.exit_code == 0, result.output
+    assert f"Warning: {test}: not searched: {test / 'again'}" in result.output
+    (plan,) = (json.loads(text) for text in rtsr(*line, "--json").stdout.splitlines())
+    assert "not searched" in plan["remarks"][0]
