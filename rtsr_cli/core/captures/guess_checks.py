@@ -46,14 +46,19 @@ def choose_files(
     return chosen
 
 
-def check_guesses(files: Mapping[str, Sequence[Path]]) -> GuessCheck:
+def check_guesses(
+    files: Mapping[str, Sequence[Path]], bound: Collection[Buffer] = ()
+) -> GuessCheck:
     """Return what holds a guess against pixels.
 
     Args:
         files: for each file sequence, the files of the frames to look at.
+        bound: buffers that are there already, for which nothing is looked at.
     """
 
     def check(buffer: Buffer, places: Sequence[Place]) -> bool:
+        if buffer in bound:
+            return False
         values = _read_values(files, places)
         return values is not None and looks_like(buffer, values)
 

@@ -256,14 +256,12 @@ def _inspect_unread_set(
         key: tuple(sorted({c for h in by_number.values() for c in h.channels}))
         for key, by_number in headers.items()
     }
-    check = check_guesses(choose_files(frames, headers))
     return SetInspection(
         root=frames.root,
         numbers=frames.numbers,
         channels=channels,
         unknown=channels,
-        guessed=guess_buffers(channels, check),
-        material=guess_material(channels, check),
+        guessed={},
         missing={},
         settled=None,
         statistics={},
@@ -285,13 +283,25 @@ def _inspect_set(
         settled = measure_set(surveyed.readable, opened, jittered=lr, headers=headers)
     except LayerChoiceError as error:
         problem = _make_problem(error, "a choice of layer")
-        return replace(inspection, layers=error.layers, problems=(*problems, problem))
+        unread = replace(inspection, layers=error.layers, problems=(*problems, problem))
+        return _guess_unread(unread, surveyed)
     except RtsrError as error:
-        return replace(inspection, problems=(*problems, _make_problem(error, "a known layout")))
+        problem = _make_problem(error, "a known layout")
+        return _guess_unread(replace(inspection, problems=(*problems, problem)), surveyed)
     if not lr and settled.undecided == settled.motion_undecided:
         # of HR frames beside LR ones commands read no vectors
         settled = replace(settled, undecided="")
     return _with_pixels(replace(inspection, settled=settled), surveyed.frames, settled, every=every)
+
+
+def _guess_unread(inspection: SetInspection, surveyed: _Surveyed) -> SetInspection:
+    """Add what the channels may be of frames that cannot be read as they are."""
+    check = check_guesses(choose_files(surveyed.readable, surveyed.headers))
+    return replace(
+        inspection,
+        guessed=guess_buffers(inspection.channels, check),
+        material=guess_material(inspection.channels, check),
+    )
 
 
 def _survey_headers(frames: FrameSet, files: HeaderFiles) -> _Surveyed:
@@ -330,7 +340,7 @@ def _with_pixels(
         for key, names in inspection.channels.items()
     }
     unknown = {key: names for key, names in unknown.items() if names}
-    check = check_guesses(choose_files(reader.frames, reader.channels))
+    check = check_guesses(choose_files(reader.frames, reader.channels), reader.stored)
     missing = list_missing_frames(frames, sorted(bound), reader.step)
     looked_at = _choose_numbers(reader.numbers, every=every)
     statistics, damaged = measure_statistics(reader, looked_at)
@@ -361,7 +371,7 @@ def _with_pixels(
         inspection,
         layers=reader.layers,
         unknown=unknown,
-        guessed={b: p for b, p in guess_buffers(unknown, check).items() if b not in reader.binding},
+        guessed=guess_buffers(unknown, check),
         material="" if Buffer.MATERIAL in reader.binding else guess_material(unknown, check),
         missing=missing,
         statistics=statistics,
