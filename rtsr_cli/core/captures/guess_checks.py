@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtsr_cli.core.captures.channel_guesses import GuessCheck, Place
+from rtsr_cli.core.captures.reader import read_planes
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.errors import RtsrError
-from rtsr_cli.core.files.exr import read_pixels
 from rtsr_cli.core.frames.buffers import Buffer
 
 Values = NDArray[np.float64]
@@ -72,7 +72,7 @@ def _read_values(files: Mapping[str, Sequence[Path]], places: Sequence[Place]) -
     parts = []
     try:
         for path in files.get(stream, ()):
-            planes, _ = read_pixels(path, names)
+            planes = read_planes(path, names)
             parts.append(np.stack([planes[n].astype(np.float64).ravel() for n in names], axis=1))
     except (RtsrError, OSError, ValueError):
         return None

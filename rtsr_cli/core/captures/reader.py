@@ -354,6 +354,15 @@ class FrameReader:
         return planes, places
 
 
+def read_planes(path: Path, channels: Collection[str]) -> dict[str, Plane]:
+    """Read channels of a file that need not be a buffer's, as they are stored.
+
+    Raises:
+        FrameFolderError: the file is damaged, or lacks a channel.
+    """
+    return read_pixels(path, channels)[0]
+
+
 def _stack_components(
     components: tuple[BoundComponent, ...], planes: Mapping[tuple[str, str], Plane]
 ) -> Tensor:
