@@ -16,9 +16,9 @@ from rtsr_cli.core.upscale.call import upscale_frames
 from rtsr_cli.core.upscale.request import UpscaleRequest
 from rtsr_cli.core.vrs.call import VrsEvent, predict_rates
 from rtsr_cli.core.vrs.request import PredictVrsRequest
-from rtsr_cli.models import PREFERENCE, list_rate_predictor_names, load_system
+from rtsr_cli.models import CONDITIONS, PREFERENCE, list_rate_predictor_names, load_system
 
-UPSCALERS = SystemTable(load=load_system, preferred=PREFERENCE)
+UPSCALERS = SystemTable(load=load_system, preferred=PREFERENCE, when=CONDITIONS)
 RATE_PREDICTORS = SystemTable(load=load_system, preferred=list_rate_predictor_names())
 
 

@@ -10,11 +10,14 @@ from tqdm import tqdm
 from rtsr_cli.commands.exit_codes import FAILED, REFUSED
 from rtsr_cli.commands.log import LOG, show
 from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.readiness_text import list_readiness_lines
+from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.inspect.events import (
     CaptureBlocked,
@@ -106,7 +109,8 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
     yield from _list_set_lines(inspection.main)
     if inspection.hr is not None:
         yield from _list_set_lines(inspection.hr)
-    yield from _list_system_lines(inspection)
+    for label, text in list_readiness_lines(inspection):
+        yield _format_line(label, text)
     yield from _list_next_steps(inspection)
     yield ""
 
@@ -192,8 +196,8 @@ def _describe_place(reader: FrameReader, buffer: Buffer) -> str:
 
 def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:
     for buffer, places in frame_set.guessed.items():
-        listed = ", ".join(f'"{p}"' for p in places)
-        yield _format_line("maybe", f"{buffer} = [{listed}]   ({BUFFER_SPECS[buffer].unit})")
+        value = write_guess(buffer, places)
+        yield _format_line("maybe", f"{buffer} = {value}   ({BUFFER_SPECS[buffer].unit})")
     if frame_set.guessed:
         yield _format_line(
             "", "declare what is right under [buffers] in capture.toml (--write starts one)"
@@ -206,6 +210,8 @@ def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str
     if reader.has_camera:
         read = f", read as {reader.matrices}" if reader.matrices.words else ""
         return f"worldToCamera and worldToNDC of every frame{read}; {_describe_proof(settled)}"
+    if len(reader.without_camera) < len(reader.cameras):
+        return f"{say_frames(reader.without_camera)} without matrices, the others have them"
     return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'
 
 
@@ -307,17 +313,6 @@ def _list_problem_lines(frame_set: SetInspection) -> Iterator[str]:
         first, *others = problem.text.splitlines()
         yield _format_line("PROBLEM", first)
         yield from (_format_line("", line) for line in others)
-
-
-def _list_system_lines(inspection: ShotInspection) -> Iterator[str]:
-    label = "systems"
-    for name, readiness in inspection.systems.items():
-        if readiness.ready:
-            text = f"ready{' with ' + readiness.how if readiness.how else ''}"
-        else:
-            text = f"missing: {', '.join(readiness.missing)}"
-        yield _format_line(label, f"{name:<16}{text}")
-        label = ""
 
 
 def _list_next_steps(inspection: ShotInspection) -> Iterator[str]:

@@ -8,7 +8,8 @@ from pathlib import Path
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.run.events import RunDone, ShotPlanned
+from rtsr_cli.core.run.events import BETTER, RunDone, ShotPlanned
+from rtsr_cli.core.wording import say_count
 
 MIB = 1 << 20
 
@@ -38,6 +39,8 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         plan.pending,
         len(plan.selected) - plan.pending,
     )
+    if plan.details.get(BETTER):
+        LOG.info("    %s", plan.details[BETTER])
     log_damage(plan.damaged)
     for reader in plan.readers:
         log_findings(reader)
@@ -134,7 +137,7 @@ def _percentages(shares: Collection[float]) -> tuple[float, float]:
 def _count_by_frame(counts: Mapping[str, int]) -> tuple[int, str]:
     """Return the sum, and how many frames of which names it is in."""
     listed = _list_some([f"{name}: {count}" for name, count in counts.items()])
-    return sum(counts.values()), f"{len(counts)} frames ({listed})"
+    return sum(counts.values()), f"{say_count(len(counts), 'frame')} ({listed})"
 
 
 def _list_some(names: Sequence[str]) -> str:

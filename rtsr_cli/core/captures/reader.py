@@ -26,6 +26,7 @@ from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.camera_convention import CameraConvention
+from rtsr_cli.core.frames.camera_needs import UnmetNeed, find_unmet_needs
 from rtsr_cli.core.frames.sequence import Frame
 
 FLOAT_BYTES = 4
@@ -77,6 +78,8 @@ class FrameReader:
         undecided: why nothing but radiance can be read, empty if the rest can.
         matrices: how the files store camera matrices; `cameras` are in memory's convention.
         camera_unfit: why camera matrices are not used; empty if they are.
+        motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
+        jitter_trusted: whether nothing contradicts the jitter that is declared.
         views: by sequence, channel -> the stereo view that it belongs to.
         layers: names of the layers and views of the files; empty where they name none.
         layer: the one that is read.
@@ -105,6 +108,8 @@ class FrameReader:
     undecided: str = ""
     matrices: CameraConvention = field(default_factory=CameraConvention)
     camera_unfit: str = ""
+    motion_trusted: bool = False
+    jitter_trusted: bool = True
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layer: str = ""
@@ -169,16 +174,34 @@ class FrameReader:
 
     @cached_property
     def readable(self) -> frozenset[Buffer]:
-        """Buffers that the files hold, and of which it is known how."""
+        """Buffers that are known how to read, in every frame that was surveyed."""
         if self.undecided:
             return self.stored & {Buffer.COLOR, Buffer.ALPHA}
+        undecided = VECTOR_BUFFERS if self.motion_undecided else ()
         lent = {Buffer.MOTION} if self.lent_motion is not None else set[Buffer]()
-        return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ()) | lent
+        return self.stored.difference(undecided, self.unmet) | lent
+
+    @cached_property
+    def unmet(self) -> Mapping[Buffer, UnmetNeed]:
+        """Buffers whose conversion lacks the camera of a frame that was surveyed."""
+        unmet = find_unmet_needs(self.conventions, self.stored, self.cameras)
+        if (
+            Buffer.NORMAL in unmet
+            and Buffer.DEPTH in self.stored
+            and self._sky_marker is Buffer.NORMAL
+        ):
+            return {Buffer.DEPTH: unmet[Buffer.NORMAL], **unmet}
+        return unmet
+
+    @cached_property
+    def without_camera(self) -> tuple[int, ...]:
+        """Frames that were surveyed and whose camera matrices nothing tells."""
+        return tuple(n for n, camera in self.cameras.items() if not camera.has_matrices)
 
     @cached_property
     def has_camera(self) -> bool:
         """Tell whether every frame that was surveyed has camera matrices."""
-        return all(camera.has_matrices for camera in self.cameras.values())
+        return not self.without_camera
 
     @cached_property
     def resets(self) -> frozenset[int]:
@@ -390,3 +413,12 @@ class FrameReader:
                 place = places[stream, channel] = header.place_of(channel)
                 planes[stream, channel] = place_pixels(plane, place, self.region)
         return planes, places
+
+
+def read_planes(path: Path, channels: Collection[str]) -> dict[str, Plane]:
+    """Read channels of a file that need not be a buffer's, as they are stored.
+
+    Raises:
+        FrameFolderError: the file is damaged, or lacks a channel.
+    """
+    return read_pixels(path, channels)[0]

@@ -58,6 +58,7 @@ def open_frames(
     side_car: Mapping[int, CameraRow],
     layer: str | None = None,
     on_missing: MissingPolicy = MissingPolicy.ERROR,
+    wanted: frozenset[int] | None = None,
     jittered: bool = True,
 ) -> FrameReader:
     """Survey a sequence by its headers and bind its buffers.
@@ -71,6 +72,7 @@ def open_frames(
         side_car: camera rows by frame number; their matrices replace the headers'.
         layer: layer or view that is read of files with several.
         on_missing: what to do about holes in the numbering.
+        wanted: frames that are asked for; holes before and behind them are no matter.
         jittered: whether declared jitter applies to these frames (LR) or not (HR).
 
     Raises:
@@ -88,7 +90,7 @@ def open_frames(
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
     used = sorted({c.stream for components in binding.values() for c in components})
     _check_channels(frames, headers, binding)
-    numbers, held = choose_numbers(frames, used, capture.frame_step, on_missing)
+    numbers, held = choose_numbers(frames, used, capture.frame_step, on_missing, wanted)
     places = list_places({key: headers[key] for key in used}, binding)
     region = find_region(places, str(frames.root), capture.region)
     conventions, contradictions = _settle_colors(frames, headers, binding, capture, bound.layout)

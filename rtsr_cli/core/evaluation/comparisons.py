@@ -73,6 +73,7 @@ class Comparison:
         available: frames that could be judged: those that every folder has.
         there: the same whether stamped or not; history is read of those too.
         samples: K.
+        remarks: what the search for frames left out, for the user.
     """
 
     shot: str
@@ -83,6 +84,7 @@ class Comparison:
     available: tuple[int, ...]
     there: tuple[int, ...]
     samples: int = 1
+    remarks: tuple[str, ...] = ()
 
     @property
     def size(self) -> Size:
@@ -179,6 +181,7 @@ def _open_comparison(
         available=available,
         there=tuple(sorted(set.intersection(*there.values()))),
         samples=options.samples,
+        remarks=tuple(f"{s.root}: {t}" for s in (*shots.values(), truth_shot) for t in s.remarks),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +13,7 @@ from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.gaps import flatten_gaps
 from rtsr_cli.core.inspect.pixel_statistics import NEVER_NEGATIVE, PixelStatistics
+from rtsr_cli.core.inspect.readiness import SystemReadiness
 from rtsr_cli.core.inspect.shot_inspection import SetInspection, ShotInspection
 
 
@@ -19,13 +21,19 @@ def describe_shot(inspection: ShotInspection) -> dict[str, Any]:
     """Return the inspection as the plain values of `--json`."""
     facts = describe_set(inspection.main)
     facts["shot"] = inspection.name
-    facts["systems"] = {
-        name: {"ready": r.ready, "missing": list(r.missing), "how": r.how}
-        for name, r in inspection.systems.items()
-    }
+    facts["systems"] = _describe_readiness(inspection.systems)
+    facts["commands"] = {n: _describe_readiness(c) for n, c in inspection.commands.items()}
+    facts["fixes"] = [asdict(fix) for fix in inspection.fixes]
     if inspection.hr is not None:
         facts["hr"] = describe_set(inspection.hr)
     return facts
+
+
+def _describe_readiness(systems: Mapping[str, SystemReadiness]) -> dict[str, dict[str, Any]]:
+    return {
+        name: {"ready": r.ready, "missing": list(r.missing), "how": r.how}
+        for name, r in systems.items()
+    }
 
 
 def describe_set(inspected: SetInspection) -> dict[str, Any]:

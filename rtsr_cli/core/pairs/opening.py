@@ -236,6 +236,7 @@ def survey_set(
             opened.options.layer or known.capture.layer, opened.options.view or known.capture.view
         ),
         on_missing=opened.options.on_missing,
+        wanted=opened.options.selection.frames,
         jittered=jittered,
     )
 
@@ -335,9 +336,12 @@ def open_pair(
     target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
     if target is not None:
         lr, target = share_verdict(lr, target), share_verdict(target, lr)
-    skip = opened.options.on_missing is MissingPolicy.SKIP
     return open_real_pairs(
-        lr, target, scale or opened.declarations.capture.scale, skip_missing=skip
+        lr,
+        target,
+        scale or opened.declarations.capture.scale,
+        skip_missing=opened.options.on_missing is MissingPolicy.SKIP,
+        wanted=opened.options.selection.frames,
     )
 
 

@@ -12,6 +12,9 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.gaps import format_gaps, list_gaps
 from rtsr_cli.core.frames.selection import format_ranges
 
+BETTER = "better"
+"""Detail of a plan: why no system that is preferred to the chosen one can run; may be empty."""
+
 
 class Status(StrEnum):
     """What became of a frame."""

@@ -23,6 +23,7 @@ from rtsr_cli.core.captures.measuring.measurement import measure_storage
 from rtsr_cli.core.captures.measuring.motion_choices import describe_repeated, describe_undecided
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
+from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
@@ -80,7 +81,13 @@ def measure_and_decide(
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
         settled = replace(settled, undecided=text)
-    reader = replace(settled.reader, motion_undecided=text, undecided=settled.undecided)
+    reader = replace(
+        settled.reader,
+        motion_undecided=text,
+        undecided=settled.undecided,
+        motion_trusted=not text and is_motion_trusted(settled, capture),
+        jitter_trusted=is_jitter_trusted(settled.measured.jitter),
+    )
     return replace(settled, reader=_bind_forward_motion(reader))
 
 
@@ -111,7 +118,13 @@ def require_decision(settled: MeasuredReader, *, sharded: bool) -> FrameReader:
     unread = (NOT_READ,) if settled.motion_undecided else ()
     if settled.undecided:
         unread = (ONLY_RADIANCE.format(settled.reader.layout.name),)
-    return replace(settled.reader, warnings=settled.warnings, notes=(*settled.notes, *unread))
+    warnings = (*settled.warnings, *describe_unmet(settled.reader))
+    return replace(settled.reader, warnings=warnings, notes=(*settled.notes, *unread))
+
+
+def describe_unmet(reader: FrameReader) -> list[str]:
+    """Say which buffers are not read for want of a camera: what needs them is refused."""
+    return [unmet.describe(buffer) for buffer, unmet in reader.unmet.items()]
 
 
 NOT_READ = (

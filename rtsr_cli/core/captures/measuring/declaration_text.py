@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
@@ -132,7 +133,7 @@ def _list_buffer_lines(
     ]
     if guessed:
         lines.append("# channels that no buffer takes; take away the # where the guess is right:")
-        lines += [f"# {b} = {write_toml_value(places)}" for b, places in guessed.items()]
+        lines += [f"# {b} = {write_guess(b, places)}" for b, places in guessed.items()]
     return ["[buffers]", *lines] if lines else []
 
 
