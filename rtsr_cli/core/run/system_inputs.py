@@ -102,7 +102,7 @@ def check_inputs(reads: str, source: PairSource, inputs: PairInputs, *, remedy: 
             f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"
         )
     unfit = next((r.camera_unfit for r in source.readers if r.camera_unfit), "")
-    if unfit and any(m.split()[-1] == CAMERA for m in missing):
+    if unfit and any(CAMERA in m.split() for m in missing):
         raise FrameFolderError(f"{root}: {reads} needs the camera, but {unfit}")
     if missing:
         raise FrameFolderError(

@@ -24,7 +24,7 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         reader = settled.reader.without_matrices(found.unfit)
         return add_warning(replace(settled, reader=reader), f"{found.unfit}; {REFUSED}")
     if found.doubt and leads:
-        return add_warning(settled, found.doubt)
+        return replace(settled, notes=(*settled.notes, found.doubt))
     if found.undecided and not found.certain and leads:
         note = (
             f"camera: {' and '.join(found.proofs)} agree with the matrices, but cannot tell them "
