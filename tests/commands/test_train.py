@@ -81,7 +81,7 @@ def test_a_run_leaves_what_the_contract_says(
 ) -> None:
     result = train(rtsr, captures, cache, tmp_path, *settings(data__validation='["two"]'))
     assert result.exit_code == 0, result.output
-    assert "2 frames of 1 shots to train on, 2 to validate" in result.output
+    assert "2 frames of 1 shot to train on, 2 to validate" in result.output
     there = {path.name for path in tmp_path.iterdir()}
     assert there >= {
         "config.toml", "last.safetensors", "best.safetensors", "state", "log.csv", "pictures",
@@ -188,7 +188,7 @@ def test_lr_frames_beside_hr_frames_and_their_radiance_train(
 ) -> None:
     result = train(rtsr, small_shot, cache, tmp_path, *settings())
     assert result.exit_code == 0, result.output
-    assert "4 frames of 1 shots to train on" in result.output
+    assert "4 frames of 1 shot to train on" in result.output
 
 
 def test_one_shot_is_judged_on_what_it_was_trained_on_and_says_so(

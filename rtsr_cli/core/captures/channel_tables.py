@@ -25,6 +25,7 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
+from pydantic.json_schema import SkipJsonSchema
 
 from rtsr_cli.core.captures.buffer_expressions import (
     is_expression,
@@ -80,7 +81,8 @@ class SumSpec(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    sum: ChannelSum
+    # made here alone, of text whose numbers are bounded where it is read
+    sum: SkipJsonSchema[ChannelSum]
 
     @property
     def is_constant(self) -> bool:
