@@ -68,7 +68,7 @@ def write_mitsuba(made: Made, out: Path, number: int) -> None:
 
 
 def write_falcor(made: Made, out: Path, number: int) -> None:
-    """One file an output; `mvec` is a share of the screen, position before minus position now."""
+    """One file an output, `.RGBA` where it has alpha; `mvec` is a share of the screen, position before minus position now."""
     height, width = made["R"].shape
     surface = made["depth.Z"] < SKY
     metal = made["metallic"]
@@ -96,7 +96,8 @@ def write_falcor(made: Made, out: Path, number: int) -> None:
         },
     }
     for output, planes in outputs.items():
-        write_exr(out / f"Mogwai.{output}.{number}.exr", planes)
+        mask = ".RGBA" if "A" in planes else ""
+        write_exr(out / f"Mogwai.{output}.{number}{mask}.exr", planes)
 
 
 def list_mrq_passes(made: Made) -> dict[str, Planes]:

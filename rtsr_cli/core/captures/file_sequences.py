@@ -15,6 +15,10 @@ from rtsr_cli.core.files.folders import list_names
 
 FRAME_SUFFIX = ".exr"
 
+MASKS = ("", ".RGBA")
+"""What may stand between a number and the suffix: Falcor's word for files that have alpha. Those
+without it are another sequence."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FileSequence:
@@ -35,10 +39,11 @@ def list_sequences(folder: Path, prefix: str = "") -> dict[str, FileSequence]:
     bases: dict[str, str] = {}
     for sequence in _find_sequences(folder):
         frames = sequence.frameSet()
-        if frames is None or sequence.extension().lower() != FRAME_SUFFIX:
+        mask, dot, suffix = sequence.extension().rpartition(".")
+        if frames is None or f"{dot}{suffix}".lower() != FRAME_SUFFIX or mask not in MASKS:
             continue
         base = sequence.basename().rstrip("._- ")
-        key = f"{prefix}{base}"
+        key = f"{prefix}{base}{mask}"
         files = files_by_key.setdefault(key, {})
         for index, number in enumerate(frames):
             file = os.path.basename(str(sequence[index]))  # noqa: PTH119

@@ -9,7 +9,7 @@ from pathlib import Path
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.files.folders import is_file, is_folder
 
-FRAME_NAME = re.compile(r"\d\.exr$", re.IGNORECASE)
+FRAME_NAME = re.compile(r"\d(\.RGBA)?\.exr$", re.IGNORECASE)
 """Ends the name of a numbered frame."""
 
 

@@ -24,8 +24,12 @@ from rtsr_cli.core.frames.motion import MotionConvention, MotionUnit
 
 
 def _name_falcor(buffer: Buffer, *outputs: str, letters: str = "RGB") -> tuple[Component, ...]:
-    """An output of any render pass: `<name>.<pass>.<output>.<frame>.exr`."""
-    return name_file_components(buffer, *(f"?*.{output}" for output in outputs), letters=letters)
+    """An output of any render pass: `<name>.<pass>.<output>.<frame>.exr`, or with alpha.
+
+    Outputs that are marked with alpha are `<name>.<pass>.<output>.<frame>.RGBA.exr`.
+    """
+    files = (f"?*.{output}{mask}" for mask in ("", ".RGBA") for output in outputs)
+    return name_file_components(buffer, *files, letters=letters)
 
 
 FALCOR = Layout(

@@ -355,7 +355,8 @@ def write_exr(
     """
     height, width = next(iter(channels.values())).shape
     data = data_window or display_window or PixelWindow(left=0, top=0, width=width, height=height)
-    header = {k: v for k, v in (attributes or {}).items() if k not in STRUCTURAL_ATTRIBUTES}
+    kept = {k: v for k, v in (attributes or {}).items() if k not in STRUCTURAL_ATTRIBUTES}
+    header = {name: _lay_out(value) for name, value in kept.items()}
     header |= {
         "compression": COMPRESSIONS[compression],
         "type": OpenEXR.scanlineimage,
@@ -374,6 +375,11 @@ def write_exr(
         part.write_bytes(content)
 
     write_atomically(path, write)
+
+
+def _lay_out(value: T) -> T | NDArray[Any]:
+    """A value as the library takes it: of an array it reads the memory and no strides."""
+    return np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value
 
 
 def _make_box(window: PixelWindow) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -81,8 +81,10 @@ def split_frame_name(source: Path, base: str, number: int) -> tuple[str, str]:
         number: of the frame.
     """
     after = source.name[len(base) : -len(source.suffix)]
-    count = len(after.lstrip("._- "))
-    separator = after[: len(after) - count]
+    numbered = after.lstrip("._- ")
+    separator = after[: len(after) - len(numbered)]
+    # what stands behind the number is a word for channels
+    count = len(numbered.partition(".")[0])
     digits = f"{'-' if number < 0 else ''}{abs(number):0{count}d}"
     # the dash of a number below 0 is no separator
     signed = number < 0 or not base or (separator.endswith("-") and len(separator) > 1)

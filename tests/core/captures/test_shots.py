@@ -94,6 +94,8 @@ def test_one_number_written_in_two_ways_is_refused_with_both_names(tmp_path: Pat
         (("v002.0101.exr", "v002.0102.exr"), {"v002": [101, 102]}),
         (("UP.0001.EXR",), {"UP": [1]}),
         (("b.0001.exr", "a.0001.exr"), {"a": [1], "b": [1]}),
+        (("a.1.RGBA.exr", "a.2.RGBA.exr", "a.1.exr"), {"a": [1], "a.RGBA": [1, 2]}),
+        (("a.1.exr", "a.1.proxy.exr"), {"a": [1]}),
     ],
 )
 def test_names_and_numbers_of_files(

@@ -54,6 +54,19 @@ def test_arrays_that_are_not_contiguous_are_written_as_they_look(tmp_path: Path)
     assert np.array_equal(read_channels(tmp_path / "a.exr", ["Y"])["Y"], plane)
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_matrices_that_are_not_contiguous_are_written_as_they_look(
+    tmp_path: Path, kind: type
+) -> None:
+    counted = np.arange(16).reshape(4, 4).astype(kind)
+    views = {"turned": counted.T, "flipped": counted[::-1, ::-1], "plain": counted}
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Y": ramp(np.float32)}, attributes=views)
+    found = read_header(path).attributes
+    for name, matrix in views.items():
+        assert np.array_equal(found[name], matrix), name
+
+
 def test_only_wanted_channels_are_returned(tmp_path: Path) -> None:
     write_exr(tmp_path / "a.exr", {"R": ramp(np.float16), "G": ramp(np.float16)})
     assert list(read_channels(tmp_path / "a.exr", ["G"])) == ["G"]

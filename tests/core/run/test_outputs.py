@@ -45,6 +45,7 @@ NOISE = np.random.default_rng(1).random((40, 40), np.float32)
         ("a.{:04d}.exr", -2, "a.-002.exr"),
         ("{:d}.EXR", 1234567, "1234567.exr"),
         ("v002.beauty {:d}.exr", 4, "v002.beauty 4.exr"),
+        ("m.color.{:d}.RGBA.exr", 12, "m.color.12.exr"),
     ],
 )
 def test_outputs_keep_base_name_and_digits(
