@@ -68,7 +68,10 @@ def write_mitsuba(made: Made, out: Path, number: int) -> None:
 
 
 def write_falcor(made: Made, out: Path, number: int) -> None:
-    """One file an output, `.RGBA` where it has alpha; `mvec` is a share of the screen, position before minus position now."""
+    """One file an output, `.RGBA` where it has alpha.
+
+    `mvec` is a share of the screen, position before minus position now.
+    """
     height, width = made["R"].shape
     surface = made["depth.Z"] < SKY
     metal = made["metallic"]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from fnmatch import fnmatchcase
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
@@ -150,6 +151,14 @@ class UnreadPass:
     unless: Buffer | None = None
 
 
+class OpenMotion(StrEnum):
+    """What sources leave open, or disagree about, of how vectors are stored."""
+
+    NOTHING = "nothing"
+    SIZE = "size"
+    SENSE = "sense"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Layout:
     """A named arrangement of buffers in files.
@@ -171,7 +180,8 @@ class Layout:
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
         marks: patterns of channels of which one has to be there for the layout to be detected.
-        open_motion: True if vectors are read only where a measurement fits, or tells, how.
+        open_motion: what of the vectors sources leave open, so that they are read only where a
+            measurement fits (`size`), or tells their direction as well (`sense`).
         other_depth_units: metres in a unit of depth that is met with as well; it is read where the
             layout's own would make kilometres of the frames.
         unread: what is known and not read.
@@ -191,7 +201,7 @@ class Layout:
     digits: int = 4
     verified: bool = True
     marks: tuple[str, ...] = ()
-    open_motion: bool = False
+    open_motion: OpenMotion = OpenMotion.NOTHING
     other_depth_units: tuple[float, ...] = ()
     unread: tuple[UnreadPass, ...] = ()
 

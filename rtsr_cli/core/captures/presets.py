@@ -12,6 +12,7 @@ from rtsr_cli.core.captures.layouts import (
     Component,
     FolderTree,
     Layout,
+    OpenMotion,
     join_places,
     name_components,
     name_file_components,
@@ -127,9 +128,12 @@ NSS = Layout(
         Buffer.MOTION: name_file_components(Buffer.MOTION, "motion", "motion_gt", "motion_m1"),
     },
     conventions=Conventions(
-        # the specification names no direction: that of FSR2, previous minus current with y down,
-        # jitter excluded. Arm's Unreal exporter subtracts the other way round, as measurement tells
-        motion=MotionConvention(unit=MotionUnit.UV),
+        # jitter excluded, y down; the specification names no direction. Arm's model code fetches
+        # at `grid - vector` and its Unreal exporter subtracts alike, which is followed; FSR2, whose
+        # guide it refers to, has previous minus current
+        motion=MotionConvention(
+            unit=MotionUnit.UV, direction=MotionDirection.CURRENT_MINUS_PREVIOUS
+        ),
         # forward or reversed by the side-car's ReverseZ
         depth=DepthConvention(kind=DepthKind.DEVICE),
     ),
@@ -140,6 +144,7 @@ NSS = Layout(
         hr_buffers=("ground_truth", "motion_gt"),
         side_car="{shot}.json",
     ),
+    open_motion=OpenMotion.SENSE,
 )
 
 NSRD = Layout(

@@ -6,6 +6,7 @@ from rtsr_cli.core.captures.layouts import (
     SCOPE,
     Component,
     Layout,
+    OpenMotion,
     UnreadPass,
     join_places,
     list_suffixes,
@@ -127,7 +128,7 @@ UNREAL_MRQ = Layout(
     folders=True,
     ranked=True,
     # documentation and decoders disagree on the factor
-    open_motion=True,
+    open_motion=OpenMotion.SIZE,
     unread=tuple(
         UnreadPass(name=f"*{_PASS}*Specular{end}", why=SPECULAR_IS_NOT_F0) for end in ("", ".[RGB]")
     ),

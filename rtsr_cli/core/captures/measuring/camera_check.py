@@ -17,8 +17,8 @@ from rtsr_cli.core.captures.measuring.camera_hypotheses import (
 )
 from rtsr_cli.core.captures.measuring.camera_structure import (
     CameraMatrices,
+    are_mirrored,
     find_view_fault,
-    is_mirrored,
     is_sound,
 )
 from rtsr_cli.core.frames.camera_convention import CameraConvention
@@ -166,7 +166,7 @@ def _judge_unopposed(
     errors: Mapping[str, float],
 ) -> CameraFinding:
     proofs = [t for t in trials if t.fits]
-    mirrored = is_mirrored(next(iter(given.values())).view)
+    mirrored = bool(are_mirrored(next(iter(given.values())).view))
     plausible = [i for i, r in enumerate(readings) if mirrored or not r.mirrors_world]
     open_ = [i for i in plausible if not any(t.is_worse(i) for t in proofs)]
     own = [i for i in open_ if not readings[i].of_neighbour]

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rtsr_cli.core.captures.measuring.camera_path import (
+    CameraRun,
+    find_form_fault,
+    find_strays,
+    gather_run,
+)
+from rtsr_cli.core.captures.measuring.camera_structure import are_mirrored
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader, add_warning
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.frames.sequence import FrameSequence
 
 REFUSED = "what needs a camera is refused, the rest runs"
 
@@ -20,9 +28,16 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
     found = settled.measured.camera
     if found is None:
         return settled
-    if found.unfit:
-        reader = settled.reader.without_matrices(found.unfit)
-        return add_warning(replace(settled, reader=reader), f"{found.unfit}; {REFUSED}")
+    run = gather_run(settled.reader.cameras)
+    unfit = found.unfit
+    if run is not None and not unfit:
+        unfit = find_form_fault(run, mirrored=_is_mirrored(settled))
+    if unfit:
+        reader = settled.reader.without_matrices(unfit)
+        return add_warning(replace(settled, reader=reader), f"{unfit}; {REFUSED}")
+    strays = "" if run is None or not leads else _find_strays(settled.reader, run)
+    if strays:
+        settled = add_warning(settled, strays)
     if found.doubt and leads:
         return replace(settled, notes=(*settled.notes, found.doubt))
     if found.undecided and not found.certain and leads:
@@ -32,6 +47,19 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         )
         return replace(settled, notes=(*settled.notes, note))
     return settled
+
+
+def _find_strays(reader: FrameReader, run: CameraRun) -> str:
+    """Look for strays among frames in a row that no other one stands in for."""
+    numbers = [n for n in run.numbers.tolist() if n not in reader.held]
+    sequence = FrameSequence(numbers=numbers, step=reader.step, cuts=reader.resets)
+    return find_strays(run, sequence.runs())
+
+
+def _is_mirrored(settled: MeasuredReader) -> bool:
+    """Tell the handedness of the cameras that were looked at."""
+    view = settled.reader.cameras[settled.measured.frames[0]].world_to_camera
+    return view is not None and bool(are_mirrored(view.numpy()))
 
 
 def share_verdict(reader: FrameReader, other: FrameReader) -> FrameReader:

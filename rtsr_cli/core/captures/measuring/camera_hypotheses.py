@@ -15,10 +15,10 @@ import numpy as np
 from rtsr_cli.core.captures.measuring.camera_structure import (
     CameraMatrices,
     Matrix4,
+    are_projections,
     describe_axes,
     find_axes,
     find_view_fault,
-    is_projection,
     is_sound,
     measure_reach,
 )
@@ -130,7 +130,7 @@ def _list_pairs(given: Cameras, change: Change) -> Iterator[Cameras]:
     yield {n: CameraMatrices(change(m.view), change(m.ndc)) for n, m in given.items()}
     yield {n: CameraMatrices(change(m.view), m.ndc.T) for n, m in given.items()}
     built = {n: m.projection for n, m in given.items()}
-    if all(is_projection(p, measure_reach(given[n].view)) for n, p in built.items()):
+    if all(are_projections(p, measure_reach(given[n].view)) for n, p in built.items()):
         yield {
             n: CameraMatrices(change(m.view), change(m.view) @ built[n]) for n, m in given.items()
         }

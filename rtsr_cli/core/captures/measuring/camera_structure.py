@@ -17,6 +17,12 @@ from numpy.typing import NDArray
 
 Matrix4 = NDArray[np.float64]
 
+Matrices = NDArray[np.float64]
+"""Any number of 4x4 matrices, in the last two dimensions."""
+
+Flags = NDArray[np.bool_]
+"""One for each matrix."""
+
 TOLERANCE = 2e-3
 """Largest entry that counts as 0 beside entries of 1: float32 matrices, multiplied, inverted."""
 
@@ -67,78 +73,64 @@ SIGNED_AXES: tuple[Matrix4, ...] = tuple(
 """Every way to name three axes, as 4x4 matrices; the first changes nothing."""
 
 
+def are_affine(views: Matrices) -> Flags:
+    """Tell of which matrices the last column is 0, 0, 0, 1."""
+    return np.asarray(np.abs(views[..., :, 3] - (0.0, 0.0, 0.0, 1.0)).max(-1) <= TOLERANCE)
+
+
+def are_rigid(views: Matrices) -> Flags:
+    """Tell of which matrices the first three rows are at right angles and of one length."""
+    axes = views[..., :3, :3]
+    gram = axes @ axes.swapaxes(-1, -2)
+    scale = gram.trace(axis1=-2, axis2=-1)[..., None, None] / 3.0
+    unit = gram / np.where(scale > LEAST_SCALE, scale, np.nan)
+    return np.asarray(np.abs(unit - np.eye(3)).max((-1, -2)) <= 10.0 * TOLERANCE)
+
+
 def find_view_fault(view: Matrix4) -> str:
     """Say why a matrix is not world to camera of row vectors; empty if it is."""
     if not np.isfinite(view).all():
         return "has numbers that are not finite"
-    if np.abs(view[:, 3] - (0.0, 0.0, 0.0, 1.0)).max() > TOLERANCE:
+    if not are_affine(view):
         return "has a last column other than 0, 0, 0, 1"
-    gram = view[:3, :3] @ view[:3, :3].T
-    scale = float(gram.trace()) / 3.0
-    if not scale > LEAST_SCALE or np.abs(gram / scale - np.eye(3)).max() > 10.0 * TOLERANCE:
+    if not are_rigid(view):
         return "shears: its first three rows are not at right angles and of one length"
     return ""
 
 
-def is_mirrored(view: Matrix4) -> bool:
-    """Tell whether world and camera space are of different handedness."""
-    return float(np.linalg.det(view[:3, :3])) < 0.0
+def are_mirrored(views: Matrices) -> Flags:
+    """Tell of which matrices world and camera space are of different handedness."""
+    return np.asarray(np.linalg.det(views[..., :3, :3]) < 0.0)
 
 
-def is_projection(p: Matrix4, reach: float) -> bool:
-    """Tell whether a matrix is a projection of memory's camera space.
+def are_projections(projections: Matrices, reach: NDArray[np.float64]) -> Flags:
+    """Tell which matrices are projections of memory's camera space.
 
     Args:
-        p: camera to clip space.
-        reach: distance of the camera from the origin, which rounding grows with.
+        projections: camera to clip space.
+        reach: distances of the cameras from the origin, which rounding grows with.
     """
-    if not (p[0, 0] > 0.0 and p[1, 1] > 0.0 and np.isfinite(p).all()):
-        return False
+    p = np.moveaxis(projections, (-2, -1), (0, 1))
+    off = np.abs(p)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        across = np.maximum(off[0, 1:].max(0) / p[0, 0], off[1, (0, 2, 3)].max(0) / p[1, 1])
     far = TOLERANCE + FAR_TOLERANCE * reach
-    across = max(
-        np.abs(p[0, 1:]).max() / p[0, 0],
-        np.abs(
-            p[
-                1,
-                (0, 2, 3),
-            ]
-        ).max()
-        / p[1, 1],
-    )
-    if across > 5.0 * TOLERANCE:
-        return False
-    perspective = (
-        abs(p[2, 3] + 1.0) < 5.0 * TOLERANCE
-        and np.abs(
-            p[
-                3,
-                (0, 1, 3),
-            ]
-        ).max()
-        < far
-    )
-    flat = (
-        abs(p[3, 3] - 1.0) < far
-        and np.abs(
-            p[
-                2,
-                (0, 1, 3),
-            ]
-        ).max()
-        < TOLERANCE
-    )
-    return bool(perspective or flat)
+    perspective = (np.abs(p[2, 3] + 1.0) < 5.0 * TOLERANCE) & (off[3, (0, 1, 3)].max(0) < far)
+    flat = (np.abs(p[3, 3] - 1.0) < far) & (off[2, (0, 1, 3)].max(0) < TOLERANCE)
+    scaled = (p[0, 0] > 0.0) & (p[1, 1] > 0.0) & np.isfinite(projections).all((-1, -2))
+    return np.asarray(scaled & (across <= 5.0 * TOLERANCE) & (perspective | flat))
 
 
-def measure_reach(view: Matrix4) -> float:
-    """Distance of the camera from the origin, in its own units."""
-    return float(np.abs(view[3, :3]).max())
+def measure_reach(views: Matrices) -> NDArray[np.float64]:
+    """Distance of each camera from the origin, in its own units."""
+    return np.asarray(np.abs(views[..., 3, :3]).max(-1))
 
 
 def is_sound(matrices: CameraMatrices) -> bool:
     """Tell whether matrices can be a camera of memory's convention."""
     reach = measure_reach(matrices.view)
-    return not find_view_fault(matrices.view) and is_projection(matrices.projection, reach)
+    fits = not find_view_fault(matrices.view)
+    return fits and bool(are_projections(matrices.projection, reach))
 
 
 def find_axes(matrices: CameraMatrices) -> Matrix4 | None:
@@ -147,7 +139,7 @@ def find_axes(matrices: CameraMatrices) -> Matrix4 | None:
     Returns the matrix A with p_memory = p_camera . A, or None where no axes do.
     """
     projection, reach = matrices.projection, measure_reach(matrices.view)
-    return next((a for a in SIGNED_AXES if is_projection(a.T @ projection, reach)), None)
+    return next((a for a in SIGNED_AXES if are_projections(a.T @ projection, reach)), None)
 
 
 AXIS_NAMES: Mapping[str, str] = {

@@ -11,6 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.layouts import Layout, OpenMotion
 from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
 from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
@@ -21,14 +22,14 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
 )
 from rtsr_cli.core.captures.measuring.measurement import measure_storage
 from rtsr_cli.core.captures.measuring.motion_choices import describe_repeated, describe_undecided
-from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
+from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import DepthKind, NormalConvention
-from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection
 from rtsr_cli.core.frames.selection import format_ranges
 
 WIDE_MARGIN = 0.02
@@ -182,10 +183,9 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     presumed = reader.conventions.motion
     best = measured.best
     against = measured.motion.of(presumed) if measured.motion is not None else None
+    if best is None and measured.motion is not None:
+        best = _tell_open_motion(reader.layout, _is_plain(presumed), measured.motion)
     agreed = best is not None and best.convention == _is_plain(presumed)
-    if reader.layout.open_motion and measured.motion is not None and best is None:
-        # what fits is one of the layout's readings: its unit is confirmed, its sense never was open
-        agreed = against in measured.motion.ties
     declared = capture.motion.declared()
     clear = _is_contradicted(against) or measured.by_geometry is not None
     if best is None and _is_contradicted(against):
@@ -211,6 +211,27 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         doubt = "" if agreed else _describe_doubt(against, best, capture)
         return add_warning(settled, doubt) if doubt else settled
     return replace(settled, motion_undecided=describe_undecided(reader, measured.motion))
+
+
+def _tell_open_motion(
+    layout: Layout, presumed: MotionConvention, finding: MotionFinding
+) -> MotionCandidate | None:
+    """Of readings that tie, the one that the layout leaves; None where it leaves several or none.
+
+    Where size is open, what fits is the layout's reading: its sense never was. Where sense is open,
+    no vectors lead to the next frame.
+    """
+    senses = {
+        OpenMotion.NOTHING: (),
+        OpenMotion.SIZE: (presumed.direction,),
+        OpenMotion.SENSE: (
+            MotionDirection.CURRENT_MINUS_PREVIOUS,
+            MotionDirection.PREVIOUS_MINUS_CURRENT,
+        ),
+    }
+    left = [replace(presumed, direction=sense) for sense in senses[layout.open_motion]]
+    fitting = [c for c in finding.ties if c.convention in left]
+    return fitting[0] if len(fitting) == 1 else None
 
 
 def _check_repeats(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
@@ -283,7 +304,8 @@ def _is_plain(convention: MotionConvention) -> MotionConvention:
 def _is_unproven(settled: MeasuredReader, capture: CaptureDeclaration) -> bool:
     """Tell whether nothing but an unverified preset, or nothing at all, speaks for the vectors."""
     layout = settled.reader.layout
-    return (layout.open_motion or not layout.verified) and not capture.motion.decides()
+    left_open = layout.open_motion is not OpenMotion.NOTHING
+    return (left_open or not layout.verified) and not capture.motion.decides()
 
 
 def _decide_jitter(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.layouts import OpenMotion
 from rtsr_cli.core.captures.measuring import decision
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthCandidate, DepthFinding
@@ -211,19 +212,45 @@ def test_without_radiance_what_nothing_proves_is_refused_with_the_choices(settle
 
 def test_vectors_that_a_layout_leaves_open_stop_nothing_else(settled: Settle) -> None:
     other = MotionConvention(unit=MotionUnit.UV)
-    result = settled(StorageMeasurement(motion=tied(NEGATED, other)), open_motion=True)
+    result = settled(StorageMeasurement(motion=tied(NEGATED, other)), open_motion=OpenMotion.SIZE)
     run = require_decision(result, sharded=False)
     assert run.stored - run.readable == {Buffer.MOTION}
     assert "current-minus-previous" in run.motion_undecided
 
 
 def test_vectors_that_a_layout_leaves_open_are_read_where_they_fit(settled: Settle) -> None:
-    told = settled(StorageMeasurement(motion=clear(NEGATED)), open_motion=True).reader
+    size = OpenMotion.SIZE
+    told = settled(StorageMeasurement(motion=clear(NEGATED)), open_motion=size).reader
     assert told.conventions.motion == NEGATED
     presumed = MotionConvention()
-    fits = settled(StorageMeasurement(motion=tied(NEGATED, presumed)), open_motion=True).reader
+    fits = settled(StorageMeasurement(motion=tied(NEGATED, presumed)), open_motion=size).reader
     assert fits.conventions.motion == presumed
     assert told.readable == fits.readable == fits.stored
+
+
+@pytest.mark.parametrize("finding", [None, tied(NEGATED, MotionConvention())])
+def test_vectors_whose_direction_sources_disagree_about_are_never_presumed(
+    settled: Settle, finding: MotionFinding | None
+) -> None:
+    measured = StorageMeasurement(motion=finding)
+    result = settled(measured, open_motion=OpenMotion.SENSE)
+    assert result.reader.stored - result.reader.readable == {Buffer.MOTION}
+    assert "declare" in result.motion_undecided
+    declared = capture(motion={"direction": C, "unit": "pixels", "y_axis": "down"})
+    told = settled(measured, declared, open_motion=OpenMotion.SENSE).reader
+    assert told.conventions.motion == NEGATED
+    assert told.readable == told.stored
+
+
+@pytest.mark.parametrize("right", [NEGATED, MotionConvention()])
+def test_of_two_directions_that_sources_name_the_one_that_fits_is_read(
+    settled: Settle, right: MotionConvention
+) -> None:
+    # a camera that goes on evenly: vectors to the next frame fit as well
+    ahead = replace(right, direction=MotionDirection.NEXT_MINUS_CURRENT)
+    result = settled(StorageMeasurement(motion=tied(ahead, right)), open_motion=OpenMotion.SENSE)
+    assert result.reader.conventions.motion == right
+    assert result.reader.readable == result.reader.stored
 
 
 def test_a_declaration_settles_a_tie(settled: Settle) -> None:
