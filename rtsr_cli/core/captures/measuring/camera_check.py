@@ -171,7 +171,8 @@ def _judge_unopposed(
     open_ = [i for i in plausible if not any(t.is_worse(i) for t in proofs)]
     own = [i for i in open_ if not readings[i].of_neighbour]
     told = len(open_) < len(plausible)
-    if not proofs or not told:
+    # what agrees is no proof where something that tells more does not
+    if not proofs or not told or not trials[0].fits:
         doubt = " ".join(_describe_doubt(trials, mirrored=mirrored))
         return CameraFinding(doubt=doubt, errors=errors)
     undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))

@@ -262,6 +262,19 @@ def test_a_camera_that_stands_still_is_not_verified_by_motion(room: Room) -> Non
     assert not found.certain
 
 
+def test_normals_prove_nothing_where_motion_does_not_agree(room: Room) -> None:
+    chooser = torch.Generator().manual_seed(1)
+    frames = {
+        n: replace(f, motion_px=6.0 * torch.rand(1, 2, *SIZE, generator=chooser) - 3.0)
+        for n, f in room.frames.items()
+        if f.motion_px is not None
+    }
+    other = replace(room, frames={**room.frames, **frames})
+    found = check(other, room.cameras, "motion", "normals")
+    assert "motion with depth" in found.doubt
+    assert not found.certain
+
+
 def test_movers_on_a_third_of_the_picture_do_not_count(room: Room) -> None:
     frames = {}
     for number, frame in room.frames.items():
