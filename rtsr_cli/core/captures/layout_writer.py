@@ -18,11 +18,13 @@ from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.exr import Plane, write_exr
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import StoredFrame
+from rtsr_cli.core.frames.conventions import SpecularWorkflow, StoredFrame
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.frames.storage import FLOAT_BUFFERS, from_memory, to_half
+from rtsr_cli.core.imaging.demodulation import specular_f0
 from rtsr_cli.core.marks import MARKED
+from rtsr_cli.core.shapes import Color, Mask
 
 
 class FrameRole(StrEnum):
@@ -87,12 +89,29 @@ def _store_planes(
         where=frame.gbuffer.where,
     )
     files: dict[str, dict[str, Plane]] = defaultdict(dict)
-    for buffer, terms in _list_held(layout, frame.gbuffer, role):
-        image = from_memory(buffer, frame.gbuffer[buffer], stored)
+    gbuffer: Mapping[Buffer, torch.Tensor] = frame.gbuffer
+    if _divides_metal(layout, gbuffer):
+        gbuffer = {**gbuffer, **_divide_metal(gbuffer[Buffer.ALBEDO], gbuffer[Buffer.METALLIC])}
+    for buffer, terms in _list_held(layout, gbuffer, role):
+        image = from_memory(buffer, gbuffer[buffer], stored)
         for i, term in enumerate(terms):
             channel = term.place.channel.replace(SCOPE, layout.scope)
             files[term.place.file][channel] = _store_plane(buffer, image[0, i], term)
     return files
+
+
+def _divides_metal(layout: Layout, buffers: Collection[Buffer]) -> bool:
+    """Tell whether base colour and metallic are stored as diffuse colour and F0."""
+    held = {Buffer.ALBEDO, Buffer.METALLIC}.issubset(buffers) and Buffer.SPECULAR not in buffers
+    return held and layout.conventions.specular is SpecularWorkflow.F0
+
+
+def _divide_metal(albedo: Color, metallic: Mask) -> dict[Buffer, torch.Tensor]:
+    """(1 - m) c and F0: metals have no diffuse colour."""
+    return {
+        Buffer.ALBEDO: albedo * (1.0 - metallic),
+        Buffer.SPECULAR: specular_f0(albedo, metallic),
+    }
 
 
 def list_frame_files(
@@ -106,7 +125,8 @@ def list_frame_files(
     scale: int = 2,
 ) -> tuple[Path, ...]:
     """Return the files that `write_frame` would write for a frame of these buffers."""
-    files = {term.place.file for _, terms in _list_held(layout, buffers, role) for term in terms}
+    held = {*buffers, Buffer.SPECULAR} if _divides_metal(layout, buffers) else buffers
+    files = {term.place.file for _, terms in _list_held(layout, held, role) for term in terms}
     paths = (
         folder / _place_path(layout, file, number=number, base=base, role=role, scale=scale)
         for file in files

@@ -242,6 +242,24 @@ def test_only_buffers_that_frame_and_layout_both_have_are_written(
     assert [f.name for f in files] == ["BunkerSceneDepth.0007.exr"]
 
 
+def test_base_colour_and_metal_are_written_as_diffuse_colour_and_f0_where_those_are_stored(
+    tmp_path: Path,
+) -> None:
+    frame = random_frame(1, CameraMetadata())
+    buffers = {b: t for b, t in frame.gbuffer.items() if b is not Buffer.SPECULAR}
+    frame = replace(frame, gbuffer=GBuffer(buffers, "made"))
+    write_frame(tmp_path, frame, LAYOUTS["falcor"], number=1, base="made")
+    found = {
+        name: read_channels(tmp_path / f"made.{name}.1.exr", tuple("RGB"))
+        for name in ("diffuseOpacity", "specRough")
+    }
+    base, metal = frame.gbuffer[Buffer.ALBEDO][0].numpy(), buffers[Buffer.METALLIC][0, 0].numpy()
+    for i, c in enumerate("RGB"):
+        diffuse, f0 = base[i] * (1.0 - metal), 0.04 * (1.0 - metal) + base[i] * metal
+        assert np.allclose(found["diffuseOpacity"][c], diffuse, atol=HALF_STEP)
+        assert np.allclose(found["specRough"][c], f0, atol=HALF_STEP)
+
+
 def test_colours_are_half_positions_float_and_object_ids_whole(
     tmp_path: Path, make_camera: MakeCamera
 ) -> None:
