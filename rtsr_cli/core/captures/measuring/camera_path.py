@@ -22,7 +22,7 @@ from rtsr_cli.core.captures.measuring.camera_structure import (
     measure_reach,
 )
 from rtsr_cli.core.frames.camera import CameraMetadata
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.camera_needs import say_frames
 
 STRAY = 8.0
 """A frame lies off the path where moving it there leaves so many times smaller bends, and so many
@@ -58,8 +58,8 @@ class CameraRun:
         return np.asarray(np.linalg.inv(self.views) @ self.ndcs)
 
     def say(self, frames: Flags) -> str:
-        """Write the numbers of some frames."""
-        return format_ranges(self.numbers[frames].tolist())
+        """Write frame 7 or frames 1-3 of some frames."""
+        return say_frames(self.numbers[frames].tolist())
 
 
 def gather_run(cameras: Mapping[int, CameraMetadata]) -> CameraRun | None:
@@ -96,7 +96,7 @@ def find_form_fault(run: CameraRun, *, mirrored: bool) -> str:
             affine & rigid & fits & (are_mirrored(run.views) != mirrored)
         ),
     }
-    found = [f"of frames {run.say(where)}, {why}" for why, where in faults.items() if where.any()]
+    found = [f"of {run.say(where)}, {why}" for why, where in faults.items() if where.any()]
     if not found:
         return ""
     return (
@@ -129,7 +129,7 @@ def find_strays(run: CameraRun, runs: Iterable[Sequence[int]]) -> str:
     if not off.any():
         return ""
     return (
-        f"the camera of frames {run.say(off)} lies off the path of the frames around them: "
+        f"the camera of {run.say(off)} lies off the path of the frames around: "
         "matrices of another frame? They are used as they are; correct them, or declare "
         "camera_cuts where the picture does jump"
     )

@@ -76,7 +76,7 @@ def test_one_frame_of_another_form_is_named(
     run: CameraRun, change: Callable[[Array], Array], said: str
 ) -> None:
     text = find_form_fault(alter(run, change), mirrored=False)
-    assert f"of frames {ODD}," in text
+    assert f"of frame {ODD}," in text
     assert said in text
 
 
@@ -84,7 +84,7 @@ def test_a_view_that_its_clip_space_does_not_belong_to_is_named(run: CameraRun) 
     views = run.views.copy()
     views[ODD - 1] = views[ODD]
     text = find_form_fault(replace(run, views=views), mirrored=False)
-    assert f"of frames {ODD}, worldToNDC is not worldToCamera times" in text
+    assert f"of frame {ODD}, worldToNDC is not worldToCamera times" in text
 
 
 def test_worlds_that_mirror_everywhere_are_alike(run: CameraRun) -> None:
@@ -96,7 +96,7 @@ def test_worlds_that_mirror_everywhere_are_alike(run: CameraRun) -> None:
 @pytest.mark.parametrize("other", [1, 55, 56, 58, 59, 199])
 def test_the_view_of_another_frame_lies_off_the_path(run: CameraRun, other: int) -> None:
     text = find_stray_frames(alter(run, lambda _: run.views[other - 1]))
-    assert f"of frames {ODD} lies off" in text
+    assert f"of frame {ODD} lies off" in text
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_the_view_of_another_frame_lies_off_the_path(run: CameraRun, other: int)
 def test_an_inverse_or_turned_view_lies_off_the_path(
     run: CameraRun, change: Callable[[Array], Array]
 ) -> None:
-    assert f"of frames {ODD} lies off" in find_stray_frames(alter(run, change))
+    assert f"of frame {ODD} lies off" in find_stray_frames(alter(run, change))
 
 
 @pytest.mark.parametrize(
