@@ -58,6 +58,9 @@ def test_what_needs_the_camera_is_refused_and_the_rest_runs(
     assert refused.exit_code == 3
     assert "transposed" in refused.output
     assert "column-vectors" in refused.output
+    divided = rtsr("demodulate", shot, tmp_path / "out", "--dry-run")
+    assert divided.exit_code == 3
+    assert "transposed" in divided.output
     runs = rtsr("upscale", shot, tmp_path / "out", "--system", "bicubic", "--dry-run")
     assert runs.exit_code == 0
     assert "transposed" in runs.output

@@ -17,7 +17,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import read_header, write_exr
 from rtsr_cli.core.files.provenance import describe_provenance, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.imaging.derivation import DerivationConfig, resolve_needs
+from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig, resolve_needs
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.opening import open_radiance
 from rtsr_cli.core.pairs.sources import describe_missing
@@ -181,6 +181,11 @@ def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[B
     resolved = resolve_needs(wanted, stored, has_camera=reader.has_camera, config=config)
     if resolved.missing:
         missing = describe_missing(resolved.missing, reader)
+        if reader.camera_unfit and any(CAMERA in m.split() for m in missing):
+            raise FrameFolderError(
+                f"{reader.frames.root}: what lighting is divided by needs the camera, but "
+                f"{reader.camera_unfit}"
+            )
         raise FrameFolderError(
             f"{reader.frames.root}: cannot {'recompose' if inverse else 'demodulate'}, "
             f"missing: {', '.join(missing)}. Layout '{reader.layout.name}' found: "
