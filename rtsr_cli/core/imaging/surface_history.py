@@ -1,0 +1,175 @@
+"""Past pixels brought to the surfaces of a frame that has none of its own, and what they leave open.
+
+    out(p) = sum_q w(q) likeness(p, q) v(q) / sum_q w(q) likeness(p, q)
+
+over the four pixels q around p's old position (w bilinear), and where no weight is left, over
+valid pixels of the frame itself that lie around p, ever farther away: rings of 24 pixels at
+distances that double, the nearest of which outweighs the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.imaging.surfaces import Surfaces, weigh_likeness
+from rtsr_cli.core.imaging.warping import bilinear_taps, inside_frame
+from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane
+from rtsr_cli.core.threads import share_among_threads
+
+LEAST_WEIGHT = 0.2
+"""Weight of same-surface pixels below which a pixel is a hole."""
+
+REACHES = (1, 2, 4, 8, 16, 32, 64)
+"""Spacing of a ring's pixels."""
+
+RING = 2
+"""Pixels to each side of a ring."""
+
+RING_DECAY = 0.02
+"""Weight of a ring, as a share of the one before."""
+
+ENOUGH = 0.3
+"""Weight in a ring from which farther ones are not looked at."""
+
+UNLIKE = 1e-10
+"""Weight of all rings up to which no pixel of a surface is known: others are worse than none."""
+
+CHUNK_PIXELS = 1 << 14
+"""Holes that are filled at a time, a thread."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarriedImage:
+    """What past pixels say of a frame.
+
+    Attributes:
+        values: n c h w, anything where `weight` is 0.
+        weight: n 1 h w, 0..1: how much of it is of the same surface.
+    """
+
+    values: Image
+    weight: Plane
+
+    @property
+    def holes(self) -> Mask:
+        """1 where too little is of the same surface."""
+        return (self.weight < LEAST_WEIGHT).to(self.weight)
+
+
+def warp_along_surfaces(
+    values: Image, motion_px: MotionPx, own: Surfaces, past: Surfaces
+) -> CarriedImage:
+    """Fetch past values where each pixel was, from its own surface alone.
+
+    Args:
+        values: of the past frame, n c h w.
+        motion_px: from the current samples to the past ones.
+        own: surfaces of the current frame.
+        past: of the past frame.
+    """
+    channels = values.shape[1]
+    packed = torch.cat([values, torch.ones_like(values[:, :1]), past.pack()], dim=1)
+    packed = packed.contiguous(memory_format=torch.channels_last)
+    total = torch.zeros_like(packed[:, : channels + 1])
+    for tap, weight in bilinear_taps(packed, motion_px):
+        likeness = weigh_likeness(own, tap[:, channels + 1 :]).mul_(weight)
+        total.addcmul_(tap[:, : channels + 1], likeness)
+    weight = total[:, channels:] * inside_frame(motion_px)
+    return CarriedImage(
+        values=total[:, :channels] / total[:, channels:].clamp(min=1e-6), weight=weight
+    )
+
+
+def fill_along_surfaces(carried: CarriedImage, own: Surfaces, *, fallback: Image) -> Image:
+    """Fill holes from the nearest pixels of their own surface that are none.
+
+    Args:
+        carried: what past pixels say.
+        own: surfaces of the frame, batch 1.
+        fallback: n c h w, what stands where no pixel of a surface is known.
+    """
+    holes = carried.holes
+    index = holes.flatten().nonzero()[:, 0]
+    filled = torch.where(holes > 0, fallback, carried.values)
+    if not len(index):
+        return filled
+    channels = filled.shape[1]
+    source = torch.cat([carried.values * (1.0 - holes), 1.0 - holes, own.pack()], dim=1)
+    # a pixel's channels are one row: fetched at once; the last row stands for what lies outside
+    rows = source[0].flatten(1).T
+    rows = torch.cat([rows, torch.zeros_like(rows[:1])])
+    about = torch.cat([own.plane, own.tolerance], dim=1)[0].flatten(1).T
+    size = (holes.shape[2], holes.shape[3])
+    target = filled[0].flatten(1)
+
+    def fill_chunk(start: int) -> None:
+        chunk = index[start : start + CHUNK_PIXELS]
+        found, values = _gather_rings(rows, about, chunk, size, channels)
+        target[:, chunk[found]] = values.T
+
+    share_among_threads(fill_chunk, range(0, len(index), CHUNK_PIXELS))
+    return target.view_as(filled[0]).unsqueeze(0)
+
+
+def _gather_rings(
+    rows: Tensor, about: Tensor, index: Tensor, size: tuple[int, int], channels: int
+) -> tuple[Tensor, Tensor]:
+    """Of some pixels those that were filled, as places in `index`, and their values, k c."""
+    total = rows.new_zeros(len(index), channels + 1)
+    open_places = torch.arange(len(index), device=index.device)
+    scale = 1.0
+    for reach in REACHES:
+        chosen = index[open_places]
+        ring = _sum_ring(rows, about, chosen, size, channels, reach)
+        total[open_places] += scale * ring
+        open_places = open_places[ring[:, channels] < ENOUGH]
+        if not len(open_places):
+            break
+        scale *= RING_DECAY
+    found = (total[:, channels] > UNLIKE).nonzero()[:, 0]
+    known = total[found]
+    return found, known[:, :channels] / known[:, channels:]
+
+
+def _sum_ring(
+    rows: Tensor, about: Tensor, index: Tensor, size: tuple[int, int], channels: int, reach: int
+) -> Tensor:
+    """Weighted sums of the valid pixels around some, and of their weights: k c+1."""
+    own = _as_surfaces(rows[index, channels + 1 :], about[index])
+    total = rows.new_zeros(len(index), channels + 1)
+    for there, nearness in _list_neighbours(index, size, reach):
+        tap = rows.index_select(0, there)
+        packed = tap[:, channels + 1 :].T[None, :, None]
+        likeness = weigh_likeness(own, packed)[0, 0, 0].mul_(nearness)
+        total.addcmul_(tap[:, : channels + 1], likeness.unsqueeze(1))
+    return total
+
+
+def _as_surfaces(packed: Tensor, about: Tensor) -> Surfaces:
+    """Surfaces of k pixels as an image of one row."""
+    facing, position, kind = packed.T[None, :, None].split([4, 3, 1], dim=1)
+    plane, tolerance = about.T[None, :, None].split([3, 1], dim=1)
+    return Surfaces(facing=facing, position=position, plane=plane, tolerance=tolerance, kind=kind)
+
+
+def _list_neighbours(
+    index: Tensor, size: tuple[int, int], reach: int
+) -> Iterator[tuple[Tensor, float]]:
+    """Index and nearness of each pixel of a ring around some; outside, the row after the last."""
+    height, width = size
+    row, column = index // width, index % width
+    steps = range(-RING, RING + 1)
+    for down, across in product(steps, steps):
+        if down == across == 0:
+            continue
+        there_row, there_column = row + down * reach, column + across * reach
+        inside = (there_row >= 0) & (there_row < height)
+        inside &= (there_column >= 0) & (there_column < width)
+        there = torch.where(inside, there_row * width + there_column, height * width)
+        yield there, math.exp(-(down * down + across * across) / 4.0)
