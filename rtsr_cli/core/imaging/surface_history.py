@@ -1,4 +1,4 @@
-"""Past pixels brought to the surfaces of a frame that has none of its own, and what they leave open.
+"""Past pixels brought to the surfaces of a frame that was never shaded, and what is left open.
 
     out(p) = sum_q w(q) likeness(p, q) v(q) / sum_q w(q) likeness(p, q)
 
@@ -19,7 +19,7 @@ from torch import Tensor
 
 from rtsr_cli.core.imaging.surfaces import Surfaces, weigh_likeness
 from rtsr_cli.core.imaging.warping import bilinear_taps, inside_frame
-from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane
+from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane, Size
 from rtsr_cli.core.threads import share_among_threads
 
 LEAST_WEIGHT = 0.2
@@ -86,90 +86,104 @@ def warp_along_surfaces(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Pixels:
+    """Pixels of a frame as rows, in which neighbours are looked up.
+
+    Attributes:
+        rows: value, 1 where it is known, and `Surfaces.pack`; the last stands for what lies
+            outside.
+        planes: `Surfaces.plane` and `tolerance`.
+        size: (height, width).
+        channels: of the value.
+    """
+
+    rows: Tensor
+    planes: Tensor
+    size: Size
+    channels: int
+
+    def surfaces(self, index: Tensor) -> Surfaces:
+        """Surfaces of k pixels, as an image of one row."""
+        packed = self.rows[index, self.channels + 1 :].T[None, :, None]
+        planes = self.planes[index].T[None, :, None]
+        return Surfaces(
+            facing=packed[:, :4],
+            position=packed[:, 4:7],
+            plane=planes[:, :3],
+            tolerance=planes[:, 3:],
+            kind=packed[:, 7:],
+        )
+
+    def neighbours(self, index: Tensor, reach: int) -> Iterator[tuple[Tensor, float]]:
+        """Index and nearness of each pixel of a ring around some."""
+        height, width = self.size
+        row, column = index // width, index % width
+        steps = range(-RING, RING + 1)
+        for down, across in product(steps, steps):
+            if down == across == 0:
+                continue
+            there_row, there_column = row + down * reach, column + across * reach
+            inside = (there_row >= 0) & (there_row < height)
+            inside &= (there_column >= 0) & (there_column < width)
+            there = torch.where(inside, there_row * width + there_column, height * width)
+            yield there, math.exp(-(down * down + across * across) / 4.0)
+
+
 def fill_along_surfaces(carried: CarriedImage, own: Surfaces, *, fallback: Image) -> Image:
     """Fill holes from the nearest pixels of their own surface that are none.
 
     Args:
-        carried: what past pixels say.
-        own: surfaces of the frame, batch 1.
-        fallback: n c h w, what stands where no pixel of a surface is known.
+        carried: what past pixels say, batch 1.
+        own: surfaces of the frame.
+        fallback: 1 c h w, what stands where no pixel of a surface is known.
     """
     holes = carried.holes
+    filled = torch.where(holes > 0, fallback, carried.values)[0].flatten(1)
     index = holes.flatten().nonzero()[:, 0]
-    filled = torch.where(holes > 0, fallback, carried.values)
-    if not len(index):
-        return filled
-    channels = filled.shape[1]
+    # a pixel's channels are one row: fetched at once
     source = torch.cat([carried.values * (1.0 - holes), 1.0 - holes, own.pack()], dim=1)
-    # a pixel's channels are one row: fetched at once; the last row stands for what lies outside
     rows = source[0].flatten(1).T
-    rows = torch.cat([rows, torch.zeros_like(rows[:1])])
-    about = torch.cat([own.plane, own.tolerance], dim=1)[0].flatten(1).T
-    size = (holes.shape[2], holes.shape[3])
-    target = filled[0].flatten(1)
+    pixels = _Pixels(
+        rows=torch.cat([rows, torch.zeros_like(rows[:1])]),
+        planes=torch.cat([own.plane, own.tolerance], dim=1)[0].flatten(1).T.contiguous(),
+        size=(holes.shape[2], holes.shape[3]),
+        channels=len(filled),
+    )
 
     def fill_chunk(start: int) -> None:
         chunk = index[start : start + CHUNK_PIXELS]
-        found, values = _gather_rings(rows, about, chunk, size, channels)
-        target[:, chunk[found]] = values.T
+        found, values = _gather_rings(pixels, chunk)
+        filled[:, chunk[found]] = values.T
 
     share_among_threads(fill_chunk, range(0, len(index), CHUNK_PIXELS))
-    return target.view_as(filled[0]).unsqueeze(0)
+    return filled.view_as(carried.values[0]).unsqueeze(0)
 
 
-def _gather_rings(
-    rows: Tensor, about: Tensor, index: Tensor, size: tuple[int, int], channels: int
-) -> tuple[Tensor, Tensor]:
+def _gather_rings(pixels: _Pixels, index: Tensor) -> tuple[Tensor, Tensor]:
     """Of some pixels those that were filled, as places in `index`, and their values, k c."""
-    total = rows.new_zeros(len(index), channels + 1)
+    total = pixels.rows.new_zeros(len(index), pixels.channels + 1)
     open_places = torch.arange(len(index), device=index.device)
-    scale = 1.0
+    share = 1.0
     for reach in REACHES:
-        chosen = index[open_places]
-        ring = _sum_ring(rows, about, chosen, size, channels, reach)
-        total[open_places] += scale * ring
-        open_places = open_places[ring[:, channels] < ENOUGH]
+        ring = _sum_ring(pixels, index[open_places], reach)
+        total[open_places] += share * ring
+        open_places = open_places[ring[:, -1] < ENOUGH]
         if not len(open_places):
             break
-        scale *= RING_DECAY
-    found = (total[:, channels] > UNLIKE).nonzero()[:, 0]
+        share *= RING_DECAY
+    found = (total[:, -1] > UNLIKE).nonzero()[:, 0]
     known = total[found]
-    return found, known[:, :channels] / known[:, channels:]
+    return found, known[:, :-1] / known[:, -1:]
 
 
-def _sum_ring(
-    rows: Tensor, about: Tensor, index: Tensor, size: tuple[int, int], channels: int, reach: int
-) -> Tensor:
-    """Weighted sums of the valid pixels around some, and of their weights: k c+1."""
-    own = _as_surfaces(rows[index, channels + 1 :], about[index])
-    total = rows.new_zeros(len(index), channels + 1)
-    for there, nearness in _list_neighbours(index, size, reach):
-        tap = rows.index_select(0, there)
-        packed = tap[:, channels + 1 :].T[None, :, None]
-        likeness = weigh_likeness(own, packed)[0, 0, 0].mul_(nearness)
-        total.addcmul_(tap[:, : channels + 1], likeness.unsqueeze(1))
+def _sum_ring(pixels: _Pixels, index: Tensor, reach: int) -> Tensor:
+    """Weighted sums of the known pixels around some, and of their weights: k c+1."""
+    own = pixels.surfaces(index)
+    values = pixels.channels + 1
+    total = pixels.rows.new_zeros(len(index), values)
+    for there, nearness in pixels.neighbours(index, reach):
+        row = pixels.rows.index_select(0, there)
+        likeness = weigh_likeness(own, row[:, values:].T[None, :, None])[0, 0, 0]
+        total.addcmul_(row[:, :values], likeness.mul_(nearness).unsqueeze(1))
     return total
-
-
-def _as_surfaces(packed: Tensor, about: Tensor) -> Surfaces:
-    """Surfaces of k pixels as an image of one row."""
-    facing, position, kind = packed.T[None, :, None].split([4, 3, 1], dim=1)
-    plane, tolerance = about.T[None, :, None].split([3, 1], dim=1)
-    return Surfaces(facing=facing, position=position, plane=plane, tolerance=tolerance, kind=kind)
-
-
-def _list_neighbours(
-    index: Tensor, size: tuple[int, int], reach: int
-) -> Iterator[tuple[Tensor, float]]:
-    """Index and nearness of each pixel of a ring around some; outside, the row after the last."""
-    height, width = size
-    row, column = index // width, index % width
-    steps = range(-RING, RING + 1)
-    for down, across in product(steps, steps):
-        if down == across == 0:
-            continue
-        there_row, there_column = row + down * reach, column + across * reach
-        inside = (there_row >= 0) & (there_row < height)
-        inside &= (there_column >= 0) & (there_column < width)
-        there = torch.where(inside, there_row * width + there_column, height * width)
-        yield there, math.exp(-(down * down + across * across) / 4.0)

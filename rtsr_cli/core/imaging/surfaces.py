@@ -106,7 +106,8 @@ def _locate(frame: Frame) -> Vector3 | None:
     x, y = (axis.to(depth) for axis in axes)
     to_world = torch.linalg.inv(camera.world_to_camera).to(depth)
     right, up, back, origin = (to_world[i, :3].view(1, 3, 1, 1) for i in range(4))
-    return (x * depth) * right + (y * depth) * up - depth * back + origin
+    position: Vector3 = (x * depth) * right + (y * depth) * up - depth * back + origin
+    return position
 
 
 def find_moving(surfaces: Surfaces, motion_px: MotionPx, before: Frame) -> Mask:

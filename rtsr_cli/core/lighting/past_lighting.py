@@ -78,9 +78,24 @@ def _carry_lighting(window: FrameWindow) -> PastLighting:
     carried = warp_along_surfaces(
         encoded, motion, own.widen(find_moving(own, motion, rendered)), past
     )
-    average = torch.full_like(encoded, AVERAGE_LOG_LIGHTING)
+    average = average_quantity(encoded, rendered.gbuffer[Buffer.LIGHTING_MASK], find_divided(now))
     filled = fill_along_surfaces(carried, own, fallback=average)
     return PastLighting(rendered=rendered, motion_px=motion, carried=carried, filled=filled)
+
+
+def average_quantity(encoded: Image, divided_before: Mask, divided: Mask) -> Image:
+    """Return what stands for surfaces that were never seen: k, or the mean of what is not divided.
+
+    Args:
+        encoded: e of the rendered frame.
+        divided_before: of its pixels.
+        divided: of the current pixels.
+    """
+    others = 1.0 - divided_before
+    mean = (encoded * others).sum((2, 3), keepdim=True) / others.sum((2, 3), keepdim=True).clamp(
+        min=1.0
+    )
+    return torch.where(divided > 0.5, AVERAGE_LOG_LIGHTING, mean).expand_as(encoded)
 
 
 def find_divided(frame: Frame) -> Mask:
@@ -91,7 +106,7 @@ def find_divided(frame: Frame) -> Mask:
 
 
 def encode_quantity(rendered: Frame) -> Image:
-    """e of a rendered frame: of lighting where there is any, of radiance less emission elsewhere."""
+    """e of a rendered frame: of lighting where there is any, else of radiance less emission."""
     gbuffer = rendered.gbuffer
     radiance = gbuffer[Buffer.COLOR]
     if Buffer.EMISSION in gbuffer:
