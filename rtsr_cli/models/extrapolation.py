@@ -54,7 +54,7 @@ def warp_guided(network: nn.Module, window: FrameWindow, state: State) -> Predic
     past = carry_lighting(window)
     return Prediction(
         image=shade(window, past, past.filled),
-        debug={"log_lighting": past.filled, "hole": past.carried.holes},
+        debug={"log_lighting": past.filled, "hole": past.holes},
     )
 
 

@@ -200,9 +200,8 @@ def test_surfaces_without_material_keep_their_radiance(
 
     def blacken(planes: Planes, number: int) -> None:
         del number
-        for channel in ("albedo.R", "albedo.G", "albedo.B"):
-            planes[channel] = np.zeros_like(planes[channel])
-        planes["metallic"] = np.ones_like(planes["metallic"])
+        for channel in "RGB":
+            planes[f"material.{channel}"] = np.zeros_like(planes[channel])
 
     black = change(sequence, tmp_path / "black", blacken)
     for system in ("warp", "warp-guided"):

@@ -22,9 +22,6 @@ from rtsr_cli.core.imaging.warping import bilinear_taps, inside_frame
 from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane, Size
 from rtsr_cli.core.threads import share_among_threads
 
-LEAST_WEIGHT = 0.2
-"""Weight of same-surface pixels below which a pixel is a hole."""
-
 REACHES = (1, 2, 4, 8, 16, 32, 64)
 """Spacing of a ring's pixels."""
 
@@ -55,11 +52,6 @@ class CarriedImage:
 
     values: Image
     weight: Plane
-
-    @property
-    def holes(self) -> Mask:
-        """1 where too little is of the same surface."""
-        return (self.weight < LEAST_WEIGHT).to(self.weight)
 
 
 def warp_along_surfaces(
@@ -130,19 +122,19 @@ class _Pixels:
             yield there, math.exp(-(down * down + across * across) / 4.0)
 
 
-def fill_along_surfaces(carried: CarriedImage, own: Surfaces, *, fallback: Image) -> Image:
+def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: Image) -> Image:
     """Fill holes from the nearest pixels of their own surface that are none.
 
     Args:
-        carried: what past pixels say, batch 1.
+        values: 1 c h w.
+        holes: 1 where they are not known.
         own: surfaces of the frame.
         fallback: 1 c h w, what stands where no pixel of a surface is known.
     """
-    holes = carried.holes
-    filled = torch.where(holes > 0, fallback, carried.values)[0].flatten(1)
+    filled = torch.where(holes > 0, fallback, values)[0].flatten(1)
     index = holes.flatten().nonzero()[:, 0]
     # a pixel's channels are one row: fetched at once
-    source = torch.cat([carried.values * (1.0 - holes), 1.0 - holes, own.pack()], dim=1)
+    source = torch.cat([values * (1.0 - holes), 1.0 - holes, own.pack()], dim=1)
     rows = source[0].flatten(1).T
     pixels = _Pixels(
         rows=torch.cat([rows, torch.zeros_like(rows[:1])]),
@@ -153,11 +145,11 @@ def fill_along_surfaces(carried: CarriedImage, own: Surfaces, *, fallback: Image
 
     def fill_chunk(start: int) -> None:
         chunk = index[start : start + CHUNK_PIXELS]
-        found, values = _gather_rings(pixels, chunk)
-        filled[:, chunk[found]] = values.T
+        found, known = _gather_rings(pixels, chunk)
+        filled[:, chunk[found]] = known.T
 
     share_among_threads(fill_chunk, range(0, len(index), CHUNK_PIXELS))
-    return filled.view_as(carried.values[0]).unsqueeze(0)
+    return filled.view_as(values[0]).unsqueeze(0)
 
 
 def _gather_rings(pixels: _Pixels, index: Tensor) -> tuple[Tensor, Tensor]:

@@ -24,6 +24,7 @@ from rtsr_cli.core.imaging.surface_history import (
     warp_along_surfaces,
 )
 from rtsr_cli.core.imaging.surfaces import describe_surfaces, find_moving
+from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.lighting.lighting import decode_lighting, encode_lighting, lighting_scale_of
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
 from rtsr_cli.core.system import FrameWindow
@@ -41,6 +42,13 @@ OPTIONAL_BUFFERS = (Buffer.EMISSION, Buffer.OBJECT_ID, Buffer.POSITION)
 """What is used of both where it is there."""
 
 
+LEAST_WEIGHT = 0.2
+"""Weight of same-surface pixels below which lighting is not known."""
+
+LEAST_RADIANCE_WEIGHT = 1e-3
+"""The same of radiance that is not divided: it holds texture, which no neighbour has."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PastLighting:
     """What the last rendered frame says of the current one.
@@ -49,12 +57,14 @@ class PastLighting:
         rendered: that frame.
         motion_px: from the current samples to its samples.
         carried: e where its surfaces are the current ones.
+        holes: 1 where too little of it is.
         filled: e everywhere.
     """
 
     rendered: Frame
     motion_px: MotionPx
     carried: CarriedImage
+    holes: Mask
     filled: Image
 
 
@@ -78,24 +88,34 @@ def _carry_lighting(window: FrameWindow) -> PastLighting:
     carried = warp_along_surfaces(
         encoded, motion, own.widen(find_moving(own, motion, rendered)), past
     )
-    average = average_quantity(encoded, rendered.gbuffer[Buffer.LIGHTING_MASK], find_divided(now))
-    filled = fill_along_surfaces(carried, own, fallback=average)
-    return PastLighting(rendered=rendered, motion_px=motion, carried=carried, filled=filled)
+    divided = find_divided(now)
+    holes = find_holes(carried, divided)
+    guess = guess_quantity(rendered, motion, divided)
+    return PastLighting(
+        rendered=rendered,
+        motion_px=motion,
+        carried=carried,
+        holes=holes,
+        filled=fill_along_surfaces(carried.values, holes, own, fallback=guess),
+    )
 
 
-def average_quantity(encoded: Image, divided_before: Mask, divided: Mask) -> Image:
-    """Return what stands for surfaces that were never seen: k, or the mean of what is not divided.
+def find_holes(carried: CarriedImage, divided: Mask) -> Mask:
+    """1 where past pixels say too little of a surface: of its light, or of all that it shows."""
+    least = torch.where(divided > 0.5, LEAST_WEIGHT, LEAST_RADIANCE_WEIGHT)
+    return (carried.weight < least).to(carried.weight)
+
+
+def guess_quantity(rendered: Frame, motion_px: MotionPx, divided: Mask) -> Image:
+    """e of surfaces that were never seen: lighting is k; what is not divided, whatever was there.
 
     Args:
-        encoded: e of the rendered frame.
-        divided_before: of its pixels.
+        rendered: the last rendered frame.
+        motion_px: to its samples.
         divided: of the current pixels.
     """
-    others = 1.0 - divided_before
-    mean = (encoded * others).sum((2, 3), keepdim=True) / others.sum((2, 3), keepdim=True).clamp(
-        min=1.0
-    )
-    return torch.where(divided > 0.5, AVERAGE_LOG_LIGHTING, mean).expand_as(encoded)
+    moved, _ = backward_warp(_encode(rendered, take_emission_out(rendered)), motion_px)
+    return torch.where(divided > 0.5, AVERAGE_LOG_LIGHTING, moved)
 
 
 def find_divided(frame: Frame) -> Mask:
@@ -107,13 +127,19 @@ def find_divided(frame: Frame) -> Mask:
 
 def encode_quantity(rendered: Frame) -> Image:
     """e of a rendered frame: of lighting where there is any, else of radiance less emission."""
-    gbuffer = rendered.gbuffer
-    radiance = gbuffer[Buffer.COLOR]
-    if Buffer.EMISSION in gbuffer:
-        radiance = radiance - gbuffer[Buffer.EMISSION]
-    divided = gbuffer[Buffer.LIGHTING_MASK] > 0.5
-    quantity = torch.where(divided, gbuffer[Buffer.LIGHTING], radiance)
-    return encode_lighting(quantity, lighting_scale_of(rendered))
+    divided = rendered.gbuffer[Buffer.LIGHTING_MASK] > 0.5
+    radiance = take_emission_out(rendered)
+    return _encode(rendered, torch.where(divided, rendered.gbuffer[Buffer.LIGHTING], radiance))
+
+
+def take_emission_out(frame: Frame) -> Color:
+    """Radiance less emission, never below 0."""
+    radiance, emission = frame.gbuffer[Buffer.COLOR], frame.gbuffer.buffers.get(Buffer.EMISSION)
+    return radiance if emission is None else (radiance - emission).clamp(min=0.0)
+
+
+def _encode(frame: Frame, quantity: Color) -> Image:
+    return encode_lighting(quantity, lighting_scale_of(frame))
 
 
 def shade(window: FrameWindow, past: PastLighting, encoded: Image) -> Color:
