@@ -1,6 +1,6 @@
 """Time of `demod-guided` against another checkout's, and how far their lighting is apart.
 
-    python benchmarks/guided_speed.py --against TREE [--size 480x270] [--scale 4] [--pairs 9]
+    python benchmarks/guided_speed.py --against TREE [--size 480x270] [--scale 4] [--holes]
 
 One run is `predict` of an assembled window: neither reading nor writing. Both checkouts compute in
 processes of their own, in turn, so that another load on the machine falls on both; ratios are of
@@ -40,8 +40,11 @@ SYSTEM = "demod-guided"
 HERE = Path(__file__).resolve()
 
 
-def scene(size: tuple[int, int]) -> dict[Buffer, Tensor]:
-    """Waves of three depths and their normals, bumps on them, holes, and a sky above."""
+def scene(size: tuple[int, int], holes: bool) -> dict[Buffer, Tensor]:
+    """Waves of three depths and their normals, bumps on them, and a sky above.
+
+    Of holes, the radiance is enlarged in place of lighting that they do not have.
+    """
     height, width = size
     # points of the picture, so that both resolutions see one scene
     y = ((torch.arange(height) + 0.5) / height).view(1, 1, -1, 1).expand(1, 1, height, width)
@@ -53,7 +56,7 @@ def scene(size: tuple[int, int]) -> dict[Buffer, Tensor]:
     facing = torch.cat([torch.sin(9.0 * x + 3.0 * nearer), torch.cos(8.0 * y), 1.0 + 0.0 * x], 1)
     normal = torch.nn.functional.normalize(facing + bumps, dim=1) * (1.0 - sky)
     lit = 1.5 + torch.cat([torch.sin((20.0 + k) * x) * torch.cos(14.0 * y) for k in range(3)], 1)
-    hole = ((torch.sin(91.0 * x) * torch.sin(83.0 * y)) > 0.95).float()
+    hole = ((torch.sin(91.0 * x) * torch.sin(83.0 * y)) > 0.95).float() * holes
     known = {
         Buffer.DEPTH: torch.where(sky > 0, SKY_DEPTH_M, depth),
         Buffer.NORMAL: normal,
@@ -65,13 +68,13 @@ def scene(size: tuple[int, int]) -> dict[Buffer, Tensor]:
     return {**other, **known}
 
 
-def window(size: tuple[int, int], scale: int, jitter_px: float) -> Any:
+def window(size: tuple[int, int], scale: int, jitter_px: float, holes: bool) -> Any:
     """What the system sees of the scene."""
     system = load_system(SYSTEM)
     large = (size[0] * scale, size[1] * scale)
 
     def frame(buffers: Iterable[Buffer], size: tuple[int, int]) -> Frame:
-        planes = scene(size)
+        planes = scene(size, holes)
         return Frame(
             number=1,
             gbuffer=GBuffer({b: planes[b].contiguous() for b in buffers}, "scene"),
@@ -85,9 +88,9 @@ def window(size: tuple[int, int], scale: int, jitter_px: float) -> Any:
     return kind(lr=(frame(system.lr_inputs, size),), hr=hr, scale=scale)
 
 
-def work(size: tuple[int, int], scale: int, jitter_px: float, out: Path) -> None:
+def work(size: tuple[int, int], scale: int, jitter_px: float, holes: bool, out: Path) -> None:
     """Write log lighting once; then time a run for every line that comes in."""
-    system, seen = load_system(SYSTEM), window(size, scale, jitter_px)
+    system, seen = load_system(SYSTEM), window(size, scale, jitter_px, holes)
     network = system.build(system.config(), scale)
     with torch.inference_mode():
         lighting = system.predict(network, seen, None).debug["lighting"]
@@ -169,6 +172,7 @@ def compare(trees: tuple[Path, Path], arguments: tuple[str, ...], pairs: int) ->
     show_default=True,
     help="0.125: decimation.",
 )
+@click.option("--holes", is_flag=True, help="Some LR samples are not divided.")
 @click.option("--pairs", default=9, show_default=True, type=click.IntRange(1))
 @click.option("--worker", type=click.Path(path_type=Path), hidden=True)
 def main(
@@ -178,12 +182,13 @@ def main(
     width, height = (int(side) for side in size.split("x"))
     worker: Path | None = other["worker"]
     if worker is not None:
-        work((height, width), scale, jitter_px, worker)
+        work((height, width), scale, jitter_px, other["holes"], worker)
         return
     if against is None:
         raise click.UsageError("name another checkout: --against TREE")
     print(f"{SYSTEM} {size}, {scale}x, {torch.get_num_threads()} threads")
     arguments = (f"--size={size}", f"--scale={scale}", f"--jitter={jitter_px}")
+    arguments += ("--holes",) if other["holes"] else ()
     compare((against.resolve(), HERE.parents[1]), arguments, pairs)
 
 

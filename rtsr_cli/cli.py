@@ -13,6 +13,7 @@ from typing import NoReturn
 import click
 
 from rtsr_cli import __version__
+from rtsr_cli.commands.examples import GROUP, format_examples
 from rtsr_cli.commands.exit_codes import EXIT_CODES, REFUSED, SIGNALLED
 from rtsr_cli.commands.interrupts import INTERRUPTED, STOPPING, end_at_once
 from rtsr_cli.commands.log import LOG, EchoHandler, show
@@ -52,6 +53,7 @@ class LazyGroup(click.Group):
             return None
         module = import_module(f"rtsr_cli.commands.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
+        command.epilog = format_examples(cmd_name)
         return command
 
     def resolve_command(
@@ -70,10 +72,12 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the table of exit codes."""
+        """Write the table of exit codes, and the examples."""
         del ctx
         with formatter.section("Exit codes"):
             formatter.write_dl([(str(code), meaning) for code, meaning in EXIT_CODES.items()])
+        formatter.write_paragraph()
+        formatter.write_text(format_examples(GROUP))
 
     def invoke(self, ctx: click.Context) -> object:
         """Run a command; what a user can cause ends in one message and an exit code."""

@@ -20,6 +20,7 @@ from rtsr_cli.core.upscale.request import UpscaleRequest
 from rtsr_cli.core.vrs.call import VrsEvent, predict_rates
 from rtsr_cli.core.vrs.request import PredictVrsRequest
 from rtsr_cli.models import (
+    CONDITIONS,
     PREFERENCE,
     list_preferred_names,
     list_rate_predictor_names,
@@ -29,7 +30,7 @@ from rtsr_cli.models import (
 EXTRAPOLATORS = SystemTable(
     load=load_system, preferred=list_preferred_names(SystemTask.EXTRAPOLATE)
 )
-UPSCALERS = SystemTable(load=load_system, preferred=PREFERENCE)
+UPSCALERS = SystemTable(load=load_system, preferred=PREFERENCE, when=CONDITIONS)
 RATE_PREDICTORS = SystemTable(load=load_system, preferred=list_rate_predictor_names())
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from rtsr_cli.commands import options as opt
 from rtsr_cli.commands.interrupts import discard_on_interrupt
@@ -41,6 +42,16 @@ class MetricList(click.ParamType[tuple[MetricName, ...]]):
             return tuple(MetricName)
         known = opt.NamedMember("metric", MetricName)
         return tuple(dict.fromkeys(known.convert(name, param, ctx) for name in names))
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer metrics for the last name of the list."""
+        del ctx, param
+        before, comma, begun = incomplete.rpartition(",")
+        given = before.split(",")
+        names = [*MetricName, EVERY] if not comma else [n for n in MetricName if n not in given]
+        return [CompletionItem(f"{before}{comma}{n}") for n in names if n.startswith(begun)]
 
 
 class ResultFile(click.ParamType[Path]):
@@ -138,6 +149,7 @@ class ResultFile(click.ParamType[Path]):
 )
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.layer
+@opt.view
 @opt.layout
 @opt.capture
 @click.option(

@@ -88,10 +88,13 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
         "size": [width, height],
         "reference": str(plan.reference),
         "gbuffer": None if plan.gbuffer is None else str(plan.gbuffer),
+        "remarks": list(plan.remarks),
     }
     if as_json:
         emit({"event": "plan", **facts})
         return
+    for remark in plan.remarks:
+        LOG.warning("Warning: %s", remark)
     if not plan.counts:
         LOG.warning("%s: --skip-first leaves no frame for means", facts["reference"])
     LOG.info(

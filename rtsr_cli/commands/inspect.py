@@ -31,6 +31,7 @@ from rtsr_cli.core.inspect.request import InspectRequest
 @opt.as_json
 @opt.capture
 @opt.layer
+@opt.view
 @opt.layout
 @click.pass_context
 def command(ctx: click.Context, /, *, as_json: bool, **chosen: Any) -> None:

@@ -10,11 +10,14 @@ from tqdm import tqdm
 from rtsr_cli.commands.exit_codes import FAILED, REFUSED
 from rtsr_cli.commands.log import LOG, show
 from rtsr_cli.commands.options import emit
+from rtsr_cli.commands.readiness_text import list_readiness_lines
+from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.inspect.events import (
     CaptureBlocked,
@@ -106,7 +109,8 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
     yield from _list_set_lines(inspection.main)
     if inspection.hr is not None:
         yield from _list_set_lines(inspection.hr)
-    yield from _list_system_lines(inspection)
+    for label, text in list_readiness_lines(inspection):
+        yield _format_line(label, text)
     yield from _list_next_steps(inspection)
     yield ""
 
@@ -137,7 +141,7 @@ def _list_set_lines(frame_set: SetInspection) -> Iterator[str]:
     for key, names in frame_set.unknown.items():
         yield _format_line("not used", f"{key + ': ' if key else ''}{' '.join(names)}")
     yield from _list_guess_lines(frame_set)
-    yield _format_line("camera", _describe_camera(reader))
+    yield _format_line("camera", _describe_camera(reader, frame_set.settled))
     if frame_set.settled is not None:
         yield from _list_convention_lines(frame_set, reader, frame_set.settled)
     yield from _list_problem_lines(frame_set)
@@ -173,29 +177,50 @@ def _describe_windows(reader: FrameReader) -> str:
 def _list_buffer_lines(frame_set: SetInspection, reader: FrameReader) -> Iterator[str]:
     label = "buffers"
     for buffer, s in frame_set.statistics.items():
-        streams = dict.fromkeys(c.stream for c in reader.binding[buffer])
-        channels = " ".join(c.channel for c in reader.binding[buffer])
-        place = ", ".join(streams) if len(reader.frames.streams) > 1 else ""
-        where = f"{place}: {channels}" if place else channels
+        where = _describe_place(reader, buffer)
         numbers = f"{s.low:.4g} .. {s.high:.4g}, median {s.median:.4g}"
         yield _format_line(label, f"{buffer:<14}{where:<32} {numbers}")
         label = ""
 
 
+def _describe_place(reader: FrameReader, buffer: Buffer) -> str:
+    """Which channels of which file sequence a buffer is, or what is computed of them."""
+    bound = reader.binding[buffer]
+    several = len(reader.frames.streams) > 1
+    if bound.is_computed:
+        return bound.describe(streams=several)
+    channels = " ".join(c.channel for c in bound)
+    place = ", ".join(dict.fromkeys(c.stream for c in bound)) if several else ""
+    return f"{place}: {channels}" if place else channels
+
+
 def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:
     for buffer, places in frame_set.guessed.items():
-        listed = ", ".join(f'"{p}"' for p in places)
-        yield _format_line("maybe", f"{buffer} = [{listed}]   ({BUFFER_SPECS[buffer].unit})")
+        value = write_guess(buffer, places)
+        yield _format_line("maybe", f"{buffer} = {value}   ({BUFFER_SPECS[buffer].unit})")
     if frame_set.guessed:
         yield _format_line(
             "", "declare what is right under [buffers] in capture.toml (--write starts one)"
         )
 
 
-def _describe_camera(reader: FrameReader) -> str:
+def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str:
+    if reader.camera_unfit:
+        return "matrices that do not hold are not used: see the problems"
     if reader.has_camera:
-        return "worldToCamera and worldToNDC of every frame"
+        read = f", read as {reader.matrices}" if reader.matrices.words else ""
+        return f"worldToCamera and worldToNDC of every frame{read}; {_describe_proof(settled)}"
+    if len(reader.without_camera) < len(reader.cameras):
+        return f"{say_frames(reader.without_camera)} without matrices, the others have them"
     return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'
+
+
+def _describe_proof(settled: MeasuredReader | None) -> str:
+    found = None if settled is None else settled.measured.camera
+    if found is None or not found.proofs:
+        return "unverified"
+    but = f"; not told from {' or '.join(found.undecided)}" if found.undecided else ""
+    return f"verified by {', '.join(found.proofs)}{but}"
 
 
 def _list_convention_lines(
@@ -209,7 +234,11 @@ def _list_convention_lines(
         depth = reader.conventions.depth
         kind = f"{depth.kind}{', reversed' if depth.reversed else ''}"
         unit = "" if depth.kind == "device" else f", {depth.unit_m:g} m a unit"
+        kind += ", from the near plane" if depth.from_near else ""
         yield _format_line("depth", f"{kind}{unit}{_describe_depth_proof(settled)}")
+    sky = settled.measured.sky
+    if sky is not None:
+        yield _format_line("sky", f"{sky.share:.1%} of the pixels, by {sky.rule}")
     if Buffer.NORMAL in reader.stored:
         normal = reader.conventions.normal
         proof = settled.measured.normal
@@ -284,17 +313,6 @@ def _list_problem_lines(frame_set: SetInspection) -> Iterator[str]:
         first, *others = problem.text.splitlines()
         yield _format_line("PROBLEM", first)
         yield from (_format_line("", line) for line in others)
-
-
-def _list_system_lines(inspection: ShotInspection) -> Iterator[str]:
-    label = "systems"
-    for name, readiness in inspection.systems.items():
-        if readiness.ready:
-            text = f"ready{' with ' + readiness.how if readiness.how else ''}"
-        else:
-            text = f"missing: {', '.join(readiness.missing)}"
-        yield _format_line(label, f"{name:<16}{text}")
-        label = ""
 
 
 def _list_next_steps(inspection: ShotInspection) -> Iterator[str]:

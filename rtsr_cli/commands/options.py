@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
 from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
+from rtsr_cli.core.documents import shorten_value
 from rtsr_cli.core.errors import RequestError, did_you_mean
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.requests import MOST_JOBS
@@ -30,6 +32,9 @@ R = TypeVar("R")
 
 DOTS = re.compile(r"(?<=\d)\.\.(?=-?\d)")
 """Between the bounds of a range, as `format_ranges` writes them where one is negative."""
+
+BOUNDS = re.compile(r"(?:^|,)(-?\d{1,18})-(-?\d{1,18})(?=$|[,x:y])")
+"""First and last number of each range."""
 
 JSON_CHOSEN = "rtsr.json"
 """Key of a context's `meta`: whether events go to stdout."""
@@ -49,10 +54,17 @@ class Frames(click.ParamType[frozenset[int]]):
         from fileseq.exceptions import ParseException
         from fileseq.frameset import FrameSet as FrameRange
 
+        text = DOTS.sub("-", value).replace(" ", "")
+        for first, last in BOUNDS.findall(text):
+            if int(first) > int(last):
+                between = ".." if last.startswith("-") else "-"
+                turned = f"{last}{between}{first}"
+                self.fail(f"{first}-{last} runs backwards; write {turned}", param, ctx)
         try:
-            return frozenset(int(n) for n in FrameRange(DOTS.sub("-", value).replace(" ", "")))
+            return frozenset(int(n) for n in FrameRange(text))
         except (ParseException, ValueError):
-            self.fail(f"'{value}' is no frame range; write 1-100, 1-100x2 or 1-3,7", param, ctx)
+            shown = shorten_value(value)
+            self.fail(f"'{shown}' is no frame range; write 1-100, 1-100x2 or 1-3,7", param, ctx)
 
     def write(self, value: frozenset[int]) -> str:
         """Write a default as users would."""
@@ -73,7 +85,7 @@ class ShardOf(click.ParamType[tuple[int, int]]):
         index, _, count = str(value).partition("/")
         whole = index.isascii() and count.isascii() and index.isdigit() and count.isdigit()
         if not (whole and 1 <= int(index) <= int(count)):
-            self.fail(f"'{value}' is no shard; write 1/4 to 4/4", param, ctx)
+            self.fail(f"'{shorten_value(value)}' is no shard; write 1/4 to 4/4", param, ctx)
         return int(index), int(count)
 
 
@@ -93,6 +105,13 @@ class Named(click.ParamType[str]):
             hint = did_you_mean(value, self._known)
             self.fail(f"no {self._kind} is called '{value}'{hint}", param, ctx)
         return str(value)
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the names that begin like this."""
+        del ctx, param
+        return [CompletionItem(name) for name in self._known if name.startswith(incomplete)]
 
 
 class Member(click.Choice[E]):
@@ -124,6 +143,12 @@ class NamedMember(click.ParamType[E]):
         """Check the name."""
         return self._kind(self._names.convert(value, param, ctx))
 
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the names that begin like this."""
+        return self._names.shell_complete(ctx, param, incomplete)
+
 
 class LayoutChoice(Named):
     """A layout preset, or a TOML file that holds one."""
@@ -135,6 +160,13 @@ class LayoutChoice(Named):
         if str(value).endswith(LAYOUT_SUFFIX):
             return str(value)
         return super().convert(value, param, ctx)
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Offer the names that begin like this, and files where there is none."""
+        names = super().shell_complete(ctx, param, incomplete)
+        return names or [CompletionItem(incomplete, type="file")]
 
 
 class TileSide(click.ParamType[int]):
@@ -213,6 +245,9 @@ layer = click.option(
     "--layer",
     metavar="NAME",
     help="View layer, stereo view or group of channels that is read of files with several.",
+)
+view = click.option(
+    "--view", metavar="NAME", help="Stereo view that is read, of that layer if one is named."
 )
 capture = click.option(
     "--capture",
@@ -299,6 +334,7 @@ def frame_options(function: F) -> F:
         shard,
         frames,
         capture,
+        view,
         layer,
         layout,
     ):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.run.events import RunDone, ShotPlanned
+from rtsr_cli.core.run.events import BETTER, RunDone, ShotPlanned
+from rtsr_cli.core.wording import say_count
 
 MIB = 1 << 20
 
@@ -38,6 +39,8 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         plan.pending,
         len(plan.selected) - plan.pending,
     )
+    if plan.details.get(BETTER):
+        LOG.info("    %s", plan.details[BETTER])
     log_damage(plan.damaged)
     for reader in plan.readers:
         log_findings(reader)
@@ -86,11 +89,10 @@ def log_estimate(plan: ShotPlanned) -> None:
 
 def log_binding(reader: FrameReader) -> None:
     """Say which channel of which file sequence is which buffer (`-v`)."""
-    for buffer, components in reader.binding.items():
-        places = ", ".join(
-            f"{c.stream}: {c.channel}" if c.stream else c.channel for c in components
-        )
-        LOG.debug("    %s = %s", buffer, places)
+    for buffer, bound in reader.binding.items():
+        places = ", ".join(f"{c.stream}: {c.channel}" if c.stream else c.channel for c in bound)
+        computed = bound.is_computed
+        LOG.debug("    %s = %s", buffer, bound.describe(streams=True) if computed else places)
 
 
 MAX_LISTED = 10
@@ -112,12 +114,30 @@ def log_pixel_findings(done: RunDone) -> None:
             "Warning: numbers beyond 65504, which half cannot hold: written as float: %s",
             _list_some(done.as_float),
         )
+    for shot, shares in done.no_material.items():
+        LOG.info(
+            "%s: %s of the pixels of frames %s are surfaces whose material is 0, or that were "
+            "rendered without one: their radiance is enlarged as it is",
+            shot if shot != "." else done.folder,
+            _name_share(shares.values()),
+            format_ranges(shares),
+        )
+
+
+def _name_share(shares: Collection[float]) -> str:
+    """The mean of some shares, and the largest where that is another number; a few digits."""
+    mean, most = (f"{share:.2g} %" for share in _percentages(shares))
+    return mean if mean == most else f"{mean} (at most {most})"
+
+
+def _percentages(shares: Collection[float]) -> tuple[float, float]:
+    return 100.0 * sum(shares) / len(shares), 100.0 * max(shares)
 
 
 def _count_by_frame(counts: Mapping[str, int]) -> tuple[int, str]:
     """Return the sum, and how many frames of which names it is in."""
     listed = _list_some([f"{name}: {count}" for name, count in counts.items()])
-    return sum(counts.values()), f"{len(counts)} frames ({listed})"
+    return sum(counts.values()), f"{say_count(len(counts), 'frame')} ({listed})"
 
 
 def _list_some(names: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ from rtsr_cli.models import list_trainable_names
 
 @opt.take_defaults_of(TrainRequest)
 @click.command("train")
-@click.argument("system", type=opt.Named("system", list_trainable_names()))
+@click.argument("system", type=opt.Named("system that is trained", list_trainable_names()))
 @click.argument("data", metavar="DATA...", nargs=-1, required=True, type=opt.FOLDER)
 @click.option("--out", "out_folder", type=opt.FOLDER, metavar="RUN", help="Folder of the run.")
 @click.option(
@@ -49,6 +49,7 @@ from rtsr_cli.models import list_trainable_names
 )
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @opt.layer
+@opt.view
 @click.option(
     "--overwrite", is_flag=True, help="Replace files in RUN, or FILE, that are not rtsr's, too."
 )

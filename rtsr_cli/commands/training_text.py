@@ -23,6 +23,7 @@ from rtsr_cli.core.training.events import (
     TrainingStarted,
     TrainingStep,
 )
+from rtsr_cli.core.wording import say_count
 
 UNITS = {"psnr": " dB"}
 
@@ -90,9 +91,9 @@ def log_clips(gathered: ClipsGathered) -> None:
             "good"
         )
     LOG.info(
-        "%d frames of %d shots to train on, %d to validate",
-        gathered.frames,
-        gathered.shots,
+        "%s of %s to train on, %d to validate",
+        say_count(gathered.frames, "frame"),
+        say_count(gathered.shots, "shot"),
         gathered.validation_frames,
     )
 

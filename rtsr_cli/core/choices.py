@@ -19,6 +19,13 @@ class SystemTask(StrEnum):
     EXTRAPOLATE = "extrapolate"
 
 
+class InputCondition(StrEnum):
+    """What inputs must be like, beside holding its buffers, for a system to be preferred."""
+
+    TRUSTED_MOTION = "motion that is declared or measured without doubt"
+    JITTER = "jitter that differs from frame to frame"
+
+
 class Preset(StrEnum):
     """What surrounds a network's layers: this project's choices, or the publication's."""
 

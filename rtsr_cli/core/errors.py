@@ -84,9 +84,35 @@ class OutputBlockedError(OutputError):
     """A disk that is full or a folder that takes no more files: every other write fails alike."""
 
 
+LEAST_LIKE = 0.5
+"""Of two names of two letters that are the other way round."""
+
+MOST_LISTED, MOST_NEAREST = 12, 5
+"""Names that are listed in full, and how many of the nearest of more."""
+
+
 def did_you_mean(word: str, known: Iterable[str], *, listed: str = "there are") -> str:
-    """Return `, did you mean 'x'?` for a near miss, and the list of what there is."""
+    """Return `, did you mean 'x'?` for a near miss, and what there is: all, or the nearest."""
     names = list(known)
-    close = difflib.get_close_matches(word, names, n=1)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=LEAST_LIKE)
     hint = f", did you mean '{close[0]}'?" if close else ""
+    if len(names) > MOST_LISTED:
+        nearest = find_nearest(word, names)
+        return f"{hint} (nearest of {len(names)}: {', '.join(nearest)})"
     return f"{hint} ({listed}: {', '.join(names)})" if names else hint
+
+
+def find_nearest(word: str, known: Iterable[str], most: int = MOST_NEAREST) -> list[str]:
+    """Return the names that are most like a word, the nearest first.
+
+    A layer before a dot may have been left out; small and capital letters are one.
+    """
+    matcher = difflib.SequenceMatcher(b=word.lower(), autojunk=False)
+
+    def measure(name: str) -> float:
+        matcher.set_seq1(name.lower())
+        whole = matcher.ratio()
+        matcher.set_seq1(name.partition(".")[2].lower())
+        return max(whole, matcher.ratio())
+
+    return sorted(known, key=measure, reverse=True)[:most]

@@ -48,6 +48,12 @@ class FrameWindow:
         """The frame to reconstruct."""
         return self.lr[0]
 
+    def require_hr(self) -> Frame:
+        """Return the HR frame of a system that declares HR inputs."""
+        if self.hr is None:
+            raise AssertionError("plans check that a system with HR inputs gets an HR frame")
+        return self.hr
+
     def compute_once(self, function: Callable[[FrameWindow], T]) -> T:
         """Return what a function gives for this window; it is called the first time alone.
 

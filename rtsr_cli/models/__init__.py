@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from rtsr_cli.core.choices import SystemTask
+from rtsr_cli.core.choices import InputCondition, SystemTask
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -27,7 +27,9 @@ class SystemRow:
         module: of this package, that declares it.
         task: what it predicts.
         trainable: whether it has a network.
-        rank: place in the order of preference of its task, 1 = first; None = only by name.
+        rank: place in the order of preference of its task, 1 = first; None = only by name. The
+            order is that of measured quality (docs/results.md, "What changes with jitter?").
+        when: what inputs must be like for it to be preferred; where they are not, only by name.
     """
 
     name: str
@@ -35,13 +37,19 @@ class SystemRow:
     task: SystemTask = SystemTask.UPSCALE
     trainable: bool = False
     rank: int | None = None
+    when: tuple[InputCondition, ...] = ()
 
 
 ROWS = (
-    SystemRow(name="bicubic", module="bicubic", rank=5),
+    SystemRow(name="bicubic", module="bicubic", rank=6),
     SystemRow(name="demod-bicubic", module="bicubic", rank=4),
     SystemRow(name="demod-guided", module="guided", rank=3),
-    SystemRow(name="taau", module="taau"),
+    SystemRow(
+        name="taau",
+        module="taau",
+        rank=5,
+        when=(InputCondition.TRUSTED_MOTION, InputCondition.JITTER),
+    ),
     SystemRow(name="fusesr", module="fusesr", trainable=True, rank=1),
     SystemRow(name="fusesr-fast", module="fusesr", trainable=True, rank=2),
     SystemRow(name="fusesr-direct", module="fusesr", trainable=True),
@@ -93,6 +101,10 @@ def list_preferred_names(task: SystemTask) -> tuple[str, ...]:
 
 PREFERENCE = list_preferred_names(SystemTask.UPSCALE)
 """What `upscale` uses by default: the first of these that inputs, scale and weights allow."""
+
+
+CONDITIONS = {row.name: row.when for row in ROWS if row.when}
+"""What inputs must be like for a system to be preferred, by its name."""
 
 
 def load_system(name: str) -> System:

@@ -26,6 +26,7 @@ from rtsr_cli.core.imaging.enlargement import (
     enlarge_radiance,
 )
 from rtsr_cli.core.imaging.resampling import BICUBIC_SUPPORT_PX
+from rtsr_cli.core.lighting.radiance import HALO_PX, add_undivided
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
 JITTER_REACH_PX = 1
@@ -80,6 +81,7 @@ def predict_demod_bicubic(network: nn.Module, window: FrameWindow, state: State)
     if bool(hr_sky.any()):
         color, sky = frame.gbuffer[Buffer.COLOR], frame.gbuffer[Buffer.SKY]
         image = torch.where(hr_sky, enlarge_masked_radiance(color, sky, scale, jitter_px), surface)
+    image = add_undivided(window, image)
     return Prediction(
         image=image, debug={"lighting": lighting, "hr_material": hr.gbuffer[Buffer.MATERIAL]}
     )
@@ -101,9 +103,10 @@ DEMOD_BICUBIC = System(
     summary="cubic enlargement of lighting, times HR material (baseline)",
     citation="demodulation as NSRD (CVPR 2024) and FuseSR (SIGGRAPH Asia 2023)",
     lr_inputs=(Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY),
+    lr_optional=(Buffer.EMISSION,),
     hr_inputs=(Buffer.MATERIAL, Buffer.SKY),
     hr_optional=(Buffer.EMISSION,),
-    halo_px=BICUBIC_SUPPORT_PX + JITTER_REACH_PX + 1,
+    halo_px=HALO_PX,
     config=DemodBicubicConfig,
     build=build_baseline,
     predict=predict_demod_bicubic,

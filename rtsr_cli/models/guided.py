@@ -16,14 +16,15 @@ from torch import nn
 
 from rtsr_cli.core.imaging.guided_enlargement import REACH
 from rtsr_cli.core.lighting.lighting import (
-    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LOG_LIGHTING,
     LR_BUFFERS,
+    LR_OPTIONAL,
     build_lighting_inputs,
     compose_lighting,
 )
+from rtsr_cli.core.lighting.radiance import GUIDES
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
 HALO_PX = REACH + 2
@@ -47,6 +48,7 @@ DEMOD_GUIDED = System(
     summary="enlargement of lighting along HR surfaces, times HR material (baseline)",
     citation="Kopf et al. 2007; Dammertz et al. 2010; demodulation as NSRD and FuseSR",
     lr_inputs=(*LR_BUFFERS, *GUIDES),
+    lr_optional=LR_OPTIONAL,
     hr_inputs=(*HR_BUFFERS, *GUIDES),
     hr_optional=HR_OPTIONAL,
     halo_px=HALO_PX,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rtsr_cli.cli import group
 from rtsr_cli.core.captures.measuring import decision
-from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement
+from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.files.provenance import digest_values

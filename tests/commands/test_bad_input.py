@@ -285,4 +285,4 @@ def test_a_number_that_is_none_counts_as_bad_however_it_is_stored(
     assert "frame 2: 1 values of 'object_id' are NaN or Inf" in result.stderr
     fixed = rtsr(*choice[:2], tmp_path / "fixed", *choice[3:], "--on-nonfinite", "inpaint")
     assert fixed.exit_code == 0
-    assert "repaired 1 NaN or Inf in 1 frames" in fixed.output
+    assert "repaired 1 NaN or Inf in 1 frame" in fixed.output

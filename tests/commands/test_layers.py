@@ -196,7 +196,7 @@ def test_a_name_that_no_layer_has_is_refused_with_those_there_are(
     write_stereo(tmp_path / "in" / "f.0001.exr")
     result = upscale("--layer", "middle")
     assert result.exit_code == 3
-    assert "'left', 'right'" in " ".join(result.output.split())
+    assert "no layer is called 'middle' (there are: left, right)" in result.output
 
 
 @pytest.mark.parametrize("bare", [True, False])
@@ -302,3 +302,57 @@ def test_results_are_judged_against_the_layer_that_is_named(rtsr: Run, tmp_path:
 )
 def test_every_command_that_reads_frames_takes_a_layer(rtsr: Run, command: str) -> None:
     assert "--layer NAME" in rtsr(command, "--help").output
+
+
+@pytest.mark.parametrize(
+    ("options", "depth"),
+    [
+        (("--layer", "fg", "--view", "left"), 1.0),
+        (("--layer", "fg", "--view", "right"), 2.0),
+        (("--layer", "ViewLayer.right"), 4.0),
+        (("--layer", "ViewLayer.right", "--view", "right"), 4.0),
+    ],
+)
+def test_a_layer_and_a_view_are_chosen_together(
+    rtsr: Run, tmp_path: Path, options: tuple[str, ...], depth: float
+) -> None:
+    write_layers_of_two_views(tmp_path / "in" / "f.0001.exr")
+    facts = json.loads(rtsr("inspect", tmp_path / "in", *options, "--json").stdout)
+    assert facts["buffers"]["depth"]["max"] == depth
+    layer, view = options[1], options[3] if len(options) > 2 else ""
+    text = f'layer = "{layer}"\n' + (f'view = "{view}"\n' if view else "")
+    (tmp_path / "in" / "capture.toml").write_text(text)
+    facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
+    assert facts["buffers"]["depth"]["max"] == depth
+
+
+@pytest.mark.parametrize(
+    ("options", "meant"),
+    [
+        (("--layer", "gf", "--view", "left"), "fg.left"),
+        (("--layer", "fg", "--view", "lfet"), "fg.left"),
+        (("--view", "rigth"), "right"),
+        (("--layer", "VeiwLayer"), "ViewLayer"),
+    ],
+)
+def test_a_mistyped_layer_or_view_names_the_nearest(
+    rtsr: Run, tmp_path: Path, options: tuple[str, ...], meant: str
+) -> None:
+    write_layers_of_two_views(tmp_path / "in" / "f.0001.exr")
+    for command in (("upscale", tmp_path / "in", tmp_path / "out"), ("inspect", tmp_path / "in")):
+        result = rtsr(*command, *options)
+        assert result.exit_code == 3
+        assert f"did you mean '{meant}" in " ".join(result.output.split())
+
+
+def write_layers_of_two_views(path: Path) -> None:
+    """As Blender writes them: a part a pass, with the view at the end of its name."""
+    places = [(layer, view) for layer in ("fg", "ViewLayer") for view in ("left", "right")]
+    parts = []
+    for depth, (layer, view) in enumerate(places, start=1):
+        for name, values in (
+            ("Combined", rgb(f"{layer}.Combined.", depth / 8.0)),
+            ("Depth", {f"{layer}.Depth.Z": float(depth)}),
+        ):
+            parts.append((f"{layer}.{name}.{view}", {"view": view}, values))
+    write_parts(path, *parts)

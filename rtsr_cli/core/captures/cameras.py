@@ -4,67 +4,20 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import torch
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
-
+from rtsr_cli.core.captures.camera_rows import CameraRow, find_singular, unify_names
 from rtsr_cli.core.captures.capture_file import (
     CaptureDeclaration,
-    FrameNumber,
-    JitterPx,
     list_field_names,
     validate_content,
 )
 from rtsr_cli.core.captures.nss_cameras import NssClip, is_nss_content
 from rtsr_cli.core.documents import DocumentError, parse_json, read_text
 from rtsr_cli.core.errors import ConfigError, did_you_mean
-from rtsr_cli.core.frames.camera import CameraMetadata
-from rtsr_cli.core.limits import LARGEST_FACTOR, MOST_COLUMNS, MOST_ROWS
-
-
-def _flatten_numbers(value: object) -> object:
-    """Let a cell of a CSV, or a nested list, be a flat list of numbers."""
-    if isinstance(value, str):
-        return value.replace(",", " ").replace(";", " ").split()
-    if isinstance(value, Sequence) and value and isinstance(value[0], Sequence):
-        return [number for row in value for number in row]
-    return value
-
-
-Matrix = Annotated[
-    list[float], Field(min_length=16, max_length=16), BeforeValidator(_flatten_numbers)
-]
-
-
-class CameraRow(BaseModel):
-    """One frame of a camera side-car; matrices are row-vector, 16 numbers, row by row."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
-
-    frame: FrameNumber
-    world_to_camera: Matrix | None = Field(default=None, alias="worldToCamera")
-    world_to_ndc: Matrix | None = Field(default=None, alias="worldToNDC")
-    jitter_px: Annotated[JitterPx, BeforeValidator(_flatten_numbers)] | None = None
-    pre_exposure: float = Field(default=1.0, gt=0.0, le=LARGEST_FACTOR)
-    cut: bool = False
-
-    def metadata(self) -> CameraMetadata:
-        """The row as camera metadata."""
-        return CameraMetadata(
-            world_to_camera=_make_tensor(self.world_to_camera),
-            world_to_ndc=_make_tensor(self.world_to_ndc),
-            jitter_px=self.jitter_px or (0.0, 0.0),
-            pre_exposure=self.pre_exposure,
-            cut=self.cut,
-        )
-
-
-def _make_tensor(values: list[float] | None) -> torch.Tensor | None:
-    return None if values is None else torch.tensor(values, dtype=torch.float64).view(4, 4)
+from rtsr_cli.core.limits import MOST_COLUMNS, MOST_ROWS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +45,7 @@ def read_side_car(path: Path) -> SideCar:
         content = parse_json(text) if is_json else None
         rows = _parse_json_rows(content, path) if is_json else _parse_csv_rows(text)
         _check_count(rows)
+        rows = _unify_rows(rows)
     except DocumentError as error:
         raise ConfigError(f"{path}: the camera side-car {error}") from error
     except (ValueError, csv.Error) as error:
@@ -101,6 +55,12 @@ def read_side_car(path: Path) -> SideCar:
     repeated = sorted(n for n, count in Counter(c.frame for c in cameras).items() if count > 1)
     if repeated:
         raise ConfigError(f"{path}: frames {', '.join(map(str, repeated))} have more than one row")
+    singular = find_singular(cameras)
+    if singular is not None:
+        raise ConfigError(
+            f"{path}: frame {singular[0]}: {singular[1]} is not a camera matrix: it is singular, "
+            "that is, it has no inverse"
+        )
     return SideCar(
         rows={row.frame: row for row in cameras}, reversed_depth=_read_depth_sense(content)
     )
@@ -125,7 +85,22 @@ def _read_depth_sense(content: object) -> bool | None:
 def _parse_json_rows(content: object, path: Path) -> object:
     if is_nss_content(content):
         return [frame.row() for frame in validate_content(NssClip, content, path).frames]
+    if isinstance(content, Mapping) and content and all(_is_keyed(*i) for i in content.items()):
+        return [{"frame": number, **row} for number, row in content.items()]
     return content.get("frames", content) if isinstance(content, Mapping) else content
+
+
+def _is_keyed(key: object, row: object) -> bool:
+    """Tell whether an entry of a JSON object is a row by its frame number."""
+    number = str(key).removeprefix("-")
+    return number.isdecimal() and isinstance(row, Mapping) and "frame" not in row
+
+
+def _unify_rows(rows: object) -> object:
+    """Call the columns of all rows by one name each; what is no row is refused later."""
+    if not isinstance(rows, list):
+        return rows
+    return [unify_names(row) if isinstance(row, Mapping) else row for row in rows]
 
 
 def _parse_csv_rows(text: str) -> list[dict[str, str]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -21,21 +22,24 @@ from pydantic import (
     Tag,
     TypeAdapter,
     ValidationError,
+    model_serializer,
 )
 
-from rtsr_cli.core.captures.channel_tables import BufferTable
+from rtsr_cli.core.captures.channel_tables import SPEC_TAGS, BufferTable
 from rtsr_cli.core.captures.field_errors import describe_field_error
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.captures.regions import RegionRule
 from rtsr_cli.core.documents import DocumentError, read_toml_text, shorten_value
 from rtsr_cli.core.errors import ConfigError, did_you_mean
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera_convention import CameraConvention, CameraWord
 from rtsr_cli.core.frames.conventions import (
     ColorSpace,
     Conventions,
     DepthKind,
     NormalSpace,
     RoughnessKind,
+    SkyRule,
     SpecularWorkflow,
 )
 from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
@@ -99,13 +103,37 @@ class MotionCapture(_Strict):
         return None not in {self.unit, self.direction, self.y_axis}
 
 
+def _tell_sky_kind(value: object) -> str:
+    """Tell rules of the sky from values of depth, so that errors speak of the one meant."""
+    return "rule" if isinstance(value, str) else "value"
+
+
+SkyDepth = Annotated[
+    Annotated[Stored, Tag("value")] | Annotated[SkyRule, Tag("rule")],
+    Discriminator(_tell_sky_kind),
+]
+"""A stored value from which on depth is sky (upwards; from 0 and below downwards), or a rule."""
+
+
+class DepthStart(StrEnum):
+    """Where ray distances begin."""
+
+    CAMERA = "camera"
+    NEAR = "near"
+
+
 class DepthCapture(_Strict):
-    """`[depth]`: kind, sense, and metres in one stored unit (or the unit's name)."""
+    """`[depth]`: kind, sense, metres in one stored unit (or its name), and what is sky.
+
+    `from` says where ray distances begin, `near` the depth of the near plane in metres.
+    """
 
     kind: DepthKind | None = None
     reversed: bool | None = None
     unit: LengthUnit | None = None
-    sky: Stored | None = None
+    sky: SkyDepth | None = None
+    start: DepthStart | None = Field(default=None, alias="from")
+    near: Annotated[float, Field(gt=0.0, le=LARGEST_FACTOR)] | None = None
 
 
 class NormalCapture(_Strict):
@@ -168,7 +196,7 @@ JitterTable = Annotated[
 ]
 """One offset for all frames, a pattern, or one a frame."""
 
-_TAGS = frozenset({"offset", "sequence", "frames", "[key]"})
+_TAGS = frozenset({"value", "rule", "offset", "sequence", "frames", "[key]", *SPEC_TAGS})
 """Parts of an error's place that no user wrote."""
 
 
@@ -176,6 +204,51 @@ class PositionCapture(_Strict):
     """`[position]`: metres in one stored unit of world positions (or the unit's name)."""
 
     unit: LengthUnit | None = None
+
+
+def _list_words(value: object) -> object:
+    """Let one word, or several in one text, be a list of them."""
+    if isinstance(value, str):
+        return value.replace(",", " ").split()
+    return value
+
+
+def _check_words(words: tuple[CameraWord, ...]) -> tuple[CameraWord, ...]:
+    CameraConvention(words=frozenset(words))
+    return words
+
+
+class CameraCapture(_Strict):
+    """`[camera]`: the side-car, and how matrices are stored; see `CameraWord`."""
+
+    file: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
+    convention: Annotated[
+        tuple[CameraWord, ...],
+        Field(max_length=len(CameraWord)),
+        BeforeValidator(_list_words),
+        AfterValidator(_check_words),
+    ] = ()
+
+    @property
+    def matrices(self) -> CameraConvention:
+        """How matrices are stored."""
+        return CameraConvention(words=frozenset(self.convention))
+
+    @model_serializer
+    def _write(self) -> object:
+        """Write the side-car alone as its name."""
+        if not self.convention:
+            return self.file
+        named = {} if self.file is None else {"file": self.file}
+        return named | {"convention": [word.value for word in self.convention]}
+
+
+def _name_side_car(value: object) -> object:
+    """Let the name of the side-car stand for the table."""
+    return {"file": value} if isinstance(value, str) else value
+
+
+CameraTable = Annotated[CameraCapture, BeforeValidator(_name_side_car)]
 
 
 class ConventionTables(_Strict):
@@ -192,8 +265,11 @@ class ConventionTables(_Strict):
     def conventions(self, preset: Conventions) -> Conventions:
         """Return a layout's conventions with the declared ones in their place."""
         depth = self.depth.declared()
-        if "unit" in depth:
-            depth["unit_m"] = depth.pop("unit")
+        for name, field in (("unit", "unit_m"), ("near", "near_m")):
+            if name in depth:
+                depth[field] = depth.pop(name)
+        if "start" in depth:
+            depth["from_near"] = depth.pop("start") is DepthStart.NEAR
         return Conventions(
             motion=replace(preset.motion, **self.motion.declared()),
             depth=replace(preset.depth, **depth),
@@ -213,18 +289,19 @@ class CaptureDeclaration(ConventionTables):
     """The whole of `capture.toml`; every field may be left out.
 
     `layout` is the name of a preset or the path of a layout file, relative to capture.toml;
-    `layer` that of the layer or view that is read of files with several.
+    `layer` that of the layer or view that is read of files with several, `view` that of the view.
     """
 
     layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
     layer: str | None = Field(default=None, min_length=1)
+    view: str | None = Field(default=None, min_length=1)
     region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None
     scale: int | None = Field(default=None, ge=1, le=MOST_SCALE)
     frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
     camera_cuts: frozenset[FrameNumber] = frozenset()
-    camera: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
+    camera: CameraTable = CameraCapture()
 
     def jitter(self, number: int) -> Jitter | None:
         """Jitter of a frame as declared, None if it is not."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 
@@ -16,7 +16,7 @@ KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
     Buffer.DEPTH: ("depth", "viewz", "linearz", "zdepth", "dist"),
     Buffer.ROUGHNESS: ("rough", "rgh", "smooth", "gloss"),
     Buffer.METALLIC: ("metal", "mtl"),
-    Buffer.SPECULAR: ("specular", "f0"),
+    Buffer.SPECULAR: ("specularcolor", "specular_color", "speccol", "f0"),
     Buffer.EMISSION: ("emis", "emit"),
     Buffer.OBJECT_ID: ("objectid", "object_id", "instance", "stencil", "entity", "id"),
     Buffer.POSITION: ("worldpos", "position", "pos"),
@@ -37,6 +37,12 @@ KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
 """What names of channels, layers and files contain, the telling ones first; see
 `_contains_keyword`."""
 
+OF_LIGHT = ("light", "direct", "illum", "irrad", "shad", "bounce")
+"""In names of channels that hold light, whatever surface it comes from."""
+
+SURFACE = frozenset({Buffer.ALBEDO, Buffer.SPECULAR})
+"""Buffers that hold no light."""
+
 WHOLE, BEGINNING = 2, 3
 """Words of so many letters must be a whole word of the name, or begin one: they are in many."""
 
@@ -44,30 +50,107 @@ WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 """A part of a name: sceneDepth, scene_depth and SceneDepth have two."""
 
 
-def guess_buffers(channels: Mapping[str, Collection[str]]) -> dict[Buffer, tuple[str, ...]]:
+Place = tuple[str, str]
+"""A file sequence, and a channel of it."""
+
+GuessCheck = Callable[[Buffer, Sequence[Place]], bool]
+"""`check(buffer, places)`: whether a group of channels, x or red first, can be a buffer."""
+
+
+def _believe(_: Buffer, __: Sequence[Place]) -> bool:
+    return True
+
+
+def guess_buffers(
+    channels: Mapping[str, Collection[str]], check: GuessCheck = _believe
+) -> dict[Buffer, tuple[str, ...]]:
     """Suggest buffers for channels that no layout knows.
 
     Args:
         channels: for each file sequence, the names of its unknown channels.
+        check: holds a guess against what the channels hold; a name that it contradicts is none.
 
     Returns:
         for each buffer that some group of channels may be, their places as capture.toml writes
         them: `channel`, or `file:channel` where there are several sequences.
     """
-    groups: dict[str, list[str]] = defaultdict(list)
+    groups: dict[str, list[Place]] = defaultdict(list)
     for stream, names in channels.items():
-        place = f"{stream}:" if len(channels) > 1 and stream else ""
         layers = Counter(_strip_component(name) for name in names)
         for name in sorted(names):
             # one channel alone is called what its name says
             layer = _strip_component(name) if layers[_strip_component(name)] > 1 else name
-            groups[f"{stream}/{layer}"].append(f"{place}{name}")
+            groups[f"{stream}/{layer}"].append((stream, name))
     suggestions: dict[Buffer, tuple[str, ...]] = {}
-    for key, places in groups.items():
-        buffer = _guess_buffer(key, len(places))
+    for key, held in groups.items():
+        places = _sort_places(held)
+        buffer = _choose_candidate(_list_candidates(key, len(places)), places, check)
         if buffer is not None and buffer not in suggestions:
-            suggestions[buffer] = _sort_places(places)[: BUFFER_SPECS[buffer].channels]
+            chosen = places[: BUFFER_SPECS[buffer].channels]
+            suggestions[buffer] = tuple(_write_place(p, several=len(channels) > 1) for p in chosen)
     return suggestions
+
+
+def _choose_candidate(
+    candidates: Iterator[Buffer], places: Sequence[Place], check: GuessCheck
+) -> Buffer | None:
+    """The first buffer that a name speaks for, or one that its values alone prove."""
+    first = next(candidates, None)
+    if first is None or check(first, places):
+        return first
+    return next((b for b in candidates if b in TELLING and check(b, places)), None)
+
+
+DIFFUSE, GLOSSY, COLOUR = ("diff",), ("gloss", "spec"), ("col",)
+"""In names of the two colours that add up to what light is multiplied by."""
+
+
+def guess_material(channels: Mapping[str, Collection[str]], check: GuessCheck = _believe) -> str:
+    """Suggest how material is made of unknown channels; empty where nothing speaks for it.
+
+    Args:
+        channels: as `guess_buffers` takes them.
+        check: the same.
+    """
+    found = [_find_layer(channels, words, check) for words in (DIFFUSE, GLOSSY)]
+    return " + ".join(f"{place}.RGB" for place in found) if all(found) else ""
+
+
+def _find_layer(
+    channels: Mapping[str, Collection[str]], words: tuple[str, ...], check: GuessCheck
+) -> str:
+    """The only layer of a colour R, G, B whose name has one of some words."""
+    found = []
+    for stream, names in channels.items():
+        layers = sorted({name.rpartition(".")[0] for name in names} - {""})
+        for layer in layers:
+            places = [(stream, f"{layer}.{c}") for c in "RGB"]
+            named = all(any(w in layer.lower() for w in group) for group in (words, COLOUR))
+            held = named and all(channel in names for _, channel in places)
+            if held and check(Buffer.MATERIAL, places):
+                found.append(_write_place((stream, layer), several=len(channels) > 1))
+    return found[0] if len(found) == 1 else ""
+
+
+TELLING = frozenset({Buffer.NORMAL})
+"""Buffers that nothing else looks like: vectors of length 1."""
+
+
+def _write_place(place: Place, *, several: bool) -> str:
+    stream, channel = place
+    return f"{stream}:{channel}" if several and stream else channel
+
+
+TURNED = ("smooth", "gloss")
+"""In names of channels that hold 1 - roughness."""
+
+
+def write_guess(buffer: Buffer, places: Sequence[str]) -> str:
+    """Write the value that declares a guess under [buffers]."""
+    if buffer is Buffer.ROUGHNESS and any(word in places[0].lower() for word in TURNED):
+        return f'"1 - {places[0]}"'
+    listed = ", ".join(f'"{place}"' for place in places)
+    return listed if len(places) == 1 else f"[{listed}]"
 
 
 def _strip_component(channel: str) -> str:
@@ -80,14 +163,14 @@ def _strip_component(channel: str) -> str:
     return channel[:-1].rstrip("_-") if is_component and apart else channel
 
 
-def _guess_buffer(name: str, count: int) -> Buffer | None:
-    """The first buffer whose keyword the name contains and that needs no more channels."""
+def _list_candidates(name: str, count: int) -> Iterator[Buffer]:
+    """Buffers whose keyword the name contains and that need no more channels, the likely first."""
     parts = [part.lower() for part in WORD.findall(name)]
     for buffer, words in KEYWORDS.items():
-        enough = count >= BUFFER_SPECS[buffer].channels
+        lit = buffer in SURFACE and any(word in name.lower() for word in OF_LIGHT)
+        enough = count >= BUFFER_SPECS[buffer].channels and not lit
         if enough and any(_contains_keyword(word, name.lower(), parts) for word in words):
-            return buffer
-    return None
+            yield buffer
 
 
 def _contains_keyword(word: str, name: str, parts: Collection[str]) -> bool:
@@ -102,11 +185,10 @@ COMPONENTS = {"r": 0, "x": 0, "u": 0, "g": 1, "y": 1, "v": 1, "b": 2, "z": 2, "a
 """Place of a component by its first letter: r g b a, red green blue, x y z w, u v."""
 
 
-def _sort_places(places: Collection[str]) -> tuple[str, ...]:
-    def rank(place: str) -> int:
-        channel = place.rpartition(":")[2]
-        _, separated, component = channel.rpartition(".")
-        letter = component[:1] if separated else channel[-1:]
+def _sort_places(places: Collection[Place]) -> tuple[Place, ...]:
+    def rank(place: Place) -> int:
+        _, separated, component = place[1].rpartition(".")
+        letter = component[:1] if separated else place[1][-1:]
         return COMPONENTS.get(letter.lower(), 0)
 
     return tuple(sorted(places, key=lambda p: (rank(p), p)))

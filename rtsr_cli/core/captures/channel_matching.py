@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import partial
 from itertools import product
 
-from rtsr_cli.core.captures.layouts import SCOPE, ChannelPlace, Component, Layout
+from rtsr_cli.core.captures.bound_channels import Binding, BoundBuffer, BoundChannel, BoundSum
+from rtsr_cli.core.captures.layouts import SCOPE, ChannelPlace, ChannelSum, Component, Layout
 from rtsr_cli.core.errors import FrameFolderError, LayerChoiceError
 from rtsr_cli.core.frames.buffers import Buffer
 
@@ -19,20 +21,6 @@ UNNAMED = "unnamed"
 
 SAME_SCENE = 2
 """Buffers that two scopes must both hold, in different files, to be two dumps in one folder."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BoundComponent:
-    """A component found: the stream and the channel that hold it."""
-
-    stream: str
-    channel: str
-    factor: float
-    offset: float
-
-
-Binding = Mapping[Buffer, tuple[BoundComponent, ...]]
-"""Where each buffer of a shot is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +51,7 @@ class LayoutMatch:
     @property
     def streams(self) -> frozenset[str]:
         """File sequences that hold the buffers."""
-        return frozenset(c.stream for components in self.binding.values() for c in components)
+        return frozenset(c.stream for bound in self.binding.values() for c in bound)
 
     def knows(self, layer: str | None) -> bool:
         """Tell whether a layer is among those that were found."""
@@ -76,6 +64,17 @@ class _Scope:
 
     channel: str = ""
     file: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Claims:
+    """What a layout calls by a name: file sequences, and channels that no pattern takes."""
+
+    streams: frozenset[str]
+    channels: frozenset[str]
+
+
+NO_CLAIMS = _Claims(streams=frozenset(), channels=frozenset())
 
 
 def _escape_pattern(text: str) -> str:
@@ -97,19 +96,38 @@ def _name_layer(channel: str) -> str:
     return channel.rpartition(".")[0] or UNNAMED
 
 
-def _find_channels(place: ChannelPlace, scope: _Scope, streams: Streams) -> list[_Held]:
+def _find_channels(
+    place: ChannelPlace, scope: _Scope, streams: Streams, claims: _Claims
+) -> list[_Held]:
     """Return the first matching channel of every layer of every file sequence that has one."""
     file = place.file.replace(SCOPE, _escape_pattern(scope.file))
     found: list[_Held] = []
     for stream in sorted(streams):
         if place.alone and not _is_alone(place.channel, streams):
             continue
+        if place.unclaimed and claims.streams:
+            continue
         if any(fnmatchcase(name, file) for name in _list_names(stream)):
             layers: dict[str, str] = {}
-            for channel in _match_names(place, scope, streams[stream]):
+            for channel in _match_names(place, scope, streams[stream], claims):
                 layers.setdefault(_name_layer(channel), channel)
             found += [(stream, channel) for channel in layers.values()]
     return found
+
+
+def _list_claims(layout: Layout, scope: _Scope, streams: Streams) -> _Claims:
+    places = layout.places
+    files = {p.file.replace(SCOPE, _escape_pattern(scope.file)) for p in places} - {"*"}
+    return _Claims(
+        streams=frozenset(
+            stream
+            for stream in streams
+            if any(fnmatchcase(name, file) for name in _list_names(stream) for file in files)
+        ),
+        channels=frozenset(
+            p.channel.replace(SCOPE, scope.channel) for p in places if not p.is_pattern
+        ),
+    )
 
 
 def _is_alone(channel: str, streams: Streams) -> bool:
@@ -117,12 +135,20 @@ def _is_alone(channel: str, streams: Streams) -> bool:
     return len(streams) == 1 and others <= {channel, "A", "Z"}
 
 
-def _match_names(place: ChannelPlace, scope: _Scope, names: Collection[str]) -> list[str]:
+def _match_names(
+    place: ChannelPlace, scope: _Scope, names: Collection[str], claims: _Claims
+) -> list[str]:
     if not place.is_pattern:
         name = place.channel.replace(SCOPE, scope.channel)
+        full = f"{scope.channel}.{name}"
+        if place.scoped and name not in names and full in names:
+            return [full]
         return [name] if name in names else []
     pattern = place.channel.replace(SCOPE, _escape_pattern(scope.channel))
-    return sorted(name for name in names if fnmatchcase(name, pattern))
+    fitting = sorted(n for n in names if n not in claims.channels and fnmatchcase(n, pattern))
+    if not place.without:
+        return fitting
+    return [n for n in fitting if f"{_name_layer(n)}.{place.without}" not in names]
 
 
 def _find_scope_texts(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
@@ -133,48 +159,67 @@ def _find_scope_texts(names: Iterable[str], patterns: Iterable[str]) -> list[str
 
 
 def _list_scopes(layout: Layout, streams: Streams) -> list[_Scope]:
-    places = [p for parts in layout.buffers.values() for c in parts for p in c.places]
     channels = {channel for held in streams.values() for channel in held}
     files = {name for stream in streams for name in _list_names(stream)}
+    patterns = [_complete_name(place, channels) for place in layout.places]
     return [
         _Scope(channel=channel, file=file)
         for channel, file in product(
-            _find_scope_texts(channels, (p.channel for p in places)),
-            _find_scope_texts(files, (p.file for p in places)),
+            _find_scope_texts(channels, patterns),
+            _find_scope_texts(files, (p.file for p in layout.places)),
         )
     ]
 
 
+def _complete_name(place: ChannelPlace, channels: Collection[str]) -> str:
+    """Return a channel's name with the scope that a user left out, if it is not there without."""
+    lacks = place.scoped and not place.is_pattern and "." in place.channel
+    return f"{SCOPE}.{place.channel}" if lacks and place.channel not in channels else place.channel
+
+
 def _match_scope(layout: Layout, scope: _Scope, streams: Streams, layer: str | None) -> LayoutMatch:
-    binding: dict[Buffer, tuple[BoundComponent, ...]] = {}
+    binding: dict[Buffer, BoundBuffer] = {}
     ambiguous: dict[Buffer, tuple[str, ...]] = {}
     rivals: dict[Buffer, tuple[str, ...]] = {}
     labels: set[str] = set()
     layers: dict[str, None] = {}
+    claims = _list_claims(layout, scope, streams)
+    find = partial(_find_channels, scope=scope, streams=streams, claims=claims)
     for buffer, components in layout.buffers.items():
-        options, dumps = _find_options(components, scope, streams, ranked=layout.ranked)
+        options, dumps = _find_options(components, find, ranked=layout.ranked)
         if dumps:
             ambiguous[buffer] = dumps
         if not options:
             continue
         labels |= options.keys()
         chosen = layer if layer in options else next(iter(options))
-        binding[buffer] = _bind_components(components, options[chosen])
+        binding[buffer] = options[chosen]
         if len(several := _list_rivals(options, components)) > 1:
             layers |= dict.fromkeys(several)
             if layer not in options:
                 rivals[buffer] = several
-    for buffer, better in layout.spare.items():
-        if better in binding:
-            binding.pop(buffer, None)
     return LayoutMatch(
-        binding=binding,
+        binding=_drop_spares(layout, binding, scope, streams),
         ambiguous=ambiguous,
         rivals=rivals,
         scope=scope.channel,
         layers=tuple(layers),
         labels=frozenset(labels),
     )
+
+
+def _drop_spares(
+    layout: Layout, binding: Binding, scope: _Scope, streams: Streams
+) -> dict[Buffer, BoundBuffer]:
+    """Leave out what other buffers or channels say better."""
+    dropped = {buffer for buffer, better in layout.spare.items() if better in binding}
+    names = {name for held in streams.values() for name in held}
+    for buffer, channels in layout.instead.items():
+        places = [ChannelPlace(channel=channel) for channel in channels]
+        said = all(_match_names(place, scope, names, NO_CLAIMS) for place in places)
+        if said and buffer in binding and binding[buffer].is_computed:
+            dropped.add(buffer)
+    return {buffer: bound for buffer, bound in binding.items() if buffer not in dropped}
 
 
 def _list_rivals(
@@ -188,19 +233,23 @@ def _list_rivals(
 
 
 def _find_options(
-    components: tuple[Component, ...], scope: _Scope, streams: Streams, *, ranked: bool
-) -> tuple[dict[str, list[_Held]], tuple[str, ...]]:
+    components: tuple[Component, ...],
+    find: Callable[[ChannelPlace], list[_Held]],
+    *,
+    ranked: bool,
+) -> tuple[dict[str, BoundBuffer], tuple[str, ...]]:
     """Find the layers that hold a buffer, in the order of turns; or the sequences that all do.
 
     After the first layer, others of the same files count where they are called by a name and no
     pattern, unless names of the buffer are ranked.
     """
-    options: dict[str, list[_Held]] = {}
+    options: dict[str, BoundBuffer] = {}
     for turn in range(max(len(c.places) for c in components)):
-        places = [c.place(turn) for c in components]
+        sums = [c.sum_of(turn) for c in components]
+        places = [term.place for one in sums for term in one.terms]
         if options and (ranked or any(place.is_pattern for place in places)):
             continue
-        held = [_find_channels(place, scope, streams) for place in places]
+        held = [find(place) for place in places]
         if not all(held):
             continue
         sequences = {s for found in held for s, _ in found}
@@ -209,28 +258,41 @@ def _find_options(
                 return {}, tuple(sorted(sequences))
             continue
         for label, channels in _group_by_layer(held).items():
-            same = not options or sequences == {s for s, _ in next(iter(options.values()))}
-            if same and channels not in options.values():
-                options.setdefault(label, channels)
+            bound = _bind_sums(sums, channels)
+            same = not options or sequences == {c.stream for c in next(iter(options.values()))}
+            if same and bound not in options.values():
+                options.setdefault(label, bound)
     return options, ()
 
 
 def _group_by_layer(held: Sequence[list[_Held]]) -> dict[str, list[_Held]]:
-    """Group what was found of each component by layers that have all of them."""
+    """Group what was found of each channel by layers that have all of them.
+
+    What is computed of several layers is in none; the first of each that is found is taken.
+    """
     layers = [{_name_layer(channel): (stream, channel) for stream, channel in h} for h in held]
-    common = [name for name in layers[0] if all(name in found for found in layers)]
+    common = [name for name in layers[0] if all(name in found for found in layers)] if held else []
     if not common:
         first = [found[0] for found in held]
-        return {_name_layer(first[0][1]): first}
+        names = dict.fromkeys(_name_layer(channel) for _, channel in first)
+        return {next(iter(names), UNNAMED): first}
     return {name: [found[name] for found in layers] for name in common}
 
 
-def _bind_components(
-    components: tuple[Component, ...], channels: list[tuple[str, str]]
-) -> tuple[BoundComponent, ...]:
-    return tuple(
-        BoundComponent(stream=stream, channel=channel, factor=c.factor, offset=c.offset)
-        for c, (stream, channel) in zip(components, channels, strict=True)
+def _bind_sums(sums: Sequence[ChannelSum], channels: Iterable[_Held]) -> BoundBuffer:
+    """Put channels that were found in the places of the terms that they were found for."""
+    found = iter(channels)
+    return BoundBuffer(
+        tuple(
+            BoundSum(
+                terms=tuple(
+                    BoundChannel(stream=stream, channel=channel, factor=t.factor, offset=t.offset)
+                    for t, (stream, channel) in zip(one.terms, found, strict=False)
+                ),
+                constant=one.constant,
+            )
+            for one in sums
+        )
     )
 
 
@@ -250,9 +312,9 @@ def match_layout(layout: Layout, streams: Streams, layer: str | None = None) -> 
     best = replace(best, rivals=rivals, layers=tuple(dict.fromkeys([*scopes, *best.layers])))
     for other in matches:
         dumps = {
-            b: (best.binding[b][0].stream, other.binding[b][0].stream)
-            for b in best.binding
-            if b in other.binding and best.binding[b][0].stream != other.binding[b][0].stream
+            b: (mine[0].stream, theirs[0].stream)
+            for b, mine in best.binding.items()
+            if (theirs := other.binding.get(b)) and mine and mine[0].stream != theirs[0].stream
         }
         if len(dumps) >= SAME_SCENE and other.scope == best.scope:
             kept = {b: c for b, c in best.binding.items() if b not in dumps}
@@ -267,7 +329,10 @@ def _find_rival_scopes(
     if best.scope in layout.aside:
         return {}
     others = [m for m in matches if m.scope not in {best.scope, *layout.aside}]
-    held = {b: [m.scope for m in others if b in m.binding] for b in best.binding}
+    held = {
+        b: [m.scope for m in others if m.binding.get(b, bound) != bound]
+        for b, bound in best.binding.items()
+    }
     return {b: tuple(sorted([best.scope, *scopes])) for b, scopes in held.items() if scopes}
 
 

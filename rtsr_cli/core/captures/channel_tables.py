@@ -3,11 +3,15 @@
 color = "beauty.RGB"                      # prefix and one letter a component
 depth = "zpass:R"                         # channel R of the files `zpass.####.exr`
 motion = ["mv:R", {channel = "G", file = "mv", factor = -1.0, zero = 0.5}]
+material = "Diffuse Color.RGB + Glossy Color.RGB"    # see `buffer_expressions`
+roughness = "1 - smoothness.R"
+metallic = 0.0                            # a constant; [0.8, 0.8, 0.8] of three channels
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import (
@@ -15,18 +19,27 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
+    model_serializer,
     model_validator,
 )
 
-from rtsr_cli.core.captures.layouts import ChannelPlace, Component
+from rtsr_cli.core.captures.buffer_expressions import (
+    is_expression,
+    list_letters,
+    parse_expression,
+    split_name,
+    write_sum,
+)
+from rtsr_cli.core.captures.layouts import ChannelPlace, ChannelSum, Component
+from rtsr_cli.core.documents import describe_value
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.limits import LARGEST_FACTOR
 
-SHORTHANDS = frozenset(
-    {"RGB", "XYZ", "UVW", "RG", "XY", "UV", "rgb", "xyz", "uvw", "rg", "xy", "uv"}
-)
-"""Ends of a channel that stand for one channel a letter."""
+MADE_OF_LIGHT = (Buffer.COLOR, Buffer.LIGHTING)
+"""What a renderer computed: a constant would be a picture of nothing."""
 
 
 class ChannelSpec(BaseModel):
@@ -44,12 +57,17 @@ class ChannelSpec(BaseModel):
     def _from_text(cls, value: object) -> object:
         if not isinstance(value, str):
             return value
-        file, separated, channel = value.rpartition(":")
-        return {"channel": channel, "file": file} if separated else {"channel": value}
+        place = split_name(value)
+        return {"channel": place.channel, "file": place.file}
+
+    @property
+    def is_constant(self) -> bool:
+        """Tell whether no file holds it."""
+        return False
 
     def component(self) -> Component:
         """The component as a layout declares it."""
-        place = ChannelPlace(channel=self.channel, file=self.file)
+        place = ChannelPlace(channel=self.channel, file=self.file, scoped=True)
         return Component(places=(place,), factor=self.factor, offset=self.zero)
 
     def __str__(self) -> str:
@@ -57,31 +75,140 @@ class ChannelSpec(BaseModel):
         return self.channel if self.file == "*" else f"{self.file}:{self.channel}"
 
 
-def _as_list(value: object) -> object:
-    """One string or table is a list of one; a shorthand is as many as it has letters."""
-    if isinstance(value, Mapping):
-        return [value]
-    if not isinstance(value, str):
-        return value
-    letters = _split_letters(value)
-    before = value.removesuffix(letters)
-    return [before + letter for letter in letters] if letters else [value]
+class SumSpec(BaseModel):
+    """One component that is a sum of channels, or a constant."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    sum: ChannelSum
+
+    @property
+    def is_constant(self) -> bool:
+        """Tell whether no file holds it."""
+        return not self.sum.terms
+
+    def component(self) -> Component:
+        """The component as a layout declares it."""
+        return Component(places=(self.sum,))
+
+    @model_serializer
+    def write(self) -> str | float:
+        """Write it as a user would."""
+        return str(self) if self.sum.terms else self.sum.constant
+
+    def __str__(self) -> str:
+        """Write it as a user would."""
+        named = [(t.factor, t.place.file, t.place.channel) for t in self.sum.terms]
+        return write_sum(
+            [(f, c if file == "*" else f"{file}:{c}") for f, file, c in named], self.sum.constant
+        )
 
 
-def _split_letters(text: str) -> str:
-    """Return the shorthand at the end of a channel, '' if there is none."""
-    last = text.rpartition(":")[2].rpartition(".")[2]
-    return last if last in SHORTHANDS else ""
+@dataclass(frozen=True)
+class _Written:
+    """What stands in the file for a buffer, and how many channels that has."""
+
+    value: object
+    channels: int
+
+    def __repr__(self) -> str:
+        """Return what stands in the file."""
+        return describe_value(self.value)
+
+
+def _list_components(written: object) -> object:
+    """One entry a component: a name, a table, or a sum.
+
+    Raises:
+        ValueError: it is an expression that cannot be read; names the column.
+    """
+    if not isinstance(written, _Written):
+        return written
+    value, channels = written.value, written.channels
+    if isinstance(value, str):
+        return _list_of_text(value, channels)
+    if isinstance(value, list):
+        return [_read_entry(entry, i) for i, entry in enumerate(value, start=1)]
+    if _is_number(value):
+        return [_make_constant(value)] * channels
+    return [value] if isinstance(value, Mapping) else value
+
+
+def _list_of_text(text: str, channels: int) -> list[object]:
+    if is_expression(text):
+        return [SumSpec(sum=s) for s in parse_expression(text, channels, scoped=True)]
+    letters = list_letters(text, channels)
+    before = text.removesuffix(letters)
+    return [before + letter for letter in letters] if letters else [text]
+
+
+def _read_entry(entry: object, place: int) -> object:
+    """Read an entry of a list, which is one component."""
+    if _is_number(entry):
+        return _make_constant(entry)
+    if not isinstance(entry, str) or not is_expression(entry):
+        return entry
+    try:
+        return SumSpec(sum=parse_expression(entry, 1, scoped=True)[0])
+    except ValueError as error:
+        raise ValueError(f"entry {place}: {error}") from error
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _make_constant(value: object) -> SumSpec:
+    number = float(str(value))
+    if not abs(number) <= LARGEST_FACTOR:
+        raise ValueError(f"is out of range (allowed: up to {LARGEST_FACTOR:g})")
+    return SumSpec(sum=ChannelSum(constant=number))
+
+
+def _tell_kind(entry: object) -> str:
+    return "<sum>" if isinstance(entry, SumSpec) else "<channel>"
+
+
+ComponentSpec = ChannelSpec | SumSpec
+
+ComponentSpecs = Annotated[
+    list[
+        Annotated[
+            Annotated[ChannelSpec, Tag("<channel>")] | Annotated[SumSpec, Tag("<sum>")],
+            Discriminator(_tell_kind),
+        ]
+    ],
+    BeforeValidator(_list_components),
+]
+
+SPEC_TAGS = frozenset({"<channel>", "<sum>"})
+"""Parts of an error's place that no user wrote."""
+
+
+def _add_channel_counts(table: object) -> object:
+    """Say of what stands in the file for a buffer how many channels that has."""
+    if not isinstance(table, Mapping):
+        return table
+    counts = {buffer.value: spec.channels for buffer, spec in BUFFER_SPECS.items()}
+    return {
+        key: _Written(value, counts[key]) if key in counts and isinstance(key, str) else value
+        for key, value in table.items()
+    }
 
 
 def _check_channel_counts(
-    table: dict[Buffer, list[ChannelSpec]],
-) -> dict[Buffer, list[ChannelSpec]]:
-    """Hold every buffer to its number of channels."""
+    table: dict[Buffer, list[ComponentSpec]],
+) -> dict[Buffer, list[ComponentSpec]]:
+    """Hold every buffer to its number of channels, and radiance to be in files."""
     wrong = [
         f"{buffer} needs {BUFFER_SPECS[buffer].channels} channels, not {len(specs)}"
         for buffer, specs in table.items()
         if len(specs) != BUFFER_SPECS[buffer].channels
+    ]
+    wrong += [
+        f"{buffer} is what was rendered, and no constant; name its channels"
+        for buffer in MADE_OF_LIGHT
+        if buffer in table and all(spec.is_constant for spec in table[buffer])
     ]
     if Buffer.SKY in table:
         wrong.append("sky is not read: it follows from depth and normals")
@@ -90,30 +217,16 @@ def _check_channel_counts(
     return table
 
 
-ChannelSpecs = Annotated[list[ChannelSpec], BeforeValidator(_as_list)]
-
-
-def _keep_whole_name(table: object) -> object:
-    """Keep a text whole where the buffer has one channel: "rg" is then a name, no shorthand."""
-    if not isinstance(table, Mapping):
-        return table
-    single = {b.value for b, spec in BUFFER_SPECS.items() if spec.channels == 1}
-    return {
-        key: [value] if isinstance(value, str) and key in single else value
-        for key, value in table.items()
-    }
-
-
 BufferTable = Annotated[
-    dict[Buffer, ChannelSpecs],
-    BeforeValidator(_keep_whole_name),
+    dict[Buffer, ComponentSpecs],
+    BeforeValidator(_add_channel_counts),
     AfterValidator(_check_channel_counts),
 ]
-"""Buffer name -> the channels it is made of."""
+"""Buffer name -> what its channels are."""
 
 
 def build_components(
-    table: Mapping[Buffer, list[ChannelSpec]],
+    table: Mapping[Buffer, list[ComponentSpec]],
 ) -> dict[Buffer, tuple[Component, ...]]:
     """Return the table as a layout declares it."""
     return {buffer: tuple(s.component() for s in specs) for buffer, specs in table.items()}

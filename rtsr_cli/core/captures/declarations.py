@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
 
-from rtsr_cli.core.captures.cameras import CameraRow, add_depth_sense, read_side_car
+from rtsr_cli.core.captures.camera_rows import CameraRow
+from rtsr_cli.core.captures.cameras import add_depth_sense, read_side_car
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE, CaptureDeclaration, read_capture
 from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.layout_files import list_declared_buffers, load_layout
@@ -31,6 +32,7 @@ class Declarations:
         side_car: row of the camera side-car by frame number; empty without one.
         layout: that the option, capture.toml or the data set's folders name; None to detect one.
         spelled_out: components of each buffer of a layout file or of `[buffers]`.
+        sources: the file that each of those stands in.
         remarks: what is named like a capture.toml and was not read, for the user.
     """
 
@@ -39,6 +41,7 @@ class Declarations:
     layout: Layout | None
     spelled_out: Mapping[Buffer, tuple[Component, ...]]
     remarks: tuple[str, ...] = ()
+    sources: Mapping[Buffer, str] = field(default_factory=dict)
 
 
 class DeclarationFiles:
@@ -72,8 +75,8 @@ class DeclarationFiles:
         path = self._capture_file or next(filter(is_file, above), None)
         capture = CaptureDeclaration() if path is None else self._capture(path)
         cameras = shot.side_car
-        if path is not None and capture.camera:
-            cameras = self._place_side_car(path, capture.camera)
+        if path is not None and capture.camera.file:
+            cameras = self._place_side_car(path, capture.camera.file)
         rows: Mapping[int, CameraRow] = {}
         if cameras is not None:
             side_car = self._side_car(cameras)
@@ -81,11 +84,13 @@ class DeclarationFiles:
         named = self._layout_name or capture.layout
         name = named or shot.layout
         layout = None if name is None else self._layout(name)
+        spelled_out = list_declared_buffers(named, layout, capture)
         return Declarations(
             capture=capture,
             side_car=rows,
             layout=layout,
-            spelled_out=list_declared_buffers(named, layout, capture),
+            spelled_out=spelled_out,
+            sources={b: str(path if b in capture.buffers else named) for b in spelled_out},
             remarks=tuple(_describe_no_file(p) for p in takewhile(lambda p: p != path, above)),
         )
 
@@ -137,6 +142,17 @@ class DeclarationFiles:
         )
         named = () if capture.layout is None else (self._layout(capture.layout),)
         return list_folder_patterns((own, *named))
+
+
+def find_declaring_folder(shot: Shot, root: Path, parts: Collection[str]) -> Path:
+    """Return the folder up to which declarations about a shot are looked for.
+
+    Args:
+        shot: below IN, or IN itself.
+        root: IN.
+        parts: names of folders that belong to the shot that their parent is.
+    """
+    return root.parent if shot.root == root and root.name in parts else root
 
 
 def _describe_no_file(path: Path) -> str:

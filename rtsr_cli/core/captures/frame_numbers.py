@@ -16,7 +16,11 @@ MOST_HELD, HELD_A_FRAME = 10_000, 100
 
 
 def choose_numbers(
-    frames: FrameSet, used: list[str], step: int, policy: MissingPolicy
+    frames: FrameSet,
+    used: list[str],
+    step: int,
+    policy: MissingPolicy,
+    wanted: frozenset[int] | None = None,
 ) -> tuple[tuple[int, ...], dict[int, int]]:
     """Frames that every used stream has, and stand-ins for the others where they are held.
 
@@ -25,12 +29,14 @@ def choose_numbers(
         used: streams whose files make a frame.
         step: of the numbering.
         policy: what is done about frames that are missing.
+        wanted: frames that are asked for: what is missing before and behind them is no matter.
 
     Raises:
         FrameFolderError: frames are missing, or more than can be held.
     """
     complete = frozenset.intersection(*(frozenset(frames.streams[key].files) for key in used))
     missing = list_missing_frames(frames, used, step)
+    missing = {key: within for key, gaps in missing.items() if (within := _cut_gaps(gaps, wanted))}
     if missing and policy is MissingPolicy.ERROR:
         listed = "; ".join(f"'{key}' lacks {format_gaps(gaps)}" for key, gaps in missing.items())
         raise FrameFolderError(
@@ -46,6 +52,22 @@ def choose_numbers(
     if policy is MissingPolicy.HOLD:
         held = _hold_frames(frames, sorted(complete), used, step)
     return tuple(sorted(complete | set(held))), held
+
+
+def _cut_gaps(gaps: Sequence[range], wanted: frozenset[int] | None) -> list[range]:
+    """What of gaps lies between the first and the last of some numbers."""
+    if not wanted:
+        return list(gaps)
+    first, last = min(wanted), max(wanted)
+    cut = (
+        range(
+            max(gap.start, gap.start - (gap.start - first) // gap.step * gap.step),
+            min(gap.stop, last + 1),
+            gap.step,
+        )
+        for gap in gaps
+    )
+    return [gap for gap in cut if gap]
 
 
 def _hold_frames(

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.channel_matching import Binding, make_layer_error, match_layout
+from rtsr_cli.core.captures.channel_matching import UNNAMED, make_layer_error, match_layout
 from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.layout_files import choose_layout
 from rtsr_cli.core.captures.layouts import Layout
@@ -78,6 +79,13 @@ def list_plain_names(header: ExrHeader) -> frozenset[str]:
     return header.channels | {strip_view(c, views[c]) for c in header.channels if c in views}
 
 
+def join_layer(layer: str | None, view: str | None) -> str | None:
+    """Return the name of a layer's view: `layer.view`, or the one that is named."""
+    if layer is None or view is None:
+        return layer or view
+    return layer if f".{layer}".endswith(f".{view}") else f"{layer}.{view}"
+
+
 def bind_layers(
     named: Layout | None,
     capture: CaptureDeclaration,
@@ -101,11 +109,20 @@ def bind_layers(
     views = sorted({v for h in headers.values() for v in h.views.values()})
     chosen, rest = _split_layer(layer, views)
     own = _list_own_names(named, capture)
-    if chosen is None and len(views) > 1:
-        return _bind_the_only_view(named, capture, headers, where, (views, own, layer))
-    view = chosen or "".join(views)
-    bound = _bind_view(named, capture, _list_view(headers, view, own), where, rest)
-    return _with_views(bound, views, view, layer, where)
+    view = chosen or (views[0] if len(views) == 1 else "")
+    try:
+        if chosen is None and len(views) > 1:
+            return _bind_the_only_view(named, capture, headers, where, (views, own, layer))
+        bound = _bind_view(named, capture, _list_view(headers, view, own), where, rest)
+        return _with_views(bound, views, view, layer, where)
+    except FrameFolderError as error:
+        if layer is None or rest is None or _is_layer(rest, headers):
+            raise
+        names = _list_view(headers, view or "".join(views[:1]), own)
+        choices = _list_choices(named, capture, names, where, views)
+        if not choices:
+            raise
+        raise _make_unknown_error(layer, choices, where) from error
 
 
 def _split_layer(layer: str | None, views: Sequence[str]) -> tuple[str | None, str | None]:
@@ -118,10 +135,33 @@ def _split_layer(layer: str | None, views: Sequence[str]) -> tuple[str | None, s
     return None, layer
 
 
+def _is_layer(name: str, headers: Headers) -> bool:
+    """Tell whether some channel is of a layer of that name."""
+    channels = (channel for header in headers.values() for channel in header.channels)
+    return name == UNNAMED or any(f".{name}." in f".{channel}" for channel in channels)
+
+
+def _list_choices(
+    named: Layout | None,
+    capture: CaptureDeclaration,
+    names: _Names,
+    where: str,
+    views: Sequence[str],
+) -> list[str]:
+    """Names of the layers and views that could have been asked for."""
+    try:
+        layers = _bind_view(named, capture, names, where, None).layers
+    except LayerChoiceError as error:
+        layers = error.layers
+    except FrameFolderError:
+        layers = ()
+    return [*views, *(f"{layer}.{view}" for layer in layers for view in views)] or [*layers]
+
+
 def _list_own_names(named: Layout | None, capture: CaptureDeclaration) -> frozenset[str]:
     """Channels that the user may have spelled out with their view."""
     own = {**({} if named is None else named.buffers), **build_components(capture.buffers)}
-    return frozenset(p.channel for parts in own.values() for c in parts for p in c.places)
+    return frozenset(t.place.channel for parts in own.values() for c in parts for t in c.terms)
 
 
 _Names = Mapping[str, Mapping[str, str]]
@@ -198,8 +238,8 @@ def _bind_names(
     read = matched.scope or (layer if layer is not None and matched.knows(layer) else "")
     notes = () if layer is None or read else (_describe_no_layers(layer),)
     stored = {
-        buffer: tuple(replace(c, channel=names[c.stream][c.channel]) for c in components)
-        for buffer, components in binding.items()
+        buffer: bound.renamed({(c.stream, c.channel): names[c.stream][c.channel] for c in bound})
+        for buffer, bound in binding.items()
     }
     return BoundLayers(
         layout=layout, binding=stored, layers=matched.layers, layer=read, notes=notes

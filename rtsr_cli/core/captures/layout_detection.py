@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
 
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.channel_matching import (
-    Binding,
     LayoutMatch,
     Streams,
     make_ambiguity_error,
@@ -40,7 +41,12 @@ def detect_layout(
     """
     found = [(layout, match_layout(layout, streams, layer)) for layout in candidates]
     matches = [(layout, m) for layout, m in found if m.knows(layer)] or found
-    clear = [(layout, m) for layout, m in matches if not m.ambiguous and _is_plausible(layout, m)]
+    names = [channel for held in streams.values() for channel in held]
+    clear = [
+        (layout, m)
+        for layout, m in matches
+        if not m.ambiguous and _is_plausible(layout, m) and _is_marked(layout, names)
+    ]
     best = max((len(m.binding) for _, m in clear), default=0)
     guess = max((m for _, m in matches if m.ambiguous), key=lambda m: m.explained, default=None)
     if guess is not None and guess.explained > best:
@@ -68,6 +74,13 @@ def detect_layout(
 def _is_plausible(layout: Layout, matched: LayoutMatch) -> bool:
     """Tell whether a layout may be presumed: wide patterns alone do not prove an unverified one."""
     return layout.verified or Buffer.COLOR in matched.binding
+
+
+def _is_marked(layout: Layout, channels: Sequence[str]) -> bool:
+    """Tell whether channels hold what a layout is known by, if it is by anything."""
+    return not layout.marks or any(
+        fnmatchcase(channel, mark) for mark in layout.marks for channel in channels
+    )
 
 
 def _refuse_second_dump(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pydantic import Field
 
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.capture_file import (
     CAPTURE_FILE,
     CaptureDeclaration,
@@ -15,7 +16,6 @@ from rtsr_cli.core.captures.capture_file import (
     validate_content,
 )
 from rtsr_cli.core.captures.channel_matching import (
-    Binding,
     Streams,
     bind_layout,
     match_layout,
@@ -23,12 +23,15 @@ from rtsr_cli.core.captures.channel_matching import (
 from rtsr_cli.core.captures.channel_tables import BufferTable, build_components
 from rtsr_cli.core.captures.layout_detection import detect_layout
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
-from rtsr_cli.core.captures.layouts import Component, Layout
+from rtsr_cli.core.captures.layouts import ChannelSum, Component, Layout, Term
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.documents import DocumentError, read_toml_text
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, LayerChoiceError, did_you_mean
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import Conventions
+
+SPACES = "; operators stand between spaces: 'a.RGB + b.RGB', '1 - a.R'"
+"""What is said of names with signs in them, which are not there."""
 
 
 class LayoutFile(ConventionTables):
@@ -119,7 +122,7 @@ def choose_layout(
         raise LayerChoiceError(f"{where}: {error}", error.layers) from error
     except FrameFolderError as error:
         raise FrameFolderError(f"{where}: {error}") from error
-    if not binding:
+    if not any(map(len, binding.values())):
         raise FrameFolderError(f"{where}: layout '{layout.name}' matches no channel of these files")
     return layout, binding
 
@@ -157,9 +160,14 @@ def _replace_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component
         )
     if not own:
         return layout
+    conventions = layout.conventions
+    if any(c.is_computed for c in own.get(Buffer.ROUGHNESS, ())):
+        # who computes roughness computes what is perceptual, whatever the layout's own channel is
+        conventions = replace(conventions, roughness=Conventions().roughness)
     return replace(
         layout,
         name=f"{layout.name} + {CAPTURE_FILE}",
+        conventions=conventions,
         buffers={**layout.buffers, **own},
         # nothing is known of vectors that the preset did not find itself
         verified=layout.verified and Buffer.MOTION not in own,
@@ -167,9 +175,18 @@ def _replace_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component
 
 
 def check_declared(
-    declared: Mapping[Buffer, tuple[Component, ...]], sets: Sequence[Streams], where: str
+    declared: Mapping[Buffer, tuple[Component, ...]],
+    sets: Sequence[Streams],
+    where: str,
+    sources: Mapping[Buffer, str],
 ) -> None:
     """Hold every channel that a user spelled out to be in the files of some resolution.
+
+    Args:
+        declared: buffers, as they are spelled out.
+        sets: file sequences and channels of each resolution.
+        where: folder, for messages.
+        sources: the file that each buffer is spelled out in.
 
     Raises:
         FrameFolderError: one is in none; names buffer, channel, and the channels there are.
@@ -177,21 +194,28 @@ def check_declared(
     for buffer, components in declared.items():
         if any(_are_held({buffer: components}, streams) for streams in sets):
             continue
-        for component in components:
-            if not any(_are_held({buffer: (component,)}, streams) for streams in sets):
-                raise FrameFolderError(f"{where}: {_describe_absence(buffer, component, sets)}")
+        for term in (term for component in components for term in component.terms):
+            part = Component(places=(ChannelSum(terms=(term,)),))
+            if not any(_are_held({buffer: (part,)}, streams) for streams in sets):
+                text = _describe_absence(buffer, term, sets, sources.get(buffer, ""))
+                raise FrameFolderError(f"{where}: {text}")
 
 
 def _are_held(buffers: Mapping[Buffer, tuple[Component, ...]], streams: Streams) -> bool:
     return match_layout(Layout(name="", description="", buffers=buffers), streams).explained > 0
 
 
-def _describe_absence(buffer: Buffer, component: Component, sets: Sequence[Streams]) -> str:
-    place = component.places[0]
+def _describe_absence(buffer: Buffer, term: Term, sets: Sequence[Streams], source: str) -> str:
+    place = term.place
     spec = place.channel if place.file == "*" else f"{place.file}:{place.channel}"
     channels = sorted({c for streams in sets for names in streams.values() for c in names})
     files = sorted({key for streams in sets for key in streams})
+    column = f"column {term.column}" if term.column else ""
+    written = ", ".join(filter(None, (source, column)))
+    stands = f"; it stands in {written}" if written else ""
+    spaces = SPACES if any(sign in place.channel for sign in "+-*/") else ""
     return (
         f"buffer '{buffer}': no channel is called '{spec}'"
-        f"{did_you_mean(place.channel, channels)}; file sequences: {', '.join(map(repr, files))}"
+        f"{did_you_mean(place.channel, channels)}{spaces}{stands}; "
+        f"file sequences: {', '.join(map(repr, files))}"
     )

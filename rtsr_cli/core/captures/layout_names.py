@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 LAYOUT_NAMES = (
-    "rtsr", "blender", "extranet", "nss", "nsrd",
-    "unreal-mrq", "falcor", "unity", "mitsuba", "nuke",
+    "rtsr", "blender", "extranet", "nss", "nsrd", "mitsuba", "falcor", "unreal-mrq",
+    "unity", "nuke",
 )  # fmt: skip
 """Every preset, in the order of listings: those checked on files, then those from documentation."""
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from rtsr_cli.core.captures.layouts import SCOPE, ChannelPlace, Component, Layout
+from rtsr_cli.core.captures.layouts import SCOPE, Component, Layout, Term
 from rtsr_cli.core.captures.nss_cameras import write_clip_json
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
@@ -87,11 +87,11 @@ def _store_planes(
         where=frame.gbuffer.where,
     )
     files: dict[str, dict[str, Plane]] = defaultdict(dict)
-    for buffer, components, places in _list_held(layout, frame.gbuffer, role):
+    for buffer, terms in _list_held(layout, frame.gbuffer, role):
         image = from_memory(buffer, frame.gbuffer[buffer], stored)
-        for i, (component, place) in enumerate(zip(components, places, strict=True)):
-            channel = place.channel.replace(SCOPE, layout.scope)
-            files[place.file][channel] = _store_plane(buffer, image[0, i], component)
+        for i, term in enumerate(terms):
+            channel = term.place.channel.replace(SCOPE, layout.scope)
+            files[term.place.file][channel] = _store_plane(buffer, image[0, i], term)
     return files
 
 
@@ -106,7 +106,7 @@ def list_frame_files(
     scale: int = 2,
 ) -> tuple[Path, ...]:
     """Return the files that `write_frame` would write for a frame of these buffers."""
-    files = {place.file for _, _, places in _list_held(layout, buffers, role) for place in places}
+    files = {term.place.file for _, terms in _list_held(layout, buffers, role) for term in terms}
     paths = (
         folder / _place_path(layout, file, number=number, base=base, role=role, scale=scale)
         for file in files
@@ -116,24 +116,27 @@ def list_frame_files(
 
 def _list_held(
     layout: Layout, buffers: Collection[Buffer], role: FrameRole
-) -> Iterator[tuple[Buffer, tuple[Component, ...], list[ChannelPlace]]]:
-    """Buffers that a layout has files for, with their components and places."""
+) -> Iterator[tuple[Buffer, list[Term]]]:
+    """Buffers that a layout has files for, with the channel of each component."""
     for buffer, components in layout.buffers.items():
-        places = _choose_places(layout, components, role)
-        if buffer in buffers and places is not None:
-            yield buffer, components, places
+        terms = _choose_channels(layout, components, role)
+        if buffer in buffers and terms is not None:
+            yield buffer, terms
 
 
-def _choose_places(
+def _choose_channels(
     layout: Layout, components: tuple[Component, ...], role: FrameRole
-) -> list[ChannelPlace] | None:
-    """First place of each component, among the files of a role; None if the role has none."""
+) -> list[Term] | None:
+    """First channel of each component that is not computed, among the files of a role, if any."""
     tree = layout.tree
-    if tree is None:
-        return [component.place(0) for component in components]
-    held = tree.lr_buffers if role is FrameRole.LR else tree.hr_buffers
-    chosen = [[p for p in component.places if p.file in held] for component in components]
-    return [places[0] for places in chosen] if all(chosen) else None
+    held: tuple[str, ...] | None = None
+    if tree is not None:
+        held = tree.lr_buffers if role is FrameRole.LR else tree.hr_buffers
+    chosen = [
+        [term for term in component.channels if held is None or term.place.file in held]
+        for component in components
+    ]
+    return [terms[0] for terms in chosen] if all(chosen) else None
 
 
 def _place_path(
@@ -149,12 +152,12 @@ def _place_path(
     return Path(f"{name}.{digits}.exr" if name else f"{digits}.exr")
 
 
-def _store_plane(buffer: Buffer, image: torch.Tensor, component: Component) -> Plane:
+def _store_plane(buffer: Buffer, image: torch.Tensor, term: Term) -> Plane:
     """One channel as it is stored: stored = value / factor + offset."""
-    plain = component.factor == 1.0 and component.offset == 0.0
+    plain = term.factor == 1.0 and term.offset == 0.0
     if buffer is Buffer.OBJECT_ID and plain:
         return image.numpy().astype(np.uint32)
-    stored = image if plain else image.double() / component.factor + component.offset
+    stored = image if plain else image.double() / term.factor + term.offset
     return stored.float().numpy() if buffer in FLOAT_BUFFERS else to_half(stored)
 
 

@@ -6,8 +6,9 @@ channels it finds, and a new engine is a new entry in `presets`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
@@ -26,11 +27,17 @@ class ChannelPlace:
     A file sequence is known by its key (`folder/base name` relative to the shot) and, where each
     buffer has a folder, by that folder's name alone. `alone` are channels of one letter that mean
     something only in the one file sequence of a frame set, beside no others but alpha and depth.
+    `scoped` are names that a user may have written without their scope.
+    `unclaimed` are channels that mean something only where no file sequence is a buffer's by name.
+    A pattern fits no layer that has the component `without`, too.
     """
 
     channel: str
     file: str = "*"
     alone: bool = False
+    unclaimed: bool = False
+    without: str = ""
+    scoped: bool = False
 
     @property
     def is_pattern(self) -> bool:
@@ -39,22 +46,73 @@ class ChannelPlace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Component:
-    """One channel of a buffer: `value = (stored - offset) * factor`.
+class Term:
+    """One channel in a sum: `(stored - offset) * factor`.
 
     Attributes:
-        places: where it can be, tried in order; all components of a buffer take the same turn.
+        place: where the channel can be.
         factor: on the stored value.
         offset: stored value of zero.
+        column: where the user wrote it, counted from 1; 0 where it is in no text.
     """
 
-    places: tuple[ChannelPlace, ...]
+    place: ChannelPlace
+    factor: float = 1.0
+    offset: float = 0.0
+    column: int = field(default=0, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelSum:
+    """What one channel of a buffer is computed of: the sum of its terms, and a constant.
+
+    Attributes:
+        terms: channels that are added; none for a constant.
+        constant: what is added to them.
+    """
+
+    terms: tuple[Term, ...] = ()
+    constant: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """One channel of a buffer: `value = (stored - offset) * factor`, or a sum.
+
+    Attributes:
+        places: where it can be, or of which channels it is the sum, tried in order; all
+            components of a buffer take the same turn.
+        factor: on the stored value of a place; a sum has its own.
+        offset: stored value of zero, likewise.
+    """
+
+    places: tuple[ChannelPlace | ChannelSum, ...]
     factor: float = 1.0
     offset: float = 0.0
 
-    def place(self, turn: int) -> ChannelPlace:
-        """Return the place of a turn; the last one stands for those that are not there."""
-        return self.places[min(turn, len(self.places) - 1)]
+    def sum_of(self, turn: int) -> ChannelSum:
+        """Return the sum of a turn; the last one stands for those that are not there."""
+        place = self.places[min(turn, len(self.places) - 1)]
+        if isinstance(place, ChannelSum):
+            return place
+        return ChannelSum(terms=(Term(place=place, factor=self.factor, offset=self.offset),))
+
+    @property
+    def terms(self) -> Iterator[Term]:
+        """Channels of every turn."""
+        for turn in range(len(self.places)):
+            yield from self.sum_of(turn).terms
+
+    @property
+    def is_computed(self) -> bool:
+        """Tell whether it is a sum or a constant in every turn, and in none a channel."""
+        return not any(True for _ in self.channels)
+
+    @property
+    def channels(self) -> Iterator[Term]:
+        """Channels of the turns that are one channel each, and nothing is added to it."""
+        sums = (self.sum_of(turn) for turn in range(len(self.places)))
+        return (s.terms[0] for s in sums if len(s.terms) == 1 and s.constant == 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +136,21 @@ class FolderTree:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnreadPass:
+    """What a layout knows and does not read.
+
+    Attributes:
+        name: pattern of the name of its channels or its file sequence.
+        why: said to the user.
+        unless: buffer that it would stand in for; nothing is said where that one is there.
+    """
+
+    name: str
+    why: str
+    unless: Buffer | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Layout:
     """A named arrangement of buffers in files.
 
@@ -93,8 +166,15 @@ class Layout:
             first; else they are spellings of one thing, of which a file has one.
         aside: scopes that are no layers of their own: what is made of the others.
         spare: buffers that are not read where another one is there, which says the same.
+        instead: patterns of channels that, where there is one of each, say better what is otherwise
+            computed of a buffer's passes, which then is not read.
         digits: digits of a frame number, as it is written.
         verified: False if known from documentation only.
+        marks: patterns of channels of which one has to be there for the layout to be detected.
+        open_motion: True if vectors are read only where a measurement fits, or tells, how.
+        other_depth_units: metres in a unit of depth that is met with as well; it is read where the
+            layout's own would make kilometres of the frames.
+        unread: what is known and not read.
     """
 
     name: str
@@ -107,18 +187,30 @@ class Layout:
     ranked: bool = False
     aside: tuple[str, ...] = ()
     spare: Mapping[Buffer, Buffer] = field(default_factory=dict)
+    instead: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
     digits: int = 4
     verified: bool = True
+    marks: tuple[str, ...] = ()
+    open_motion: bool = False
+    other_depth_units: tuple[float, ...] = ()
+    unread: tuple[UnreadPass, ...] = ()
+
+    def list_unread(self, streams: Mapping[str, Collection[str]]) -> dict[str, UnreadPass]:
+        """What is known and not read of file sequences and their channels, by name."""
+        names = [*streams, *(stream.rpartition("/")[0] for stream in streams)]
+        names += [channel for channels in streams.values() for channel in channels]
+        return {n: u for u in self.unread for n in names if fnmatchcase(n, u.name)}
+
+    @property
+    def places(self) -> tuple[ChannelPlace, ...]:
+        """Where any channel of any buffer can be."""
+        components = (c for components in self.buffers.values() for c in components)
+        return tuple(term.place for component in components for term in component.terms)
 
     @property
     def files(self) -> tuple[str, ...]:
         """Patterns of the file sequences that hold one buffer each."""
-        patterns = {
-            place.file
-            for components in self.buffers.values()
-            for component in components
-            for place in component.places
-        }
+        patterns = {place.file for place in self.places}
         return tuple(sorted(p for p in patterns if p.replace(SCOPE, "*") != "*"))
 
 
@@ -138,6 +230,13 @@ def name_components(
             )
         )
         for s in list_suffixes(buffer, letters)
+    )
+
+
+def name_unclaimed_components(*channels: str) -> tuple[Component, ...]:
+    """Components of a buffer whose channels have no layer: R, G, B of the file of all passes."""
+    return tuple(
+        Component(places=(ChannelPlace(channel=channel, unclaimed=True),)) for channel in channels
     )
 
 

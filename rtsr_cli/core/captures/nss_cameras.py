@@ -22,12 +22,22 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AliasChoices,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    model_validator,
+)
 
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.limits import LARGEST_FACTOR
 
 Matrix4 = NDArray[np.float64]
+
+PLANES = ("NearPlane", "FarPlane")
+"""What older data sets, and those for frame generation, have once a clip."""
 
 INFINITE_FAR = -1.0
 """Far plane that stands for none."""
@@ -98,6 +108,19 @@ class NssClip(_Liberal):
 
     frames: list[NssFrame] = Field(alias="Frames")
     reverse_z: bool = Field(default=False, alias="ReverseZ")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _hand_down_planes(cls, content: Any) -> Any:
+        """Planes that a clip has once are those of its frames that have none."""
+        frames = content.get("Frames") if isinstance(content, Mapping) else None
+        if not isinstance(frames, list):
+            return content
+        common = {f"Camera{name}": content[name] for name in PLANES if name in content}
+        return {
+            **content,
+            "Frames": [{**common, **f} if isinstance(f, Mapping) else f for f in frames],
+        }
 
 
 def is_nss_content(content: object) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from rtsr_cli.core.captures.buffer_expressions import name_sums
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.layouts import (
     SCOPE,
@@ -16,120 +17,79 @@ from rtsr_cli.core.captures.layouts import (
     name_file_components,
     name_single_component,
 )
+from rtsr_cli.core.captures.presets_own import RTSR
+from rtsr_cli.core.captures.presets_renderers import RENDERERS
+from rtsr_cli.core.captures.presets_unreal import UNREAL
 from rtsr_cli.core.captures.presets_unverified import UNVERIFIED
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import Conventions, DepthConvention, DepthKind
-from rtsr_cli.core.frames.conventions import NormalConvention as Normals
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
 
-CENTIMETRE = 0.01
 
-RTSR = Layout(
-    name="rtsr",
-    description="rtsr's own channel names: R G B, albedo.*, normal.*, depth.Z, motion.*, ...",
-    buffers={
-        # own names first, then other renderers' spellings of the same thing: V-Ray writes
-        # components out, 3ds Max has bare ones, OIDN's splitter accepts the rest
-        Buffer.COLOR: join_places(
-            name_components(Buffer.COLOR, "", "rgba", "beauty", "Beauty", "Composite.Combined"),
-            # luminance alone is grey
-            (Component(places=(ChannelPlace(channel="Y", alone=True),)),) * 3,
-        ),
-        Buffer.ALPHA: name_single_component(
-            "A", "rgba.A", "beauty.A", "Beauty.A", "Composite.Combined.A"
-        ),
-        Buffer.ALBEDO: join_places(
-            name_components(Buffer.ALBEDO, "albedo", "Albedo"),
-            tuple(
-                Component(
-                    places=(
-                        ChannelPlace(channel=f"albedo.{c}"),
-                        ChannelPlace(channel=f"diffuse.{c}"),
-                    )
-                )
-                for c in ("red", "green", "blue")
-            ),
-        ),
-        Buffer.SPECULAR: name_components(Buffer.SPECULAR, "specular"),
-        Buffer.MATERIAL: name_components(Buffer.MATERIAL, "material"),
-        Buffer.LIGHTING: name_components(Buffer.LIGHTING, "lighting"),
-        Buffer.LIGHTING_MASK: name_single_component("mask"),
-        Buffer.NORMAL: join_places(
-            name_components(Buffer.NORMAL, "normal", "normals", "Normals", "N", "bump_normals"),
-            name_components(
-                Buffer.NORMAL,
-                *("normal", "normals", "Normals", "N", "VisibleNormals", "OptixNormals"),
-                letters="RGB",
-            ),
-            tuple(Component(places=(ChannelPlace(channel=c),)) for c in ("NX", "NY", "NZ")),
-        ),
-        Buffer.GEONORMAL: name_components(Buffer.GEONORMAL, "geonormal"),
-        Buffer.DEPTH: name_single_component(
-            "depth.Z", "depth", "Z", "depth.R", "depth.Y", "Depth.Z"
-        ),
-        Buffer.ROUGHNESS: name_single_component(
-            "roughness", "roughness.R", "roughness.X", "roughness.Y"
-        ),
-        Buffer.METALLIC: name_single_component(
-            "metallic", "metallic.R", "metallic.X", "metallic.Y"
-        ),
-        Buffer.MOTION: join_places(
-            name_components(Buffer.MOTION, "motion"),
-            name_components(Buffer.MOTION, "motion", letters="RG"),
-            name_components(Buffer.MOTION, "motion", letters="UV"),
-            tuple(Component(places=(ChannelPlace(channel=c),)) for c in ("velX", "velY")),
-        ),
-        Buffer.FORWARD: name_components(Buffer.FORWARD, "forward"),
-        Buffer.EMISSION: name_components(Buffer.EMISSION, "emission"),
-        Buffer.OBJECT_ID: name_single_component(
-            "objectid", "objectid.R", "objectid.X", "objectid.Y"
-        ),
-        Buffer.POSITION: join_places(
-            name_components(Buffer.POSITION, "position"),
-            name_components(Buffer.POSITION, "position", letters="RGB"),
-        ),
-        Buffer.NOV: name_single_component("nov", "nov.R", "nov.X", "nov.Y"),
-        Buffer.REACTIVE: name_single_component(
-            "reactive", "reactive.R", "reactive.X", "reactive.Y"
-        ),
-    },
-)
+def _name_blender_values(*aovs: str) -> tuple[Component, ...]:
+    """Names of AOVs of one value."""
+    ends = (".X", ".V", ".R", "")
+    return name_single_component(*(f"{SCOPE}.{aov}{end}" for aov in aovs for end in ends))
 
 
-def _name_blender_value(aov: str) -> tuple[str, ...]:
-    """Names of an AOV of one value."""
-    return tuple(f"{SCOPE}.{aov}{component}" for component in (".X", ".V", ".R", ""))
+def _name_blender_vectors(buffer: Buffer, *passes: str) -> tuple[Component, ...]:
+    """Names of passes that are vectors, after an AOV that is a colour."""
+    return join_places(
+        name_components(buffer, f"{SCOPE}.{buffer}", letters="RGB"),
+        name_components(buffer, *(f"{SCOPE}.{name}" for name in (buffer, *passes))),
+    )
+
+
+def _sum_blender_passes(buffer: Buffer, *sums: tuple[str, ...]) -> tuple[Component, ...]:
+    """An AOV that is called like the buffer, then sums of passes."""
+    named = [" + ".join(f"{SCOPE}.{name}.RGB" for name in names) for names in sums]
+    return name_sums(buffer, f"{SCOPE}.{buffer}.RGB", *named)
 
 
 BLENDER = Layout(
     name="blender",
     description="Blender multilayer: <view layer>.Combined.*, .Depth.Z, .Vector.XYZW, AOVs",
+    # AOVs that are called like rtsr's buffers come first; names of Blender 5 and of Blender 4
     buffers={
         Buffer.COLOR: name_components(Buffer.COLOR, f"{SCOPE}.Combined"),
         Buffer.ALPHA: name_single_component(f"{SCOPE}.Combined.A"),
-        # names of Blender 5 after those of Blender 4
+        # `Denoising Albedo` is none: it holds what mirrors reflect
         Buffer.ALBEDO: name_components(
-            Buffer.ALBEDO,
-            *(f"{SCOPE}.{p}" for p in ("albedo", "Denoising Albedo", "DiffCol", "Diffuse Color")),
+            Buffer.ALBEDO, *(f"{SCOPE}.{p}" for p in ("albedo", "DiffCol", "Diffuse Color"))
         ),
-        Buffer.SPECULAR: name_components(Buffer.SPECULAR, f"{SCOPE}.Glossy Color"),
-        Buffer.NORMAL: name_components(Buffer.NORMAL, f"{SCOPE}.Normal"),
+        Buffer.SPECULAR: name_components(
+            Buffer.SPECULAR, *(f"{SCOPE}.{p}" for p in ("specular", "GlossCol", "Glossy Color"))
+        ),
+        # what light of each kind is multiplied by, so that their sum is what all light is
+        Buffer.MATERIAL: _sum_blender_passes(
+            Buffer.MATERIAL,
+            ("Diffuse Color", "Glossy Color", "Transmission Color"),
+            ("Diffuse Color", "Glossy Color"),
+            ("DiffCol", "GlossCol", "TransCol"),
+            ("DiffCol", "GlossCol"),
+        ),
+        Buffer.NORMAL: _name_blender_vectors(Buffer.NORMAL, "Normal"),
         Buffer.DEPTH: name_single_component(f"{SCOPE}.Depth.Z", f"{SCOPE}.Depth.V"),
-        Buffer.ROUGHNESS: name_single_component(*_name_blender_value("roughness")),
-        Buffer.METALLIC: name_single_component(*_name_blender_value("metallic")),
+        Buffer.ROUGHNESS: _name_blender_values("roughness"),
+        Buffer.METALLIC: _name_blender_values("metallic"),
         Buffer.MOTION: name_components(Buffer.MOTION, f"{SCOPE}.Vector"),
         # Z, W lead from the next frame to this one, so both signs turn round
         Buffer.FORWARD: tuple(
             Component(places=(ChannelPlace(channel=f"{SCOPE}.Vector.{c}"),), factor=-1.0)
             for c in ("Z", "W")
         ),
-        Buffer.EMISSION: name_components(
-            Buffer.EMISSION, *(f"{SCOPE}.{p}" for p in ("emission", "Emit", "Emission"))
+        Buffer.EMISSION: _sum_blender_passes(
+            Buffer.EMISSION,
+            ("Emission", "Environment"),
+            ("Emission",),
+            ("Emit", "Env"),
+            ("Emit",),
+            ("Environment",),
+            ("Env",),
         ),
-        Buffer.OBJECT_ID: name_single_component(
-            *(f"{SCOPE}.{p}.{c}" for p in ("Object Index", "IndexOB") for c in "XV")
-        ),
-        Buffer.POSITION: name_components(Buffer.POSITION, f"{SCOPE}.Position"),
+        Buffer.OBJECT_ID: _name_blender_values("objectid", "object_id", "Object Index", "IndexOB"),
+        Buffer.POSITION: _name_blender_vectors(Buffer.POSITION, "Position"),
+        Buffer.REACTIVE: _name_blender_values("reactive"),
     },
     conventions=Conventions(motion=MotionConvention(y_axis=YAxis.UP)),
     scope="ViewLayer",
@@ -138,34 +98,18 @@ BLENDER = Layout(
     aside=("Composite",),
     # the colour of diffuse and glossy light together stand for base colour and metallic
     spare={Buffer.SPECULAR: Buffer.METALLIC},
-)
-
-EXTRANET = Layout(
-    name="extranet",
-    description="ExtraNet's Unreal dumps: <Scene><Buffer>.<frame>.exr, or a folder a buffer",
-    buffers={
-        Buffer.COLOR: name_file_components(Buffer.COLOR, f"{SCOPE}PreTonemapHDRColor"),
-        Buffer.ALBEDO: name_file_components(Buffer.ALBEDO, f"{SCOPE}BaseColor"),
-        Buffer.NORMAL: name_file_components(Buffer.NORMAL, f"{SCOPE}WorldNormal"),
-        Buffer.DEPTH: name_file_components(Buffer.DEPTH, f"{SCOPE}SceneDepth"),
-        Buffer.ROUGHNESS: name_file_components(Buffer.ROUGHNESS, f"{SCOPE}Roughness"),
-        Buffer.METALLIC: name_file_components(Buffer.METALLIC, f"{SCOPE}Metallic"),
-        Buffer.MOTION: name_file_components(Buffer.MOTION, f"{SCOPE}MotionVector"),
-        Buffer.POSITION: name_file_components(Buffer.POSITION, f"{SCOPE}WorldPosition"),
-        Buffer.NOV: name_file_components(Buffer.NOV, f"{SCOPE}NoV"),
-        Buffer.OBJECT_ID: name_file_components(
-            Buffer.OBJECT_ID, f"{SCOPE}MyStencil", f"{SCOPE}Stencil"
-        ),
+    # base colour, metallic and roughness with the view's cosine divide 0.4 to 0.6 dB better than
+    # the passes' colours, and need positions for it
+    instead={
+        Buffer.MATERIAL: (
+            f"{SCOPE}.albedo.R",
+            f"{SCOPE}.metallic*",
+            f"{SCOPE}.roughness*",
+            f"{SCOPE}.[Nn]ormal.[XR]",
+            f"{SCOPE}.[Pp]osition.[XR]",
+            f"{SCOPE}.Depth.[ZV]",
+        )
     },
-    conventions=Conventions(
-        # the previous position of (row i, column j) is (i + y, j - x)
-        motion=MotionConvention(direction=MotionDirection.CURRENT_MINUS_PREVIOUS, y_axis=YAxis.UP),
-        # centimetres times 1e-4: 1.0 is 100 m
-        depth=DepthConvention(unit_m=100.0),
-        normal=Normals(sky=(-1.0, -1.0, -1.0)),
-        position_unit_m=CENTIMETRE,
-    ),
-    folders=True,
 )
 
 NSS = Layout(
@@ -179,11 +123,12 @@ NSS = Layout(
             ),
         ),
         Buffer.DEPTH: name_file_components(Buffer.DEPTH, "depth"),
-        Buffer.MOTION: name_file_components(Buffer.MOTION, "motion", "motion_gt"),
+        # `motion_m1` in data sets for frame generation, which lead further back as well
+        Buffer.MOTION: name_file_components(Buffer.MOTION, "motion", "motion_gt", "motion_m1"),
     },
     conventions=Conventions(
-        # the specification names no direction: that of FSR2, previous minus current with y down;
-        # jitter excluded
+        # the specification names no direction: that of FSR2, previous minus current with y down,
+        # jitter excluded. Arm's Unreal exporter subtracts the other way round, as measurement tells
         motion=MotionConvention(unit=MotionUnit.UV),
         # forward or reversed by the side-car's ReverseZ
         depth=DepthConvention(kind=DepthKind.DEVICE),
@@ -225,7 +170,7 @@ NSRD = Layout(
     digits=1,
 )
 
-_ALL = (RTSR, BLENDER, EXTRANET, NSS, NSRD, *UNVERIFIED)
+_ALL = (RTSR, BLENDER, NSS, NSRD, *UNREAL, *RENDERERS, *UNVERIFIED)
 
 LAYOUTS: Mapping[str, Layout] = {
     name: next(layout for layout in _ALL if layout.name == name) for name in LAYOUT_NAMES

@@ -7,21 +7,26 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.captures.channel_matching import Binding, BoundComponent
+from rtsr_cli.core.captures.bound_channels import Binding, BoundChannel
+from rtsr_cli.core.captures.computed_buffers import compute_buffer
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
 from rtsr_cli.core.captures.shots import FrameSet
+from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.files.exr import ExrHeader, Plane, read_header, read_pixels
 from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.camera_convention import CameraConvention
+from rtsr_cli.core.frames.camera_needs import UnmetNeed, find_unmet_needs
 from rtsr_cli.core.frames.sequence import Frame
 
 FLOAT_BYTES = 4
@@ -31,6 +36,20 @@ _Place = tuple[str, str]
 
 _NOTHING = {Buffer.DEPTH: SKY_DEPTH_M}
 """What a buffer is in memory where no file has pixels; 0 if it is not named here."""
+
+
+class MotionSource(Protocol):
+    """Vectors that are not read from a frame's own files."""
+
+    @property
+    def note(self) -> str:
+        """Say where the vectors come from."""
+
+    def files(self, number: int) -> Iterable[Path]:
+        """Files that a frame's vectors are read from."""
+
+    def read(self, number: int) -> Tensor:
+        """Read a frame's vectors, in memory's convention."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +75,15 @@ class FrameReader:
         predicted: frames whose files say that a system predicted them.
         warnings, notes: what was found out about the files, for the user.
         motion_undecided: why vectors cannot be read, with the choices; empty if they can.
+        undecided: why nothing but radiance can be read, empty if the rest can.
+        matrices: how the files store camera matrices; `cameras` are in memory's convention.
+        camera_unfit: why camera matrices are not used; empty if they are.
+        motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
+        jitter_trusted: whether nothing contradicts the jitter that is declared.
         views: by sequence, channel -> the stereo view that it belongs to.
         layers: names of the layers and views of the files; empty where they name none.
         layer: the one that is read.
+        lent_motion: vectors of another resolution, in place of those that there are none of.
     """
 
     frames: FrameSet
@@ -80,9 +105,15 @@ class FrameReader:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     motion_undecided: str = ""
+    undecided: str = ""
+    matrices: CameraConvention = field(default_factory=CameraConvention)
+    camera_unfit: str = ""
+    motion_trusted: bool = False
+    jitter_trusted: bool = True
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layer: str = ""
+    lent_motion: MotionSource | None = None
 
     @property
     def display(self) -> PixelWindow:
@@ -93,6 +124,20 @@ class FrameReader:
     def fills_region(self) -> bool:
         """Tell whether every file has every pixel that is read."""
         return all(place.holds(self.region) for file in self.places for place in file.places)
+
+    def without_matrices(self, reason: str) -> FrameReader:
+        """Return a reader that takes all cameras for unknown, and says why."""
+
+        def drop(camera: CameraMetadata) -> CameraMetadata:
+            return replace(camera, world_to_camera=None, world_to_ndc=None)
+
+        cameras = self.cameras
+        bare = (
+            cameras.mapped(drop)
+            if isinstance(cameras, SurveyedValues)
+            else {number: drop(camera) for number, camera in cameras.items()}
+        )
+        return replace(self, cameras=bare, camera_unfit=reason)
 
     def narrowed(self, numbers: Iterable[int]) -> FrameReader:
         """Return a reader of what the files of some frames all have pixels for, if anything."""
@@ -119,7 +164,7 @@ class FrameReader:
     @property
     def frame_bytes(self) -> int:
         """Memory that reading a frame takes: its channels as float32, and as stored."""
-        channels = sum(len(components) for components in self.binding.values())
+        channels = sum(max(len(bound), len(bound.components)) for bound in self.binding.values())
         return self.region.width * self.region.height * channels * 2 * FLOAT_BYTES
 
     @cached_property
@@ -129,13 +174,34 @@ class FrameReader:
 
     @cached_property
     def readable(self) -> frozenset[Buffer]:
-        """Buffers that the files hold, and of which it is known how."""
-        return self.stored.difference(VECTOR_BUFFERS if self.motion_undecided else ())
+        """Buffers that are known how to read, in every frame that was surveyed."""
+        if self.undecided:
+            return self.stored & {Buffer.COLOR, Buffer.ALPHA}
+        undecided = VECTOR_BUFFERS if self.motion_undecided else ()
+        lent = {Buffer.MOTION} if self.lent_motion is not None else set[Buffer]()
+        return self.stored.difference(undecided, self.unmet) | lent
+
+    @cached_property
+    def unmet(self) -> Mapping[Buffer, UnmetNeed]:
+        """Buffers whose conversion lacks the camera of a frame that was surveyed."""
+        unmet = find_unmet_needs(self.conventions, self.stored, self.cameras)
+        if (
+            Buffer.NORMAL in unmet
+            and Buffer.DEPTH in self.stored
+            and self._sky_marker is Buffer.NORMAL
+        ):
+            return {Buffer.DEPTH: unmet[Buffer.NORMAL], **unmet}
+        return unmet
+
+    @cached_property
+    def without_camera(self) -> tuple[int, ...]:
+        """Frames that were surveyed and whose camera matrices nothing tells."""
+        return tuple(n for n, camera in self.cameras.items() if not camera.has_matrices)
 
     @cached_property
     def has_camera(self) -> bool:
         """Tell whether every frame that was surveyed has camera matrices."""
-        return all(camera.has_matrices for camera in self.cameras.values())
+        return not self.without_camera
 
     @cached_property
     def resets(self) -> frozenset[int]:
@@ -159,7 +225,7 @@ class FrameReader:
     @property
     def declaration(self) -> object:
         """What, beside the files' bytes, decides how they are understood; plain values."""
-        places = {b.value: [asdict(c) for c in parts] for b, parts in self.binding.items()}
+        places = {b.value: bound.list_values() for b, bound in self.binding.items()}
         return [places, asdict(self.conventions), self.step, asdict(self.region)]
 
     def camera_values(self, number: int) -> object:
@@ -194,16 +260,16 @@ class FrameReader:
     @property
     def main_stream(self) -> str:
         """The stream whose names and attributes outputs take: colour's, or the first bound."""
-        return self._main_component.stream
+        return self._main_channel.stream
 
     @property
     def main_channel(self) -> str:
         """Its first channel of colour, or of what is bound first."""
-        return self._main_component.channel
+        return self._main_channel.channel
 
     @cached_property
-    def _main_component(self) -> BoundComponent:
-        first = next(iter(self.binding.values()))
+    def _main_channel(self) -> BoundChannel:
+        first = next(bound for bound in self.binding.values() if len(bound))
         return self.binding.get(Buffer.COLOR, first)[0]
 
     @property
@@ -213,12 +279,15 @@ class FrameReader:
 
     def files(self, number: int, buffers: Iterable[Buffer]) -> tuple[Path, ...]:
         """Files that hold the named buffers of a frame."""
+        buffers = tuple(buffers)
         needed = self._needed(tuple(b for b in buffers if b in self.binding))
         paths = {self.path(number, stream) for stream in self._streams_of(needed)}
         other = self._motion_number(number)
         if Buffer.MOTION in needed and other not in {None, number}:
             moved = self._streams_of((Buffer.MOTION,))
             paths |= {self.path(int(other or 0), stream) for stream in moved}
+        if self.lent_motion is not None and Buffer.MOTION in buffers:
+            paths |= set(self.lent_motion.files(number))
         return tuple(sorted(paths))
 
     def _streams_of(self, buffers: tuple[Buffer, ...]) -> frozenset[str]:
@@ -238,7 +307,8 @@ class FrameReader:
         Raises:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
-        needed = self._needed(tuple(buffers))
+        lent = self.lent_motion if Buffer.MOTION in buffers else None
+        needed = self._needed(tuple(b for b in buffers if lent is None or b is not Buffer.MOTION))
         planes, places = self._read_planes(number, needed)
         if Buffer.MOTION in needed and self._motion_number(number) != number:
             moved, moved_places = self._moved_planes(number)
@@ -254,21 +324,26 @@ class FrameReader:
         uses = Counter((c.stream, c.channel) for b in needed for c in self.binding[b])
         tensors = {}
         for buffer in needed:
-            components = self.binding[buffer]
-            image = _stack_components(components, planes)
+            bound = self.binding[buffer]
+            image = compute_buffer(bound, planes, self.size)
             # a number that is none would turn into some number: it stays, and is counted as bad
             is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
             spoilt = is_number and not bool(torch.isfinite(image).all())
-            held = find_common(self.region, [places[c.stream, c.channel] for c in components])
+            held = find_common(self.region, [places[c.stream, c.channel] for c in bound])
             known = image if spoilt else conv.to_memory(buffer, image, stored)
             tensors[buffer] = clear_outside(known, held, self.region, _NOTHING.get(buffer, 0))
             # what is converted is let go, so that a frame is in memory once and a half, not twice
-            uses.subtract((c.stream, c.channel) for c in components)
+            uses.subtract((c.stream, c.channel) for c in bound)
             for key in [k for k in planes if uses[k] <= 0]:
                 del planes[key]
-        if self._sky_in_normals and Buffer.DEPTH in tensors:
-            sky = (tensors[Buffer.NORMAL] == 0).all(1, keepdim=True)
+        marker = self._sky_marker
+        if marker is not None and Buffer.DEPTH in tensors:
+            sky = (tensors[marker] <= 0 if marker is Buffer.ALPHA else tensors[marker] == 0).all(
+                1, keepdim=True
+            )
             tensors[Buffer.DEPTH] = tensors[Buffer.DEPTH].masked_fill(sky, SKY_DEPTH_M)
+        if lent is not None:
+            tensors[Buffer.MOTION] = lent.read(number)
         return Frame(
             number=number,
             gbuffer=GBuffer(tensors, self.where(number)).only(buffers),
@@ -283,7 +358,7 @@ class FrameReader:
             FrameFolderError: a file is damaged, or has changed since the survey.
         """
         planes, _ = self._read_planes(number, buffers)
-        return {buffer: _stack_components(self.binding[buffer], planes) for buffer in buffers}
+        return {b: compute_buffer(self.binding[b], planes, self.size) for b in buffers}
 
     def _moved_planes(self, number: int) -> tuple[dict[_Place, Plane], dict[_Place, PixelWindow]]:
         """Vectors of a frame that lie in another frame's file; none where there is no such file."""
@@ -295,14 +370,19 @@ class FrameReader:
         return dict.fromkeys(keys, still), dict.fromkeys(keys, self.region)
 
     @property
-    def _sky_in_normals(self) -> bool:
-        """Tell whether normals mark sky, which depth then takes from them."""
-        return self.conventions.normal.sky is not None and Buffer.NORMAL in self.binding
+    def _sky_marker(self) -> Buffer | None:
+        """Return the buffer that marks sky, which depth then takes from it."""
+        rule = self.conventions.depth.sky
+        marker = conv.SKY_MARKERS.get(rule) if isinstance(rule, conv.SkyRule) else None
+        if marker is None and self.conventions.normal.sky is not None:
+            marker = Buffer.NORMAL
+        return marker if marker in self.binding else None
 
     def _needed(self, buffers: tuple[Buffer, ...]) -> tuple[Buffer, ...]:
         """Buffers to read for the ones asked for."""
-        lacking = Buffer.DEPTH in buffers and Buffer.NORMAL not in buffers
-        return (*buffers, Buffer.NORMAL) if lacking and self._sky_in_normals else buffers
+        marker = self._sky_marker
+        lacking = Buffer.DEPTH in buffers and marker is not None and marker not in buffers
+        return (*buffers, marker) if lacking and marker is not None else buffers
 
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]
@@ -335,18 +415,10 @@ class FrameReader:
         return planes, places
 
 
-def _stack_components(
-    components: tuple[BoundComponent, ...], planes: Mapping[tuple[str, str], Plane]
-) -> Tensor:
-    """Channels of one buffer as 1 x c x h x w; whole numbers stay whole (32 bits)."""
-    stored = [planes[c.stream, c.channel] for c in components]
-    if len(stored) == 1 and stored[0].dtype == np.uint32:
-        return torch.from_numpy(stored[0].view(np.int32))[None, None]
-    height, width = stored[0].shape
-    image = torch.empty(1, len(stored), height, width)
-    for i, (plane, c) in enumerate(zip(stored, components, strict=True)):
-        wide = plane.astype(np.int64) if plane.dtype == np.uint32 else plane
-        values = image[0, i].copy_(torch.from_numpy(wide))
-        if c.offset or c.factor != 1.0:
-            values.sub_(c.offset).mul_(c.factor)
-    return image
+def read_planes(path: Path, channels: Collection[str]) -> dict[str, Plane]:
+    """Read channels of a file that need not be a buffer's, as they are stored.
+
+    Raises:
+        FrameFolderError: the file is damaged, or lacks a channel.
+    """
+    return read_pixels(path, channels)[0]

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rtsr_cli.core.captures.channel_matching import Binding
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.files.pixel_window import PixelWindow

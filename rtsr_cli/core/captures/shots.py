@@ -144,7 +144,7 @@ def find_shots(
     if not shots:
         raise FrameFolderError(
             f"{root}: no numbered EXR frames here or below (expected names like "
-            "'frame.0001.exr', 'lr/0001.exr')"
+            f"'frame.0001.exr', 'lr/0001.exr'{_describe_others(root)})"
         )
     return [replace(shots[0], remarks=search.visits.remarks), *shots[1:]]
 
@@ -222,6 +222,20 @@ def _find_lr_and_hr(
     if hr is not None and is_folder(folder / LR_FOLDER):
         _check_not_empty(folder / LR_FOLDER, search)
     return None
+
+
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".hdr", ".npy", ".pfm")
+"""Suffixes of pictures in other formats."""
+
+
+def _describe_others(root: Path) -> str:
+    """Say what a folder holds in place of frames; nothing where it is nothing alike."""
+    names = list_names(root)
+    plain = [name for name in names if name.lower().endswith(".exr")]
+    others = sorted({s for name in names for s in PICTURES if name.lower().endswith(s)})
+    if plain:
+        return f"; '{plain[0]}' has no frame number: rename it, say to 'frame.0001.exr'"
+    return f"; the {' and '.join(others)} files here are not read: write EXR" if others else ""
 
 
 def _find_data_set(folder: Path, search: _Search) -> list[Shot]:

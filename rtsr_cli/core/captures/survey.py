@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.captures.cameras import CameraRow
+from rtsr_cli.core.captures.bound_channels import Binding
+from rtsr_cli.core.captures.camera_rows import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.channel_matching import Binding
 from rtsr_cli.core.captures.color_tags import (
     describe_contradictions,
     find_foreign_tag,
@@ -32,6 +32,7 @@ from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.camera_convention import StoredMatrices, matrices_to_memory
 from rtsr_cli.core.frames.conventions import Conventions, SpecularWorkflow
 from rtsr_cli.core.frames.selection import format_ranges
 
@@ -57,6 +58,7 @@ def open_frames(
     side_car: Mapping[int, CameraRow],
     layer: str | None = None,
     on_missing: MissingPolicy = MissingPolicy.ERROR,
+    wanted: frozenset[int] | None = None,
     jittered: bool = True,
 ) -> FrameReader:
     """Survey a sequence by its headers and bind its buffers.
@@ -70,6 +72,7 @@ def open_frames(
         side_car: camera rows by frame number; their matrices replace the headers'.
         layer: layer or view that is read of files with several.
         on_missing: what to do about holes in the numbering.
+        wanted: frames that are asked for; holes before and behind them are no matter.
         jittered: whether declared jitter applies to these frames (LR) or not (HR).
 
     Raises:
@@ -87,7 +90,7 @@ def open_frames(
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
     used = sorted({c.stream for components in binding.values() for c in components})
     _check_channels(frames, headers, binding)
-    numbers, held = choose_numbers(frames, used, capture.frame_step, on_missing)
+    numbers, held = choose_numbers(frames, used, capture.frame_step, on_missing, wanted)
     places = list_places({key: headers[key] for key in used}, binding)
     region = find_region(places, str(frames.root), capture.region)
     conventions, contradictions = _settle_colors(frames, headers, binding, capture, bound.layout)
@@ -109,7 +112,8 @@ def open_frames(
         views={key: header.views for key, header in first.items()},
         layers=bound.layers,
         layer=bound.layer,
-        notes=(*bound.notes, *_list_notes(first)),
+        matrices=capture.camera.matrices,
+        notes=(*bound.notes, *_list_notes(first), *_list_unread(bound.layout, binding, first)),
     )
     main = headers[reader.main_stream]
     foreign_tag = _find_foreign_tag(reader, capture, headers)
@@ -194,9 +198,29 @@ class _CameraSource:
         cut = {n for n, row in self._side_car.items() if row.cut} | self._capture.camera_cuts
         return frozenset(n for n, source in self._sources.items() if source in cut)
 
-    def _read(self, number: int, header: ExrHeader) -> CameraMetadata:
-        source = self._sources[number]
-        return _read_camera(source, header, self._capture, self._side_car, jittered=self._jittered)
+    def _read(self, frame: int, header: ExrHeader) -> CameraMetadata:
+        """Camera of a side-car's row, or of a header; in memory's convention."""
+        number, capture = self._sources[frame], self._capture
+        convention = capture.camera.matrices
+        display = self._reader.display
+        row = CameraMetadata()
+        if number in self._side_car:
+            row = self._side_car[number].metadata((display.height, display.width), convention)
+        matrices = row.world_to_camera, row.world_to_ndc
+        if matrices == (None, None):
+            stored = StoredMatrices(
+                view=_read_matrix(header, WORLD_TO_CAMERA), ndc=_read_matrix(header, WORLD_TO_NDC)
+            )
+            matrices = matrices_to_memory(stored, convention)
+        declared = capture.jitter(number)
+        jitter = row.jitter_px if declared is None else declared
+        return CameraMetadata(
+            world_to_camera=matrices[0],
+            world_to_ndc=matrices[1],
+            jitter_px=jitter if self._jittered else (0.0, 0.0),
+            pre_exposure=row.pre_exposure,
+            cut=row.cut or number in capture.camera_cuts,
+        )
 
     def _read_later(self, number: int) -> CameraMetadata:
         camera = self._read(number, self._files.of(self._reader.path(number)))
@@ -207,6 +231,15 @@ class _CameraSource:
 def _list_notes(first: Mapping[str, ExrHeader]) -> tuple[str, ...]:
     held = any(list_luminance_layers(header) for header in first.values())
     return (LUMINANCE_NOT_READ,) if held else ()
+
+
+def _list_unread(layout: Layout, binding: Binding, first: Mapping[str, ExrHeader]) -> Iterator[str]:
+    """Say of what a layout knows and does not read why that is so."""
+    found = layout.list_unread({key: header.channels for key, header in first.items()})
+    said = {
+        unread.why: name for name, unread in reversed(found.items()) if unread.unless not in binding
+    }
+    yield from (f"'{name}' is not read: {why}" for why, name in said.items())
 
 
 def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:
@@ -240,29 +273,6 @@ def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> Non
                     f"'{c.channel}') is of another view than in other frames; write all frames "
                     "with the same views"
                 )
-
-
-def _read_camera(
-    number: int,
-    header: ExrHeader,
-    capture: CaptureDeclaration,
-    side_car: Mapping[int, CameraRow],
-    *,
-    jittered: bool,
-) -> CameraMetadata:
-    row = side_car[number].metadata() if number in side_car else CameraMetadata()
-    matrices = row.world_to_camera, row.world_to_ndc
-    if matrices == (None, None):
-        matrices = _read_matrix(header, WORLD_TO_CAMERA), _read_matrix(header, WORLD_TO_NDC)
-    declared = capture.jitter(number)
-    jitter = row.jitter_px if declared is None else declared
-    return CameraMetadata(
-        world_to_camera=matrices[0],
-        world_to_ndc=matrices[1],
-        jitter_px=jitter if jittered else (0.0, 0.0),
-        pre_exposure=row.pre_exposure,
-        cut=row.cut or number in capture.camera_cuts,
-    )
 
 
 def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) -> None:

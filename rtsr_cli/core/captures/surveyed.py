@@ -47,6 +47,11 @@ class SurveyedValues(Mapping[int, T]):
             self._made[number] = self._make(number)
         return self._made[number]
 
+    def mapped(self, change: Callable[[T], T]) -> SurveyedValues[T]:
+        """Return the same values, changed; those of other frames when they are asked for."""
+        surveyed = {number: change(value) for number, value in self._surveyed.items()}
+        return SurveyedValues(surveyed, self._others, lambda number: change(self[number]))
+
     def __iter__(self) -> Iterator[int]:
         """Go through the surveyed numbers."""
         return iter(self._surveyed)

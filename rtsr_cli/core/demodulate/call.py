@@ -20,6 +20,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import DerivationConfig, resolve_needs
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.opening import open_radiance
+from rtsr_cli.core.pairs.sources import describe_missing
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
 from rtsr_cli.core.run.frame_pairs import read_options
 from rtsr_cli.core.run.loop import Outcome, Product
@@ -175,13 +176,14 @@ def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[B
         if inverse
         else (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY)
     )
-    stored = reader.stored if inverse else reader.stored - {Buffer.LIGHTING}
+    stored = reader.readable if inverse else reader.readable - {Buffer.LIGHTING}
     config = make_derivation_config(request)
     resolved = resolve_needs(wanted, stored, has_camera=reader.has_camera, config=config)
     if resolved.missing:
+        missing = describe_missing(resolved.missing, reader)
         raise FrameFolderError(
             f"{reader.frames.root}: cannot {'recompose' if inverse else 'demodulate'}, "
-            f"missing: {', '.join(resolved.missing)}. Layout '{reader.layout.name}' found: "
+            f"missing: {', '.join(missing)}. Layout '{reader.layout.name}' found: "
             f"{', '.join(sorted(reader.stored))}. Render what is missing, give a camera "
             "side-car in capture.toml, or choose another --mode"
         )

@@ -12,12 +12,14 @@ from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
+from rtsr_cli.core.captures.declarations import find_declaring_folder
 from rtsr_cli.core.captures.header_files import HeaderFiles
+from rtsr_cli.core.captures.lent_motion import lend_motion
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import check_origins
-from rtsr_cli.core.captures.shots import Shot, collect_frame_set
+from rtsr_cli.core.captures.shots import LR_FOLDER, Shot, collect_frame_set
 from rtsr_cli.core.choices import MissingPolicy
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.provenance import COLOR_TAG
 from rtsr_cli.core.frames.buffers import Buffer
@@ -31,6 +33,9 @@ REFERENCE_FOLDERS = ("reference", "hr", "")
 
 GBUFFER_FOLDERS = ("hr", "")
 """Where below a shot the buffers of the output resolution may lie."""
+
+SHOT_PARTS = frozenset({*REFERENCE_FOLDERS, LR_FOLDER}) - {""}
+"""Folders of one shot, which declares what they hold."""
 
 DEBUG_FOLDER = "debug"
 """Subfolder of outputs that holds no result."""
@@ -68,6 +73,7 @@ class Comparison:
         available: frames that could be judged: those that every folder has.
         there: the same whether stamped or not; history is read of those too.
         samples: K.
+        remarks: what the search for frames left out, for the user.
     """
 
     shot: str
@@ -78,6 +84,7 @@ class Comparison:
     available: tuple[int, ...]
     there: tuple[int, ...]
     samples: int = 1
+    remarks: tuple[str, ...] = ()
 
     @property
     def size(self) -> Size:
@@ -157,7 +164,8 @@ def _open_comparison(
     headers = HeaderFiles()
     tests = {m: _open_radiance(shot, shot.root, options.read, headers) for m, shot in shots.items()}
     truth_shot = _find_shot(reference, name, REFERENCE_FOLDERS)
-    truth = _open_radiance(truth_shot, reference, options.read, headers)
+    declared = find_declaring_folder(truth_shot, reference, SHOT_PARTS)
+    truth = _open_radiance(truth_shot, declared, options.read, headers)
     gbuffer = _open_gbuffer(name, reference, truth, options, headers)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
@@ -173,6 +181,7 @@ def _open_comparison(
         available=available,
         there=tuple(sorted(set.intersection(*there.values()))),
         samples=options.samples,
+        remarks=tuple(f"{s.root}: {t}" for s in (*shots.values(), truth_shot) for t in s.remarks),
     )
 
 
@@ -237,7 +246,8 @@ def _open_gbuffer(
         return None
     if options.gbuffer is None and not _has_surface(shot, headers):
         return None
-    opened = open_shot(shot, root, options.read, headers=headers)
+    declared = find_declaring_folder(shot, root, SHOT_PARTS)
+    opened = open_shot(shot, declared, options.read, headers=headers)
     reader = open_set(shot.frames, opened, jittered=False)
     if reader.size != truth.size:
         if options.gbuffer is None:
@@ -246,7 +256,21 @@ def _open_gbuffer(
             f"{reader.frames.root}: buffers are {_describe_pixels(reader)}, the reference is "
             f"{_describe_pixels(truth)}; give buffers of the reference's size"
         )
-    return reader
+    return reader if Buffer.MOTION in reader.stored else _lend_motion(reader, root / name, options)
+
+
+def _lend_motion(reader: FrameReader, root: Path, options: CompareOptions) -> FrameReader:
+    """Let buffers without motion take that of the LR frames beside them, where it can be had."""
+    folder = root / LR_FOLDER
+    frames = collect_frame_set(folder) if is_folder(folder) else None
+    if frames is None:
+        return reader
+    try:
+        opened = open_shot(Shot(name=".", root=root, frames=frames), root, options.read)
+        return lend_motion(reader, open_set(frames, opened, jittered=True))
+    except RtsrError:
+        # nothing that is judged depends on it
+        return reader
 
 
 def _has_surface(shot: Shot, headers: HeaderFiles) -> bool:

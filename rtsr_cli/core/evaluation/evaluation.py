@@ -113,6 +113,7 @@ def describe_comparison(comparison: Comparison, skip_first: int) -> ComparisonPl
         reference=comparison.reference.frames.root,
         gbuffer=None if gbuffer is None else gbuffer.frames.root,
         counts=bool(set(comparison.numbers) - set(comparison.available[:skip_first])),
+        remarks=comparison.remarks,
     )
 
 

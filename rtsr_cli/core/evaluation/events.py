@@ -35,6 +35,7 @@ class ComparisonPlanned:
         reference: folder of the true frames.
         gbuffer: folder of the buffers, None where there are none.
         counts: True if some frame takes part in means.
+        remarks: what the search for frames left out.
     """
 
     shot: str
@@ -44,6 +45,7 @@ class ComparisonPlanned:
     reference: Path
     gbuffer: Path | None
     counts: bool
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

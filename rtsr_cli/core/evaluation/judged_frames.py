@@ -83,7 +83,7 @@ def read_judged(
         valid[method] = _cut(finite & known, border).to(device)
     gbuffer = None
     if comparison.gbuffer is not None and number in comparison.gbuffer.numbers:
-        wanted = REGION_BUFFERS & comparison.gbuffer.stored
+        wanted = REGION_BUFFERS & comparison.gbuffer.readable
         full = average_samples(comparison.gbuffer.read(number, wanted), comparison.samples)
         gbuffer = full.crop(border, border, inside).to(device)
     return JudgedFrame(

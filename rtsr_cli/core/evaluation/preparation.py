@@ -50,6 +50,7 @@ def open_request(request: EvaluateRequest) -> list[Comparison]:
         read=ReadOptions(
             layout=request.layout,
             layer=request.layer,
+            view=request.view,
             capture=request.capture_file,
             on_missing=request.on_missing,
             sharded=request.shard is not None,

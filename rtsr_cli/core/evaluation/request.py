@@ -42,6 +42,7 @@ class EvaluateRequest:
         device: torch device, or `auto`.
         layout: channel layout or a TOML file of one; None to detect it.
         layer: layer or stereo view that is read of files with several.
+        view: stereo view that is read, of that layer if one is named.
         capture_file: declarations in place of the shots' capture.toml.
         frames: numbers that are judged; None for all.
         shard: (i, n), the part of each shot that is judged; None for all.
@@ -68,6 +69,7 @@ class EvaluateRequest:
     device: str = "auto"
     layout: str | None = None
     layer: str | None = None
+    view: str | None = None
     capture_file: Path | None = None
     frames: frozenset[int] | None = None
     shard: tuple[int, int] | None = None

@@ -36,6 +36,8 @@ def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -
         notes.append(f"{count} pixels of the reference are NaN or Inf in frames {where}; left out")
     notes += _describe_negative(frames)
     notes += _describe_reasons(frames)
+    if comparison.gbuffer is not None and comparison.gbuffer.lent_motion is not None:
+        notes.append(comparison.gbuffer.lent_motion.note)
     if comparison.gbuffer is None:
         notes.append("no buffers of this size: regions and temporal metrics cannot be made")
     elif all(comparison.previous(number) is None for number in comparison.numbers):

@@ -79,6 +79,20 @@ class CameraMetadata:
         return to_world @ self.world_to_ndc
 
 
+def ndc_axes(view: View, size: Size, jitter_px: Jitter = (0.0, 0.0)) -> tuple[Tensor, Tensor]:
+    """NDC of the samples of every column (1 x 1 x 1 x w) and row (1 x 1 x h x 1) of an image."""
+    height, width = view.display
+    columns = torch.arange(size[1], dtype=torch.float32) + (view.left + 0.5 + jitter_px[0])
+    rows = torch.arange(size[0], dtype=torch.float32) + (view.top + 0.5 + jitter_px[1])
+    x, y = 2.0 * columns / width - 1.0, 1.0 - 2.0 * rows / height
+    return x.view(1, 1, 1, -1), y.view(1, 1, -1, 1)
+
+
+def is_orthographic(projection: Tensor) -> bool:
+    """Tell whether w does not depend on the depth."""
+    return abs(float(projection[2, 3])) < abs(float(projection[3, 3]))
+
+
 def ray_axes(
     camera: CameraMetadata, view: View, size: Size, *, jitter_px: Jitter = (0.0, 0.0)
 ) -> tuple[Tensor, Tensor] | None:
@@ -86,19 +100,51 @@ def ray_axes(
 
         x_cam = ndc_x / P[0][0] * depth,  y_cam = ndc_y / P[1][1] * depth,  z_cam = -depth
 
-    An off-centre projection adds P[2][0] and P[2][1] (their factor z_cam / depth is -1).
+    An off-centre projection adds P[2][0] and P[2][1] (their factor z_cam / depth is -1); the rays
+    of an orthographic camera are all (0, 0, -1).
     Returns 1 x 1 x 1 x w and 1 x 1 x h x 1, or None where the camera has no matrices.
     """
     projection = camera.projection
     if projection is None:
         return None
     p = projection.to(torch.float32)
-    height, width = view.display
-    columns = torch.arange(size[1], dtype=torch.float32) + (view.left + 0.5 + jitter_px[0])
-    rows = torch.arange(size[0], dtype=torch.float32) + (view.top + 0.5 + jitter_px[1])
-    x = (2.0 * columns / width - 1.0 + p[2, 0]) / p[0, 0]
-    y = (1.0 - 2.0 * rows / height + p[2, 1]) / p[1, 1]
-    return x.view(1, 1, 1, -1), y.view(1, 1, -1, 1)
+    ndc_x, ndc_y = ndc_axes(view, size, jitter_px)
+    if is_orthographic(p):
+        return torch.zeros_like(ndc_x), torch.zeros_like(ndc_y)
+    return (ndc_x + p[2, 0]) / p[0, 0], (ndc_y + p[2, 1]) / p[1, 1]
+
+
+def place_in_camera_space(depth_m: Plane, camera: CameraMetadata, view: View) -> Vector3 | None:
+    """Camera-space points (1 x 3 x h x w) of planar depths; None without matrices.
+
+    Clip space of a point at (x, y, -depth) has w = P33 - P23 depth, and its x is
+        ndc_x w = P00 x - P20 depth + P30   =>   x = (ndc_x w + P20 depth - P30) / P00
+    """
+    projection = camera.projection
+    if projection is None:
+        return None
+    p = projection.to(depth_m)
+    size = (depth_m.shape[-2], depth_m.shape[-1])
+    w = p[3, 3] - p[2, 3] * depth_m
+    across = [
+        (ndc.to(depth_m) * w + p[2, i] * depth_m - p[3, i]) / p[i, i]
+        for i, ndc in enumerate(ndc_axes(view, size, camera.jitter_px))
+    ]
+    return torch.cat([*across, -depth_m], dim=1)
+
+
+def list_near_planes(projection: Tensor) -> tuple[float, ...]:
+    """Depths of what may be the near plane: z of NDC 0 or -1 there, or 1 where it is reversed.
+
+    z = (P32 - P22 depth) / (P33 - P23 depth); the first that is in front of the camera leads.
+    """
+    p = projection.double()
+    if is_orthographic(p):
+        return ()
+    ends = (1.0, 0.0) if _is_reversed(projection) else (0.0, -1.0)
+    slopes = [(end, float(p[2, 2] - end * p[2, 3])) for end in ends]
+    depths = [float(p[3, 2] - end * p[3, 3]) / slope for end, slope in slopes if slope]
+    return tuple(d for d in depths if 0.0 < d < SKY_DEPTH_M)
 
 
 def view_cosine(normal: Vector3, to_camera: Vector3) -> Plane:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -15,6 +16,7 @@ from rtsr_cli.core.frames.camera import (
     CameraMetadata,
     View,
     device_to_planar_depth,
+    list_near_planes,
     planar_to_device_depth,
     ray_axes,
 )
@@ -76,6 +78,24 @@ class SpecularWorkflow(StrEnum):
     F0 = "f0"
 
 
+class SkyRule(StrEnum):
+    """What is sky, where no stored value of depth is declared to be."""
+
+    FAR = "far"
+    NONE = "none"
+    NORMAL = "normal"
+    OBJECT_ID = "object_id"
+    ALPHA = "alpha"
+
+
+SKY_MARKERS: Mapping[SkyRule, Buffer] = {
+    SkyRule.NORMAL: Buffer.NORMAL,
+    SkyRule.OBJECT_ID: Buffer.OBJECT_ID,
+    SkyRule.ALPHA: Buffer.ALPHA,
+}
+"""Buffers whose zeros are sky."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DepthConvention:
     """How a file stores depth.
@@ -84,14 +104,19 @@ class DepthConvention:
         kind: along the camera axis, along the ray, or the depth buffer's own value.
         reversed: device depth only: 1 is near and 0 is far.
         unit_m: metres in one stored unit.
-        sky: stored values from here on are sky; by default those of `SKY_DEPTH_M` metres
-            (device depth: ignored, far is sky).
+        sky: stored values from here on are sky: upwards if above 0, else downwards; or a rule:
+            infinite and from `SKY_DEPTH_M` metres on (the default; of device depth the far end),
+            nothing, or also where the normal, the object id or the coverage is 0.
+        from_near: ray distance only: it is measured from the near plane, not from the camera.
+        near_m: depth of that plane in metres; None takes it from the camera's matrices.
     """
 
     kind: DepthKind = DepthKind.PLANAR
     reversed: bool = False
     unit_m: float = 1.0
-    sky: float | None = None
+    sky: float | SkyRule | None = None
+    from_near: bool = False
+    near_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,19 +167,45 @@ def depth_to_metres(
     """
     if convention.kind is DepthKind.DEVICE:
         projection = _require_projection(camera, where)
-        return device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
+        metres = device_to_planar_depth(stored, projection, reversed_depth=convention.reversed)
+        return _mark_sky(metres, is_sky_depth(stored, convention), convention)
     metres = stored * convention.unit_m
-    plain = convention.kind is DepthKind.PLANAR and convention.sky is None
+    plain = convention.kind is DepthKind.PLANAR and convention.sky in {None, *_BY_FAR}
     if plain and convention.unit_m == 1.0:
         # what lies beyond the sky is the sky, so that a bound says it all, but for -inf
         return metres.clamp_(max=SKY_DEPTH_M).masked_fill_(stored == -torch.inf, SKY_DEPTH_M)
-    if convention.sky is None:
-        # half files cannot hold more than their largest value, whatever the unit
-        sky = (metres >= SKY_DEPTH_M) | (stored == SKY_DEPTH_M) | torch.isinf(stored)
-    else:
-        sky = (stored >= convention.sky) | torch.isinf(stored)
+    sky = is_sky_depth(stored, convention)
     if convention.kind is DepthKind.RAY:
         metres = metres / _measure_rays(stored, camera, view, where)
+        metres = metres + _measure_start(convention, camera, where)
+    return _mark_sky(metres, sky, convention)
+
+
+_BY_FAR = (SkyRule.FAR, SkyRule.NORMAL, SkyRule.OBJECT_ID, SkyRule.ALPHA)
+"""Rules by which far and infinite depth is sky; other buffers mark more of it."""
+
+FARTHEST_M = float(np.nextafter(np.float32(SKY_DEPTH_M), np.float32(0.0)))
+"""Depth of surfaces that lie as far as the sky, where nothing is sky."""
+
+
+def is_sky_depth(stored: Plane, convention: DepthConvention) -> Tensor:
+    """True where stored depth itself is the sky's."""
+    rule = convention.sky
+    if rule is SkyRule.NONE:
+        return torch.zeros_like(stored, dtype=torch.bool)
+    if rule is not None and not isinstance(rule, SkyRule):
+        return (stored >= rule if rule > 0.0 else stored <= rule) | torch.isinf(stored)
+    if convention.kind is DepthKind.DEVICE:
+        return stored <= 0.0 if convention.reversed else stored >= 1.0
+    # half files cannot hold more than their largest value, whatever the unit
+    far = stored * convention.unit_m >= SKY_DEPTH_M
+    return far | (stored == SKY_DEPTH_M) | torch.isinf(stored)
+
+
+def _mark_sky(metres: Plane, sky: Tensor, convention: DepthConvention) -> Plane:
+    """Give the sky its depth; where nothing is sky, nothing lies as far."""
+    if convention.sky is SkyRule.NONE:
+        return metres.nan_to_num(nan=torch.nan, neginf=FARTHEST_M).clamp(max=FARTHEST_M)
     return torch.where(sky, torch.full_like(metres, SKY_DEPTH_M), metres.clamp(max=SKY_DEPTH_M))
 
 
@@ -171,8 +222,10 @@ def depth_from_metres(
         return planar_to_device_depth(depth_m, projection, reversed_depth=convention.reversed)
     stored = depth_m / convention.unit_m
     if convention.kind is DepthKind.RAY:
-        stored = stored * _measure_rays(depth_m, camera, view, where)
-    sky = SKY_DEPTH_M if convention.sky is None else convention.sky
+        start = _measure_start(convention, camera, where)
+        stored = (depth_m - start) / convention.unit_m * _measure_rays(depth_m, camera, view, where)
+    rule = convention.sky
+    sky = SKY_DEPTH_M if rule is None or isinstance(rule, SkyRule) else rule
     return torch.where(depth_m >= SKY_DEPTH_M, torch.full_like(stored, sky), stored)
 
 
@@ -181,6 +234,25 @@ def _require_projection(camera: CameraMetadata, where: str) -> Tensor:
     if projection is None:
         raise MissingBufferError(_needs_camera(where, "device depth"))
     return projection
+
+
+def _measure_start(convention: DepthConvention, camera: CameraMetadata, where: str) -> float:
+    """Depth at which ray distances begin: 0, or that of the near plane.
+
+    A ray that starts on the near plane (planar depth n) and is t long ends at n + t / L, where L
+    is the length of a ray to the plane one metre ahead.
+    """
+    if not convention.from_near:
+        return 0.0
+    if convention.near_m is not None:
+        return convention.near_m
+    planes = list_near_planes(_require_projection(camera, where))
+    if not planes:
+        raise MissingBufferError(
+            f"{where}: the camera matrices tell no near plane, from which distances are declared "
+            "to be measured; declare it in capture.toml: [depth] near = 0.05"
+        )
+    return planes[0]
 
 
 def _measure_rays(depth: Plane, camera: CameraMetadata, view: View, where: str) -> Plane:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from rtsr_cli.core.captures.bound_channels import BoundBuffer
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.gaps import flatten_gaps
 from rtsr_cli.core.inspect.pixel_statistics import NEVER_NEGATIVE, PixelStatistics
+from rtsr_cli.core.inspect.readiness import SystemReadiness
 from rtsr_cli.core.inspect.shot_inspection import SetInspection, ShotInspection
 
 
@@ -18,13 +21,19 @@ def describe_shot(inspection: ShotInspection) -> dict[str, Any]:
     """Return the inspection as the plain values of `--json`."""
     facts = describe_set(inspection.main)
     facts["shot"] = inspection.name
-    facts["systems"] = {
-        name: {"ready": r.ready, "missing": list(r.missing), "how": r.how}
-        for name, r in inspection.systems.items()
-    }
+    facts["systems"] = _describe_readiness(inspection.systems)
+    facts["commands"] = {n: _describe_readiness(c) for n, c in inspection.commands.items()}
+    facts["fixes"] = [asdict(fix) for fix in inspection.fixes]
     if inspection.hr is not None:
         facts["hr"] = describe_set(inspection.hr)
     return facts
+
+
+def _describe_readiness(systems: Mapping[str, SystemReadiness]) -> dict[str, dict[str, Any]]:
+    return {
+        name: {"ready": r.ready, "missing": list(r.missing), "how": r.how}
+        for name, r in systems.items()
+    }
 
 
 def describe_set(inspected: SetInspection) -> dict[str, Any]:
@@ -46,9 +55,11 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
             b.value: _describe_buffer(inspected, b, s) for b, s in inspected.statistics.items()
         },
         "camera": reader is not None and reader.has_camera,
+        "camera_check": _describe_camera_check(inspected),
         "motion": _describe_motion(inspected),
         "depth": _describe_depth(inspected),
         "normal": _describe_normals(inspected),
+        "sky": _describe_sky(inspected),
         "nonfinite": {
             buffer.value: statistics.nonfinite
             for buffer, statistics in inspected.statistics.items()
@@ -68,9 +79,10 @@ def describe_set(inspected: SetInspection) -> dict[str, Any]:
 def _describe_buffer(
     inspected: SetInspection, buffer: Buffer, statistics: PixelStatistics
 ) -> dict[str, Any]:
-    binding = inspected.reader.binding[buffer] if inspected.reader is not None else ()
+    bound = BoundBuffer(()) if inspected.reader is None else inspected.reader.binding[buffer]
     return {
-        "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in binding],
+        "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in bound],
+        **({"expression": bound.describe(streams=True)} if bound.is_computed else {}),
         "min": statistics.low,
         "max": statistics.high,
         "median": statistics.median,
@@ -92,6 +104,18 @@ def _describe_candidate(candidate: MotionCandidate, *, tied: bool) -> dict[str, 
         "margin": round(candidate.margin, 4),
         "significance": round(candidate.significance, 2),
         "tied": tied,
+    }
+
+
+def _describe_sky(inspected: SetInspection) -> dict[str, Any] | None:
+    """Share of the pixels, what it was found by, and depth values that no surface has."""
+    found = None if inspected.settled is None else inspected.settled.measured.sky
+    if found is None:
+        return None
+    return {
+        "share": round(found.share, 5),
+        "rule": found.rule,
+        "impossible": round(found.impossible, 5),
     }
 
 
@@ -136,6 +160,20 @@ def _describe_best(
     return _describe_candidate(best, tied=False) | {"margin": margin, "jittered": in_vectors}
 
 
+def _describe_camera_check(inspected: SetInspection) -> dict[str, Any] | None:
+    """`verified` names what agrees with the matrices; `refused` says why they are not used."""
+    found = None if inspected.settled is None else inspected.settled.measured.camera
+    if found is None:
+        return None
+    return {
+        "verified": list(found.proofs),
+        "undecided": list(found.undecided),
+        "refused": found.unfit or None,
+        "unverified": found.doubt or None,
+        "errors": {name: float(f"{error:.4g}") for name, error in found.errors.items()},
+    }
+
+
 def _describe_depth(inspected: SetInspection) -> dict[str, Any] | None:
     reader, settled = inspected.reader, inspected.settled
     if reader is None or settled is None or Buffer.DEPTH not in reader.stored:
@@ -146,6 +184,7 @@ def _describe_depth(inspected: SetInspection) -> dict[str, Any] | None:
         "kind": used.kind.value,
         "reversed": used.reversed,
         "unit_m": used.unit_m,
+        "from": "near" if used.from_near else "camera",
         "measured": finding.best is not None,
         "margin": round(finding.margin, 4),
         "error": None if finding.best is None else finding.best.error,

@@ -14,6 +14,7 @@ from rtsr_cli.core.captures.measuring.declaration_text import write_capture_text
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import OutputError, RtsrError
 from rtsr_cli.core.files.atomic_write import write_atomically, write_text_atomically
+from rtsr_cli.core.inspect.checked_commands import CheckedCommand
 from rtsr_cli.core.inspect.events import (
     CaptureBlocked,
     CaptureWritten,
@@ -31,15 +32,14 @@ from rtsr_cli.core.inspect.shot_inspection import (
     inspect_shot,
 )
 from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, open_declarations
-from rtsr_cli.core.system import System
 
 
-def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[InspectEvent]:
+def inspect(request: InspectRequest, commands: Sequence[CheckedCommand]) -> Iterator[InspectEvent]:
     """Inspect every shot of a folder; the last event is `InspectionDone`.
 
     Args:
         request: what is asked for.
-        systems: told to be ready, or what they lack.
+        commands: whose systems and parts are told to be ready, or what they lack.
 
     Raises:
         RtsrError: no shots can be found. What is wrong with the frames of a shot is part of its
@@ -48,6 +48,7 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
     options = ReadOptions(
         layout=request.layout,
         layer=request.layer,
+        view=request.view,
         capture=request.capture_file,
         on_missing=MissingPolicy.SKIP,
     )
@@ -55,14 +56,14 @@ def inspect(request: InspectRequest, systems: Sequence[System]) -> Iterator[Insp
         files = open_declarations(request.in_folder, options)
         shots = find_shots_of(request.in_folder, options, files=files)
     except RtsrError as error:
-        known = inspect_refused_folder(request.in_folder, str(error), systems)
+        known = inspect_refused_folder(request.in_folder, str(error), commands)
         yield FolderRefused(inspection=known, message=str(error))
         raise
     yield ShotsListed(count=len(shots))
     worst = Severity.REMARK
     for shot in shots:
         inspection = inspect_shot(
-            shot, request.in_folder, options, systems=systems, every=request.every, files=files
+            shot, request.in_folder, options, commands=commands, every=request.every, files=files
         )
         worst = max(worst, inspection.gravity)
         yield ShotInspected(inspection=inspection)

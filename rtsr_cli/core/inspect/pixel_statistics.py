@@ -21,6 +21,9 @@ HALF_STEP = 2.0**-11
 """Relative step of half precision: values of 0.5 to 1 are this far apart."""
 
 
+LEAST_SHARE = 1e-3
+"""Fewer values than this share are no more than a renderer's rounding."""
+
 NEVER_NEGATIVE = frozenset({Buffer.COLOR, Buffer.LIGHTING, Buffer.EMISSION})
 """Buffers of light."""
 
@@ -34,6 +37,8 @@ class PixelStatistics:
         nonfinite: frame -> number of NaN and Inf.
         negative: frame -> number of values below 0.
         zero: frames in which every value is 0.
+        fractional: share of the values that are no whole numbers.
+        above_one: share of the values that are above 1.
     """
 
     low: float
@@ -42,6 +47,8 @@ class PixelStatistics:
     nonfinite: Mapping[int, int] = field(default_factory=dict)
     negative: Mapping[int, int] = field(default_factory=dict)
     zero: tuple[int, ...] = ()
+    fractional: float = 0.0
+    above_one: float = 0.0
 
 
 @dataclass
@@ -54,6 +61,8 @@ class _RunningStatistics:
     nonfinite: dict[int, int] = field(default_factory=dict)
     negative: dict[int, int] = field(default_factory=dict)
     zero: list[int] = field(default_factory=list)
+    fractional: list[float] = field(default_factory=list)
+    above_one: list[float] = field(default_factory=list)
 
     def add(self, number: int, stored: Tensor) -> None:
         values = stored.flatten().float()
@@ -67,6 +76,8 @@ class _RunningStatistics:
                 self.negative[number] = int((finite < 0).sum())
             self.high = max(self.high, float(finite.amax()))
             self.medians.append(float(finite.median()))
+            self.fractional.append(float((finite != finite.round()).float().mean()))
+            self.above_one.append(float((finite > 1.0).float().mean()))
         if not bool(values.any()):
             self.zero.append(number)
 
@@ -79,7 +90,13 @@ class _RunningStatistics:
             nonfinite=self.nonfinite,
             negative=self.negative,
             zero=tuple(self.zero),
+            fractional=_mean(self.fractional),
+            above_one=_mean(self.above_one),
         )
+
+
+def _mean(shares: Sequence[float]) -> float:
+    return sum(shares) / len(shares) if shares else 0.0
 
 
 def measure_statistics(
@@ -121,8 +138,8 @@ def describe_negative(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]
 
 
 def list_doubts(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
-    """Motion that may not be what it should, though commands take it."""
-    problems: list[str] = []
+    """Pixels that may not be what they should, though commands take them."""
+    problems = [*_doubt_ids(statistics), *_doubt_colors(statistics)]
     motion = statistics.get(Buffer.MOTION)
     if motion is None:
         return problems
@@ -145,10 +162,35 @@ def list_doubts(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics
     return problems
 
 
+def _doubt_ids(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
+    """Ids between two whole numbers are of no object: a pixel filter has averaged them."""
+    ids = statistics.get(Buffer.OBJECT_ID)
+    if ids is None or not ids.fractional:
+        return []
+    return [
+        f"{ids.fractional:.1%} of 'object_id' are no whole numbers: the renderer's pixel filter "
+        "averaged ids, depth and normals over edges; render buffers of one sample in the middle of "
+        "the pixel (a box filter, one sample a pixel)"
+    ]
+
+
+def _doubt_colors(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
+    """Base colours above 1 reflect more than they receive: they hold highlights or light."""
+    albedo = statistics.get(Buffer.ALBEDO)
+    if albedo is None or albedo.above_one < LEAST_SHARE:
+        return []
+    return [
+        f"{albedo.above_one:.1%} of 'albedo' are above 1 (up to {albedo.high:.3g}), which no base "
+        "colour is: it holds reflections, as Mitsuba's does on conductors (there the BRDF along "
+        "the normal times pi, neither diffuse reflectance nor F0); write base colours, metallic "
+        "and roughness as AOVs of your own"
+    ]
+
+
 def _motion_step_px(reader: FrameReader) -> float:
     """Pixels between neighbouring stored values near the centre; 0 for float files."""
     convention = reader.conventions.motion
-    if not convention.zero or Buffer.MOTION not in reader.binding:
+    if not convention.zero or not len(reader.binding.get(Buffer.MOTION, ())):
         return 0.0
     component = reader.binding[Buffer.MOTION][0]
     place = (component.stream, component.channel)

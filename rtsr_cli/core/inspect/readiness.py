@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.choices import NonfinitePolicy
+from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs
 from rtsr_cli.core.pairs.simulated_pairs import SimulatedPairs
 from rtsr_cli.core.pairs.simulation import Simulation
@@ -99,30 +100,72 @@ def list_single_sources(main: FrameReader, scale: int | None) -> Sources:
 def judge_readiness(
     system: System, sources: Sources, problems: Sequence[ShotProblem]
 ) -> SystemReadiness:
-    """Tell whether and how a system can run.
+    """Tell whether and how a system can run; see `judge_demand`."""
+    return judge_demand(make_demand(system), sources, problems)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputDemand:
+    """What a system, or a part of a command, reads of frames.
+
+    Attributes:
+        name: of the system or part.
+        inputs: what is read of a pair.
+        scales: factors that it is made for; empty = any.
+        weights: scales that it comes with weights for; None if it needs none.
+    """
+
+    name: str
+    inputs: PairInputs
+    scales: tuple[int, ...] = ()
+    weights: tuple[int, ...] | None = None
+
+
+def make_demand(system: System) -> InputDemand:
+    """What a system reads to run."""
+    weighted = system.learning is not None and system.task is SystemTask.UPSCALE
+    inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
+    # frames of every step are of one sequence here, whether they are rendered or not
+    every = tuple(dict.fromkeys((*inputs.lr, *system.unshaded_inputs)))
+    return InputDemand(
+        name=system.name,
+        inputs=replace(inputs, lr=every),
+        scales=system.scales,
+        weights=tuple(s for s in system.scales if has_weights(system, s)) if weighted else None,
+    )
+
+
+def judge_demand(
+    demand: InputDemand, sources: Sources, problems: Sequence[ShotProblem]
+) -> SystemReadiness:
+    """Tell whether and how what is demanded can be had.
 
     Args:
-        system: to judge.
+        demand: to judge.
         sources: the ways to try, the one that asks least first.
         problems: of all frames that it would read.
     """
     refused = [p.lacks for p in problems if p.gravity is Severity.REFUSED]
     if refused or not sources:
         return SystemReadiness(ready=False, missing=tuple(dict.fromkeys(refused)))
-    inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
     skip = [SKIP] if any(p.gravity is Severity.HOLES for p in problems) else []
     ways = [
         SystemReadiness(
             ready=not missing, missing=missing, how=" ".join([*([how] if how else []), *skip])
         )
         for how, source in sources
-        for missing in [_list_missing(system, source, inputs)]
+        for missing in [_list_missing(demand, source)]
     ]
     return min(ways, key=lambda way: len(way.missing))
 
 
-def _list_missing(system: System, source: PairSource, inputs: PairInputs) -> tuple[str, ...]:
-    """What the files lack, and the scale where it is known and not one of the system's."""
-    fits = not system.scales or source.scale in system.scales or len(source.readers) == 1
-    scales = () if fits else (f"a scale of {', '.join(f'{s}x' for s in system.scales)}",)
-    return (*source.missing(inputs), *scales)
+def _list_missing(demand: InputDemand, source: PairSource) -> tuple[str, ...]:
+    """What the files lack, and the scale and weights where they are known not to fit."""
+    known, scale = len(source.readers) > 1, source.scale
+    fits = not known or not demand.scales or scale in demand.scales
+    lacking = list(source.missing(demand.inputs))
+    if not fits:
+        lacking.append(f"a scale of {', '.join(f'{s}x' for s in demand.scales)}")
+    elif demand.weights is not None and not (scale in demand.weights if known else demand.weights):
+        lacking.append(f"weights{f' for {scale}x' if known else ''} (rtsr train makes them)")
+    return tuple(lacking)

@@ -20,6 +20,7 @@ class InspectRequest:
         capture_file: declarations in place of the shots' capture.toml.
         layout: channel layout or a TOML file of one; None to detect it.
         layer: layer or stereo view that is read of files with several.
+        view: stereo view that is read, of that layer if one is named.
     """
 
     in_folder: Path
@@ -29,6 +30,7 @@ class InspectRequest:
     capture_file: Path | None = None
     layout: str | None = None
     layer: str | None = None
+    view: str | None = None
 
     def __post_init__(self) -> None:
         """Accept paths as text."""

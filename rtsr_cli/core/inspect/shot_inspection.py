@@ -10,18 +10,23 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.channel_guesses import guess_buffers
+from rtsr_cli.core.captures.channel_guesses import GuessCheck, guess_buffers, guess_material
 from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.frame_numbers import list_missing_frames
+from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_readable
+from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import FrameSet, Shot
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import LayerChoiceError, RtsrError
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.gaps import format_gaps
+from rtsr_cli.core.inspect.checked_commands import CheckedCommand, ShotSources, judge_commands
+from rtsr_cli.core.inspect.fixes import Fix, Hints, list_fixes
 from rtsr_cli.core.inspect.lossy_buffers import LossyBuffer, describe_lossy, find_lossy_buffers
 from rtsr_cli.core.inspect.pixel_statistics import (
     PixelStatistics,
@@ -35,7 +40,6 @@ from rtsr_cli.core.inspect.readiness import (
     ShotProblem,
     Sources,
     SystemReadiness,
-    judge_readiness,
     list_single_sources,
     match_resolutions,
 )
@@ -46,7 +50,8 @@ from rtsr_cli.core.pairs.opening import (
     measure_set,
     open_shot,
 )
-from rtsr_cli.core.system import System
+from rtsr_cli.core.pairs.sources import NAMED_LAYOUT
+from rtsr_cli.core.training.data_folders import REFERENCE_FOLDER
 
 MOST_FRAMES = 64
 """Frames whose pixels are looked at, evenly spaced, unless all are asked for."""
@@ -62,6 +67,7 @@ class SetInspection:
         channels: per file sequence, the names of all channels.
         unknown: those that no buffer takes.
         guessed: what unknown channels may be, by their names.
+        material: how unknown channels may add up to material; empty if nothing speaks for it.
         missing: per file sequence, the frames that it lacks.
         layers: names of the layers and views that the files hold; empty where they name none.
         settled: how it is read, None if it cannot be.
@@ -82,6 +88,7 @@ class SetInspection:
     looked_at: tuple[int, ...]
     problems: tuple[ShotProblem, ...]
     layers: tuple[str, ...] = ()
+    material: str = ""
     lossy: Mapping[str, LossyBuffer] = field(default_factory=dict)
 
     @property
@@ -99,7 +106,8 @@ class ShotInspection:
         root: its folder.
         main: its frames.
         hr: the HR frames beside them, if there are any.
-        systems: whether each can run.
+        commands: by command, whether each of its systems or parts can run.
+        fixes: lines that would provide what is missing.
         capture: what is declared about it; nothing where that cannot be read.
     """
 
@@ -107,8 +115,14 @@ class ShotInspection:
     root: Path
     main: SetInspection
     hr: SetInspection | None
-    systems: Mapping[str, SystemReadiness]
+    commands: Mapping[str, Mapping[str, SystemReadiness]]
+    fixes: tuple[Fix, ...] = ()
     capture: CaptureDeclaration = field(default_factory=CaptureDeclaration)
+
+    @property
+    def systems(self) -> Mapping[str, SystemReadiness]:
+        """Whether each system that upscales can run."""
+        return self.commands.get(SystemTask.UPSCALE.value, {})
 
     @property
     def problems(self) -> tuple[ShotProblem, ...]:
@@ -128,7 +142,7 @@ def inspect_shot(
     root: Path,
     options: ReadOptions,
     *,
-    systems: Iterable[System],
+    commands: Sequence[CheckedCommand],
     every: bool,
     files: DeclarationFiles | None = None,
 ) -> ShotInspection:
@@ -138,7 +152,7 @@ def inspect_shot(
         shot: what was found.
         root: IN.
         options: how frames are read; holes in the numbering are always reported, never refused.
-        systems: to judge.
+        commands: to judge.
         every: look at the pixels of every frame, however many there are.
         files: declarations below IN, as far as they are read already.
     """
@@ -163,24 +177,38 @@ def inspect_shot(
         sources, apart = match_resolutions(main.reader, hr.reader, capture.scale)
         hr = replace(hr, problems=_drop_repeats((*hr.problems, *apart)))
     inspection = ShotInspection(
-        name=shot.name, root=shot.root, main=main, hr=hr, systems={}, capture=capture
+        name=shot.name, root=shot.root, main=main, hr=hr, commands={}, capture=capture
     )
-    ready = {
-        s.name: judge_readiness(s, sources, inspection.problems)
-        for s in systems
-        if s.task is SystemTask.UPSCALE
-    }
-    return replace(inspection, systems=ready)
+    known = ShotSources(
+        main=main.reader,
+        hr=None if hr is None else hr.reader,
+        enlarged=sources,
+        referenced=is_folder(shot.root / REFERENCE_FOLDER),
+    )
+    ready = judge_commands(commands, known, inspection.problems)
+    return replace(inspection, commands=ready, fixes=list_fixes(ready, _list_hints(main, hr)))
 
 
-def inspect_refused_folder(root: Path, message: str, systems: Iterable[System]) -> ShotInspection:
+def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
+    """What is known that may stand for what is missing; of the frames that lead first."""
+    sets = [one for one in (main, hr) if one is not None]
+    guessed = {b: places for one in reversed(sets) for b, places in one.guessed.items()}
+    layers = tuple(dict.fromkeys(name for one in sets for name in one.layers))
+    material = next((one.material for one in sets if one.material), "")
+    settled = main.settled
+    layout = settled.reader.layout.name if settled is not None and settled.undecided else ""
+    return Hints(guessed=guessed, layers=layers, layout=layout, material=material)
+
+
+def inspect_refused_folder(
+    root: Path, message: str, commands: Sequence[CheckedCommand]
+) -> ShotInspection:
     """Inspect a folder in which not even shots can be found."""
     problem = ShotProblem(text=message, gravity=Severity.REFUSED)
     main = _inspect_unread_set(FrameSet(root=root, streams={}), {}, [problem])
-    ready = {
-        s.name: judge_readiness(s, [], [problem]) for s in systems if s.task is SystemTask.UPSCALE
-    }
-    return ShotInspection(name=".", root=root, main=main, hr=None, systems=ready)
+    nothing = ShotSources(main=None, hr=None, enlarged=[])
+    ready = judge_commands(commands, nothing, [problem])
+    return ShotInspection(name=".", root=root, main=main, hr=None, commands=ready)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +262,7 @@ def _inspect_unread_set(
         numbers=frames.numbers,
         channels=channels,
         unknown=channels,
-        guessed=guess_buffers(channels),
+        guessed={},
         missing={},
         settled=None,
         statistics={},
@@ -256,13 +284,25 @@ def _inspect_set(
         settled = measure_set(surveyed.readable, opened, jittered=lr, headers=headers)
     except LayerChoiceError as error:
         problem = _make_problem(error, "a choice of layer")
-        return replace(inspection, layers=error.layers, problems=(*problems, problem))
+        unread = replace(inspection, layers=error.layers, problems=(*problems, problem))
+        return _guess_unread(unread, surveyed)
     except RtsrError as error:
-        return replace(inspection, problems=(*problems, _make_problem(error, "a known layout")))
+        problem = _make_problem(error, "a known layout")
+        return _guess_unread(replace(inspection, problems=(*problems, problem)), surveyed)
     if not lr and settled.undecided == settled.motion_undecided:
         # of HR frames beside LR ones commands read no vectors
-        settled = replace(settled, undecided="")
+        settled = replace(settled, undecided="", reader=replace(settled.reader, undecided=""))
     return _with_pixels(replace(inspection, settled=settled), surveyed.frames, settled, every=every)
+
+
+def _guess_unread(inspection: SetInspection, surveyed: _Surveyed) -> SetInspection:
+    """Add what the channels may be of frames that cannot be read as they are."""
+    check = check_guesses(choose_files(surveyed.readable, surveyed.headers))
+    return replace(
+        inspection,
+        guessed=guess_buffers(inspection.channels, check),
+        material=guess_material(inspection.channels, check),
+    )
 
 
 def _survey_headers(frames: FrameSet, files: HeaderFiles) -> _Surveyed:
@@ -301,6 +341,7 @@ def _with_pixels(
         for key, names in inspection.channels.items()
     }
     unknown = {key: names for key, names in unknown.items() if names}
+    check = check_guesses(choose_files(reader.frames, reader.channels), reader.stored)
     missing = list_missing_frames(frames, sorted(bound), reader.step)
     looked_at = _choose_numbers(reader.numbers, every=every)
     statistics, damaged = measure_statistics(reader, looked_at)
@@ -308,13 +349,14 @@ def _with_pixels(
         f"'{key}' lacks frames {format_gaps(lacking)}: render them, or use --on-missing skip|hold"
         for key, lacking in missing.items()
     )
-    unsettled = ShotProblem(
-        text=settled.undecided, gravity=Severity.REFUSED, lacks="a named layout"
-    )
+    # radiance needs no proof
+    gravity = Severity.REMARK if Buffer.COLOR in reader.stored else Severity.REFUSED
+    unsettled = ShotProblem(text=settled.undecided, gravity=gravity, lacks=NAMED_LAYOUT)
     lossy = find_lossy_buffers(reader, unknown, looked_at)
     remarks = [*describe_lossy(lossy), *describe_negative(statistics)]
     remarks += [*list_doubts(reader, statistics), *settled.warnings]
     remarks += [settled.motion_undecided] if settled.motion_undecided else []
+    remarks += describe_unmet(reader)
     problems = [
         *inspection.problems,
         *(ShotProblem(text=text, gravity=Severity.PIXELS) for text in damaged),
@@ -330,13 +372,28 @@ def _with_pixels(
         inspection,
         layers=reader.layers,
         unknown=unknown,
-        guessed={b: p for b, p in guess_buffers(unknown).items() if b not in reader.binding},
+        guessed=_guess_further(reader, unknown, check),
+        material="" if Buffer.MATERIAL in reader.binding else guess_material(unknown, check),
         missing=missing,
         statistics=statistics,
         looked_at=looked_at,
         lossy=lossy,
         problems=_drop_repeats(problems),
     )
+
+
+def _guess_further(
+    reader: FrameReader, unknown: Mapping[str, tuple[str, ...]], check: GuessCheck
+) -> dict[Buffer, tuple[str, ...]]:
+    """Buffers that channels nobody knows could be; what is not read for a reason is none."""
+    known = reader.layout.list_unread(unknown)
+    rest = {
+        key: tuple(c for c in channels if c not in known)
+        for key, channels in unknown.items()
+        if not known.keys() & {key, key.rpartition("/")[0]}
+    }
+    guessed = guess_buffers(rest, check)
+    return {b: places for b, places in guessed.items() if b not in reader.binding}
 
 
 def _choose_numbers(numbers: Sequence[int], *, every: bool) -> tuple[int, ...]:

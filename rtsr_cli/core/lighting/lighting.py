@@ -18,14 +18,16 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer, sky_mask
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitter
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.demodulation import remodulate
-from rtsr_cli.core.imaging.enlargement import enlarge_log_lighting, enlarge_masked_radiance
+from rtsr_cli.core.imaging.enlargement import enlarge_log_lighting
 from rtsr_cli.core.imaging.guided_enlargement import SurfaceGuides, upsample_guided
+from rtsr_cli.core.lighting.radiance import GUIDES, add_radiance
 from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane, Vector3
 from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
@@ -34,9 +36,9 @@ MAX_LIGHTING = 64.0
 """Bound of lighting in a network's input: quotients over dark materials have none."""
 
 LR_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
+LR_OPTIONAL = (Buffer.EMISSION,)
 HR_BUFFERS = (Buffer.MATERIAL, Buffer.SKY)
 HR_OPTIONAL = (Buffer.EMISSION,)
-GUIDES = (Buffer.NORMAL, Buffer.DEPTH)
 REFERENCE_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
 """What this module reads of LR frame, HR frame and captured reference."""
 
@@ -130,7 +132,7 @@ def enlarge_lighting(window: FrameWindow, base: EnlargementBase) -> Color:
     mask = frame.gbuffer[Buffer.LIGHTING_MASK]
     jitter_px = shift_jitter(frame.camera.jitter_px, scale)
     cubic = enlarge_log_lighting(encoded, mask, scale, jitter_px)
-    small, large = frame.gbuffer.buffers, require_hr_frame(window).gbuffer.buffers
+    small, large = frame.gbuffer.buffers, window.require_hr().gbuffer.buffers
     if base is EnlargementBase.CUBIC or not all(g in small and g in large for g in GUIDES):
         return cubic
     normal, depth = (align_image(window, large[guide]) for guide in GUIDES)
@@ -142,35 +144,6 @@ def enlarge_lighting(window: FrameWindow, base: EnlargementBase) -> Color:
         scale=scale,
         fallback=cubic,
     )
-
-
-def require_hr_frame(window: FrameWindow) -> Frame:
-    """Return the HR frame of a system that declares HR inputs."""
-    if window.hr is None:
-        raise AssertionError("plans check that a system with HR inputs gets an HR frame")
-    return window.hr
-
-
-SKY_MARGIN_PX = 6
-"""LR rows around the sky that its enlargement sees: cubic 2 and jitter 1, highlights 2, and one."""
-
-
-def add_sky(window: FrameWindow, image: Color) -> Color:
-    """Put the enlarged LR sky where the HR depth says sky; only rows that hold any are touched."""
-    frame, scale = window.current, window.scale
-    hr_sky = require_hr_frame(window).gbuffer[Buffer.SKY] > 0.5
-    rows = hr_sky.flatten(0, 1).any(0).any(1).nonzero()
-    if not len(rows):
-        return image
-    first, last = int(rows[0]) // scale, int(rows[-1]) // scale + 1
-    top, bottom = max(0, first - SKY_MARGIN_PX), min(frame.size[0], last + SKY_MARGIN_PX)
-    color, sky = (frame.gbuffer[b][:, :, top:bottom] for b in (Buffer.COLOR, Buffer.SKY))
-    seen = slice((first - top) * scale, (last - top) * scale)
-    changed = slice(first * scale, last * scale)
-    wanted = hr_sky[:, :, top * scale : bottom * scale]
-    enlarged = enlarge_masked_radiance(color, sky, scale, frame.camera.jitter_px, wanted=wanted)
-    band = torch.where(hr_sky[:, :, changed], enlarged[:, :, seen], image[:, :, changed])
-    return torch.cat([image[:, :, : changed.start], band, image[:, :, changed.stop :]], dim=2)
 
 
 def keep_picture(window: FrameWindow, image: Color) -> Color:
@@ -215,7 +188,7 @@ class Surroundings:
     show_depth: Callable[[Plane], Plane] = inverse_depth
     decode: Callable[[Color, Tensor], Color] = decode_lighting
     corrects_base: bool = True
-    finish: Callable[[FrameWindow, Color], Color] = add_sky
+    finish: Callable[[FrameWindow, Color], Color] = add_radiance
     goal: Goal = log_goal
     max_radiance: float = math.inf
 
@@ -236,7 +209,7 @@ def build_lighting_inputs(
     `base` is the enlargement of log lighting that a network corrects. Emission comes with it, and
     is 0 where it was not taken out of the radiance before that was divided (`emission_apart`).
     """
-    frame, hr = window.current, require_hr_frame(window)
+    frame, hr = window.current, window.require_hr()
     material = hr.gbuffer[Buffer.MATERIAL]
     emission = hr.gbuffer.buffers.get(Buffer.EMISSION) if emission_apart else None
     inputs = {
@@ -278,10 +251,13 @@ def build_lighting_goal(
 ) -> dict[str, Tensor]:
     """What a network is held against: the capture's radiance and lighting, on the aligned grid.
 
-    Keys: `color`, `surface_mask` (1 = no sky), and those of `Surroundings.goal`.
+    Keys: `color`, `surface_mask` (1 = lighting makes the picture: no sky, no
+    material of 0), and those of `Surroundings.goal`.
     """
     gbuffer = reference.gbuffer
-    goal = {"color": gbuffer[Buffer.COLOR], "surface_mask": 1.0 - gbuffer[Buffer.SKY]}
+    material = window.require_hr().gbuffer[Buffer.MATERIAL].amin(1, keepdim=True)
+    surface = (1.0 - gbuffer[Buffer.SKY]) * (material > MATERIAL_EPSILON)
+    goal = {"color": gbuffer[Buffer.COLOR], "surface_mask": surface}
     goal |= surroundings.goal(reference, lighting_scale_of(window.current))
     return {name: align_image(window, image) for name, image in goal.items()}
 

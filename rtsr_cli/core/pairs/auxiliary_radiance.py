@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from rtsr_cli.core.captures.bound_channels import bind_channels
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import NonfinitePolicy
@@ -110,10 +111,9 @@ def join_planes(planes: Mapping[str, Plane], names: Iterable[str]) -> dict[str, 
 
 def _list_held_channels(reader: FrameReader, numbers: Collection[int]) -> dict[int, Set[str]]:
     """Channels of the files that hold the frames' radiance."""
-    components = reader.binding.get(Buffer.COLOR, ())
-    if not components:
+    if Buffer.COLOR not in reader.binding:
         return {}
-    stream = components[0].stream
+    stream = reader.binding[Buffer.COLOR][0].stream
     return {n: reader.channels_of(n, stream) for n in sorted(numbers)}
 
 
@@ -130,9 +130,9 @@ def _open_channels(
                 f"{reader.where(number)}: channel {lacking[0]} is missing, others of {name} are "
                 "in these frames; capture R, G and B of every frame, or choose --frames without"
             )
-    components = reader.binding[Buffer.COLOR]
-    named = zip(components, name_channels(name), strict=True)
-    places = tuple(replace(component, channel=channel) for component, channel in named)
+    first = [component.terms[0] for component in reader.binding[Buffer.COLOR].components]
+    named = zip(first, name_channels(name), strict=True)
+    places = bind_channels(*(replace(own, channel=channel) for own, channel in named))
     return replace(reader, binding={**reader.binding, Buffer.COLOR: places})
 
 
@@ -166,12 +166,9 @@ def _open_folder(
 
 def _read_alike(reader: FrameReader, own: FrameReader) -> FrameReader:
     """Read radiance by what is known of that of other frames: factors, colour space, exposure."""
-    theirs, known = reader.binding[Buffer.COLOR], own.binding.get(Buffer.COLOR, ())
-    if len(theirs) == len(known):
-        theirs = tuple(
-            replace(component, factor=same.factor, offset=same.offset)
-            for component, same in zip(theirs, known, strict=True)
-        )
+    theirs, known = reader.binding[Buffer.COLOR], own.binding.get(Buffer.COLOR)
+    if known is not None and len(theirs) == len(known):
+        theirs = theirs.scaled_like(known)
     return replace(
         reader,
         binding={**reader.binding, Buffer.COLOR: theirs},

@@ -12,8 +12,10 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
-from rtsr_cli.core.captures.layers import list_plain_names
+from rtsr_cli.core.captures.layers import join_layer, list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared
+from rtsr_cli.core.captures.lent_motion import lend_motion
+from rtsr_cli.core.captures.measuring.camera_decision import share_verdict
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.reader import FrameReader
@@ -46,6 +48,7 @@ class ReadOptions:
     Attributes:
         layout: preset or layout file, or None to detect it.
         layer: layer or view that is read, in place of what capture.toml says.
+        view: stereo view that is read, likewise.
         capture: file in place of each shot's capture.toml.
         on_missing: what holes in the numbering mean.
         output: where frames will be written; it must not lie where they would be taken for inputs.
@@ -56,6 +59,7 @@ class ReadOptions:
 
     layout: str | None = None
     layer: str | None = None
+    view: str | None = None
     capture: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
     output: Path | None = None
@@ -164,7 +168,7 @@ def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
         return
     first = [opened.headers.of_first(frames) for frames in sets]
     names = [{key: list_plain_names(header) for key, header in held.items()} for held in first]
-    check_declared(buffers, names, str(opened.shot.root))
+    check_declared(buffers, names, str(opened.shot.root), opened.declarations.sources)
 
 
 def open_set(
@@ -228,8 +232,11 @@ def survey_set(
         layout=known.layout,
         capture=known.capture,
         side_car=known.side_car,
-        layer=opened.options.layer or known.capture.layer,
+        layer=join_layer(
+            opened.options.layer or known.capture.layer, opened.options.view or known.capture.view
+        ),
         on_missing=opened.options.on_missing,
+        wanted=opened.options.selection.frames,
         jittered=jittered,
     )
 
@@ -322,12 +329,19 @@ def open_pair(
     shot = opened.shot
     if simulation is not None:
         capture = open_set(shot.hr or shot.frames, opened, jittered=False)
+        if shot.hr is not None and Buffer.MOTION not in capture.stored:
+            capture = lend_motion(capture, open_set(shot.frames, opened, jittered=True))
         return open_simulated_pairs(capture, simulation)
     lr = open_set(shot.frames, opened, jittered=True)
     target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
-    skip = opened.options.on_missing is MissingPolicy.SKIP
+    if target is not None:
+        lr, target = share_verdict(lr, target), share_verdict(target, lr)
     return open_real_pairs(
-        lr, target, scale or opened.declarations.capture.scale, skip_missing=skip
+        lr,
+        target,
+        scale or opened.declarations.capture.scale,
+        skip_missing=opened.options.on_missing is MissingPolicy.SKIP,
+        wanted=opened.options.selection.frames,
     )
 
 

@@ -201,10 +201,10 @@ def _list_offered(reader: FrameReader, *, with_radiance: bool) -> list[tuple[str
         for c in reader.binding[buffer]
     }
     places = [
-        place
+        term.place
         for buffer in RADIANCE_BUFFERS & set(reader.layout.buffers)
         for component in reader.layout.buffers[buffer]
-        for place in component.places
+        for term in component.terms
     ]
     offered = []
     for stream, by_number in reader.channels.items():

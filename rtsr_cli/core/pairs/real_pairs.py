@@ -15,11 +15,12 @@ from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.sources import (
+    HR_FRAMES,
     FramePair,
     PairInputs,
     PairReads,
     check_frame,
-    describe_undeclared,
+    describe_missing,
     resolve_buffers,
 )
 from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr
@@ -56,6 +57,12 @@ class RealPairs:
         """LR's and HR's."""
         return (self.lr,) if self.hr is None else (self.lr, self.hr)
 
+    @cached_property
+    def jitters(self) -> bool:
+        """Tell whether the LR frames' jitter differs, and nothing speaks against it."""
+        offsets = {camera.jitter_px for camera in self.lr.cameras.values()}
+        return len(offsets) > 1 and self.lr.jitter_trusted
+
     @property
     def frame_bytes(self) -> int:
         """Both resolutions."""
@@ -77,13 +84,15 @@ class RealPairs:
         return self._resolved[inputs]
 
     def missing(self, inputs: PairInputs) -> tuple[str, ...]:
-        """Name what is missing, with the resolution it is missing at."""
+        """Name what is missing, with the resolution it is missing at where there are two."""
         reads = self.resolve(inputs)
-        lacking = [f"lr {m}" for m in reads.lr.missing]
-        if inputs.hr:
-            hr = [f"hr {m}" for m in reads.hr.missing]
-            lacking += ["hr frames"] if self.hr is None else hr
-        return describe_undeclared(lacking, self.lr)
+        alone = self.hr is None and self.scale == 1
+        lacking = describe_missing(reads.lr.missing, self.lr, "" if alone else "lr ")
+        if not inputs.hr:
+            return lacking
+        if self.hr is None:
+            return (*lacking, HR_FRAMES)
+        return tuple(dict.fromkeys((*lacking, *describe_missing(reads.hr.missing, self.hr, "hr "))))
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
         """Files of both resolutions."""
@@ -109,7 +118,12 @@ class RealPairs:
 
 
 def open_real_pairs(
-    lr: FrameReader, hr: FrameReader | None, scale: int | None, *, skip_missing: bool = False
+    lr: FrameReader,
+    hr: FrameReader | None,
+    scale: int | None,
+    *,
+    skip_missing: bool = False,
+    wanted: frozenset[int] | None = None,
 ) -> RealPairs:
     """Match LR and HR frames.
 
@@ -118,6 +132,7 @@ def open_real_pairs(
         hr: their G-buffers at the target size, or None.
         scale: as asked for, or None to take it from the sizes.
         skip_missing: leave out frames that HR lacks, instead of refusing.
+        wanted: frames that are asked for, None for all; others may lack their HR frames.
 
     Raises:
         FrameFolderError: HR lacks a frame, is no multiple of LR, or contradicts `scale`.
@@ -143,13 +158,23 @@ def open_real_pairs(
         )
     _check_windows(lr, hr, ratio)
     lacking = sorted(set(lr.numbers) - set(hr.numbers))
-    if lacking and not skip_missing:
+    refused = [n for n in lacking if not wanted or min(wanted) <= n <= max(wanted)]
+    if refused and not skip_missing:
         raise FrameFolderError(
-            f"{hr.frames.root}: HR lacks frames {format_ranges(lacking)} that LR has in "
+            f"{hr.frames.root}: HR lacks frames {format_ranges(refused)} that LR has in "
             f"{lr.frames.root}; render them, or use --on-missing skip"
         )
     lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
-    return RealPairs(lr=lr, hr=hr, scale=ratio)
+    return RealPairs(lr=_take_sky_rule(lr, hr), hr=_take_sky_rule(hr, lr), scale=ratio)
+
+
+def _take_sky_rule(reader: FrameReader, other: FrameReader) -> FrameReader:
+    """Let what is sky at one size be sky at the other, where nothing was found there."""
+    own, theirs = reader.conventions.depth, other.conventions.depth
+    if own.sky is not None or theirs.sky is None or own.kind is not theirs.kind:
+        return reader
+    depth = replace(own, sky=theirs.sky)
+    return replace(reader, conventions=replace(reader.conventions, depth=depth))
 
 
 def _check_windows(lr: FrameReader, hr: FrameReader, scale: int) -> None:

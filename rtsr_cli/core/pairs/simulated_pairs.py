@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, place_output
+from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.pairs.nonfinite import apply_policy
@@ -18,7 +19,7 @@ from rtsr_cli.core.pairs.sources import (
     PairInputs,
     PairReads,
     check_frame,
-    describe_undeclared,
+    describe_missing,
     resolve_buffers,
 )
 from rtsr_cli.core.pairs.window import build_hr, build_lr, select_hr
@@ -59,6 +60,11 @@ class SimulatedPairs:
         return (self.capture,)
 
     @property
+    def jitters(self) -> bool:
+        """Tell whether the samples that are kept differ."""
+        return self.simulation.jitter is not JitterMode.NONE
+
+    @property
     def frame_bytes(self) -> int:
         """The capture's."""
         return self.capture.frame_bytes
@@ -80,7 +86,7 @@ class SimulatedPairs:
     def missing(self, inputs: PairInputs) -> tuple[str, ...]:
         """Name what the capture lacks."""
         reads = self.resolve(inputs)
-        return describe_undeclared((*reads.lr.missing, *reads.hr.missing), self.capture)
+        return describe_missing((*reads.lr.missing, *reads.hr.missing), self.capture)
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
         """Files of the capture."""

@@ -17,9 +17,10 @@ from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera_needs import name_lacking
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.coverage import CoveredColor
-from rtsr_cli.core.imaging.derivation import DerivationConfig
+from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.straight_radiance import take_coverage_out
 from rtsr_cli.core.pairs.window import Reads, resolve_reads
@@ -27,6 +28,11 @@ from rtsr_cli.core.shapes import Size
 
 DECLARED_MOTION = "a declared motion convention"
 """What is missing where nothing decides how vectors are stored."""
+
+NAMED_LAYOUT = "a named layout"
+"""What is missing where nothing proves that channels mean what their names say."""
+HR_FRAMES = "hr frames"
+"""What is missing where a system reads both resolutions, and only one is there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,6 +133,10 @@ class PairSource(Protocol):
         """Every reader behind the pairs."""
 
     @property
+    def jitters(self) -> bool:
+        """Tell whether LR samples lie elsewhere from frame to frame, as far as is known."""
+
+    @property
     def frame_bytes(self) -> int:
         """Memory that reading one frame takes, generously."""
 
@@ -164,7 +174,30 @@ def resolve_buffers(
     )
 
 
-def describe_undeclared(missing: Collection[str], reader: FrameReader) -> tuple[str, ...]:
-    """Say of vectors that are there that it is their declaration that is missing."""
-    unread = {f"{size}{b}" for size in ("", "lr ") for b in reader.stored - reader.readable}
-    return tuple(dict.fromkeys(DECLARED_MOTION if m in unread else m for m in missing))
+def describe_missing(
+    missing: Collection[str], reader: FrameReader, size: str = ""
+) -> tuple[str, ...]:
+    """Say what is missing of the frames of a reader.
+
+    Of vectors that are there it is their declaration, of depth and normals that a camera converts
+    the camera, and of the camera the frames without.
+
+    Args:
+        missing: names of buffers, or `CAMERA`.
+        reader: of the frames.
+        size: "lr " or "hr ", where there are two resolutions.
+    """
+    if reader.undecided and missing:
+        return (NAMED_LAYOUT,)
+    return tuple(dict.fromkeys(_describe_one(name, reader, size) for name in missing))
+
+
+def _describe_one(name: str, reader: FrameReader, size: str) -> str:
+    if name == CAMERA:
+        lacking = reader.without_camera
+        every = len(lacking) == len(reader.cameras)
+        return f"{size}{CAMERA}{name_lacking(lacking, everywhere=every)}"
+    unmet = reader.unmet.get(Buffer(name))
+    if unmet is not None:
+        return f"{size}{CAMERA}{unmet.frames} for {name} ({unmet.need.stored_as})"
+    return DECLARED_MOTION if name in reader.stored - reader.readable else f"{size}{name}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 import math
-from collections.abc import Iterable
 
 from rtsr_cli.core.visible_text import make_all_visible, make_visible
 
@@ -29,12 +28,6 @@ def make_element(name: str, *children: str, **attributes: object) -> str:
         if value is not None
     )
     return f"<{name}{written}>{''.join(children)}</{name}>"
-
-
-def join_names(names: Iterable[str]) -> str:
-    """`a`, `a and b`, `a, b and c`."""
-    known = list(names)
-    return " and ".join(filter(None, [", ".join(known[:-1]), *known[-1:]]))
 
 
 ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}

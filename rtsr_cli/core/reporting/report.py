@@ -15,10 +15,11 @@ from typing import Any
 from rtsr_cli import __version__
 from rtsr_cli.core.marks import MARK
 from rtsr_cli.core.reporting import tables
-from rtsr_cli.core.reporting.markup import escape_text, join_names, make_element, write_script_json
+from rtsr_cli.core.reporting.markup import escape_text, make_element, write_script_json
 from rtsr_cli.core.reporting.payload import build_payload
 from rtsr_cli.core.reporting.pictures import Crop, Moment, Picture, Strip
 from rtsr_cli.core.reporting.results import Results, read_results
+from rtsr_cli.core.wording import join_names, say_count
 
 SCRIPTS = ("shared.js", "curves.js", "viewer.js", "report.js")
 """Parts of the script, in the order in which they are joined."""
@@ -63,9 +64,9 @@ def _write_head(result: Mapping[str, Any], results: Results) -> dict[str, str]:
     names = join_names(results.methods)
     against = result.get("inputs", {}).get("reference")
     frames = sum(len(results.frames(shot)) for shot in results.shots)
-    amount = f"{frames} frames"
+    amount = say_count(frames, "frame")
     if len(results.shots) > 1:
-        amount += f" of {len(results.shots)} shots"
+        amount += f" of {say_count(len(results.shots), 'shot')}"
     return {
         "mark": escape_text(MARK),
         "written_by": escape_text(__version__),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from rtsr_cli.core.reporting.markup import join_names
 from rtsr_cli.core.reporting.results import Results, ShownMetric, Values
 from rtsr_cli.core.statistics import mean_interval
+from rtsr_cli.core.wording import join_names
 
 MOST_REGIONS = 3
 """Regions named in a sentence."""

@@ -10,6 +10,7 @@ from typing import Any
 from rtsr_cli.core.reporting.markup import escape_text, make_element
 from rtsr_cli.core.reporting.results import DASH, MethodEntry, Results, ShownMetric, Values
 from rtsr_cli.core.reporting.sentences import find_lead, write_sentence
+from rtsr_cli.core.wording import say_count
 
 NO_REGION = "cannot be made from these buffers"
 
@@ -288,7 +289,9 @@ def _is_measured(
 def _describe_nonfinite(entry: MethodEntry) -> list[str]:
     bad = [frame for frame, values in entry.frames.items() if values.get("nonfinite")]
     pixels = sum(int(entry.frames[frame]["nonfinite"] or 0) for frame in bad)
-    return [f"{pixels} pixels that are not finite, in {len(bad)} frames"] if bad else []
+    return (
+        [f"{pixels} pixels that are not finite, in {say_count(len(bad), 'frame')}"] if bad else []
+    )
 
 
 def _flatten(values: Mapping[str, Any], path: str = "") -> Iterable[tuple[str, str]]:

@@ -12,6 +12,9 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.gaps import format_gaps, list_gaps
 from rtsr_cli.core.frames.selection import format_ranges
 
+BETTER = "better"
+"""Detail of a plan: why no system that is preferred to the chosen one can run; may be empty."""
+
 
 class Status(StrEnum):
     """What became of a frame."""
@@ -94,6 +97,7 @@ class FrameDone:
             those in its inputs, or that it would have held.
         negative: values of radiance below 0 in its inputs.
         as_float: True if it is written as float, since half cannot hold its radiance.
+        no_material: share of its pixels whose material carries no radiance: theirs is enlarged.
         stops: True if no other frame could be written either, so that the run ended.
     """
 
@@ -106,6 +110,7 @@ class FrameDone:
     nonfinite: int = 0
     negative: int = 0
     as_float: bool = False
+    no_material: float = 0.0
     stops: bool = False
 
     @property
@@ -126,6 +131,7 @@ class RunDone:
         spoilt: output -> NaN and Inf that it failed of, and is not written for.
         negative: output -> values of radiance below 0 in its inputs.
         as_float: outputs that are float, since half cannot hold their radiance.
+        no_material: shot -> frame -> share of its pixels whose material carries no radiance.
         stopped: why nothing more could be written; empty if all went on.
     """
 
@@ -136,6 +142,7 @@ class RunDone:
     spoilt: Mapping[str, int] = field(default_factory=dict)
     negative: Mapping[str, int] = field(default_factory=dict)
     as_float: tuple[str, ...] = ()
+    no_material: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
     stopped: str = ""
 
     @property
@@ -152,6 +159,7 @@ class RunDone:
             "nonfinite": sum(self.repaired.values()) + sum(self.spoilt.values()),
             "negative": sum(self.negative.values()),
             "as_float": len(self.as_float),
+            "no_material": sum(len(frames) for frames in self.no_material.values()),
             "stopped": bool(self.stopped),
         }
 

@@ -27,7 +27,7 @@ from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES, che
 from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 from rtsr_cli.core.run.shot_inputs import ShotInputs
-from rtsr_cli.core.run.shot_runs import AS_FLOAT, NEGATIVE, NONFINITE, ShotJob
+from rtsr_cli.core.run.shot_runs import AS_FLOAT, NEGATIVE, NO_MATERIAL, NONFINITE, ShotJob
 from rtsr_cli.core.run.sliding_window import SlidingWindow
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import FrameWindow
@@ -38,6 +38,7 @@ def read_options(request: FramesRequest) -> ReadOptions:
     return ReadOptions(
         layout=request.layout,
         layer=request.layer,
+        view=request.view,
         capture=request.capture_file,
         on_missing=request.on_missing,
         output=request.out_folder,
@@ -155,9 +156,22 @@ class FrameInTurn:
             extra={"rtsr:nonfinite": self.pair.fixed, **extra},
         )
 
-    def product(self, write: Callable[[], None], *, as_float: bool = False) -> Product:
-        """What was made of the frame, from the call that writes it, and whether it is float."""
-        facts = {NONFINITE: self.pair.fixed, NEGATIVE: self.pair.negative, AS_FLOAT: as_float}
+    def product(
+        self, write: Callable[[], None], *, as_float: bool = False, no_material: float = 0.0
+    ) -> Product:
+        """What was made of the frame.
+
+        Args:
+            write: writes it.
+            as_float: whether it is float.
+            no_material: share of its pixels whose radiance was enlarged for want of a material.
+        """
+        facts = {
+            NONFINITE: self.pair.fixed,
+            NEGATIVE: self.pair.negative,
+            AS_FLOAT: as_float,
+            NO_MATERIAL: no_material,
+        }
         return Product(write=write, facts=facts)
 
     def check_output(self, made: Tensor, maker: str) -> float:

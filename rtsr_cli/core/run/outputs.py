@@ -49,13 +49,44 @@ class OutputState(StrEnum):
     FOREIGN = "foreign"
 
 
+SEPARATORS = (".", "_", "-", " ", "")
+"""Between a base name and a frame number."""
+
+
 def name_output(reader: FrameReader, number: int) -> str:
-    """`<name>.<frame>.exr` with the input's base name and digits (`0005.exr` without a name)."""
-    source = reader.path(number)
-    stem = source.name[: -len(source.suffix)]
-    width = len(stem[len(reader.base) :].lstrip("._- "))
-    digits = f"{'-' if number < 0 else ''}{abs(number):0{width}d}"
-    return f"{reader.base}.{digits}.exr" if reader.base else f"{digits}.exr"
+    """Return the name of a frame's output: the input's, with its separator and digits."""
+    return "".join((*split_frame_name(reader.path(number), reader.base, number), ".exr"))
+
+
+def find_output(folder: Path, reader: FrameReader, number: int) -> Path:
+    """Return the file of a frame's output, which is called as the input is.
+
+    Where one is there with another separator, as earlier versions wrote, it is the frame's: two
+    files of one frame could be read by nobody.
+    """
+    path = folder / name_output(reader, number)
+    if not reader.base or os.path.lexists(path):
+        return path
+    _, digits = split_frame_name(reader.path(number), reader.base, number)
+    others = (folder / f"{reader.base}{separator}{digits}.exr" for separator in SEPARATORS)
+    return next(filter(os.path.lexists, others), path)
+
+
+def split_frame_name(source: Path, base: str, number: int) -> tuple[str, str]:
+    """Return what stands before the number in the name of a frame's file, and the number.
+
+    Args:
+        source: the file, or that of the frame that stands in.
+        base: base name of the sequence.
+        number: of the frame.
+    """
+    after = source.name[len(base) : -len(source.suffix)]
+    count = len(after.lstrip("._- "))
+    separator = after[: len(after) - count]
+    digits = f"{'-' if number < 0 else ''}{abs(number):0{count}d}"
+    # the dash of a number below 0 is no separator
+    signed = number < 0 or not base or (separator.endswith("-") and len(separator) > 1)
+    return base + (separator.removesuffix("-") if signed else separator), digits
 
 
 def name_debug_file(path: Path) -> Path:

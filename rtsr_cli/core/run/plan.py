@@ -20,8 +20,8 @@ from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.run.events import ShotPlanned, describe_skipped
 from rtsr_cli.core.run.outputs import (
     OutputState,
+    find_output,
     name_debug_file,
-    name_output,
     read_debug_state,
     read_output_state,
     read_picture_state,
@@ -79,7 +79,7 @@ class ShotPlan:
     def path(self, number: int) -> Path:
         """Return the output of a frame, asked for or not."""
         known = self.paths.get(number)
-        return known or self.outputs.folder / name_output(self.inputs.reader, number)
+        return known or find_output(self.outputs.folder, self.inputs.reader, number)
 
     @property
     def digests(self) -> FileDigests:
@@ -145,7 +145,7 @@ def plan_shot(
         selected=selected,
         pending=frozenset(selected),
         order=(),
-        paths={n: outputs.folder / name_output(reader, n) for n in selected},
+        paths={n: find_output(outputs.folder, reader, n) for n in selected},
         stamps=stamps,
     )
     refuse_inputs(list(plan.paths.values()), inputs.readers)

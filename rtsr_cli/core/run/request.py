@@ -19,6 +19,7 @@ class FramesRequest:
         out_folder: outputs go here, in folders like IN's.
         layout: preset or layout file; None = detected.
         layer: layer or stereo view that is read of files with several.
+        view: stereo view that is read, of that layer if one is named.
         capture_file: declarations in place of each shot's capture.toml.
         frames: numbers of the outputs that are asked for; None = all. History reads the others.
         shard: part i of n of each shot, (i, n) counted from 1; None = all.
@@ -33,6 +34,7 @@ class FramesRequest:
     out_folder: Path
     layout: str | None = None
     layer: str | None = None
+    view: str | None = None
     capture_file: Path | None = None
     frames: frozenset[int] | None = None
     shard: tuple[int, int] | None = None

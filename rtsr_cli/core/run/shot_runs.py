@@ -18,8 +18,10 @@ from rtsr_cli.core.run.plan import ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 
 NONFINITE, NEGATIVE, AS_FLOAT = "nonfinite", "negative", "as_float"
+NO_MATERIAL = "no_material"
 """Facts of a product: NaN and Inf that were repaired in its inputs, values of radiance below 0
-there, and whether it is float since half cannot hold it."""
+there, whether it is float since half cannot hold it, and the share of its pixels without material.
+"""
 
 
 L = TypeVar("L")
@@ -104,6 +106,7 @@ def run_shots(
         spoilt=findings.spoilt,
         negative=findings.negative,
         as_float=tuple(findings.as_float),
+        no_material=findings.no_material,
         stopped=stopped,
     )
     if stopped:
@@ -122,6 +125,7 @@ class _Findings:
         self.spoilt: dict[str, int] = {}
         self.negative: dict[str, int] = {}
         self.as_float: list[str] = []
+        self.no_material: dict[str, dict[int, float]] = {}
         self._folder = folder
 
     def add(self, frame: FrameDone) -> None:
@@ -134,6 +138,8 @@ class _Findings:
             self.negative[name] = frame.negative
         if frame.as_float:
             self.as_float.append(name)
+        if frame.no_material:
+            self.no_material.setdefault(frame.shot, {})[frame.number] = frame.no_material
 
 
 def run_shot(job: ShotJob[Any], jobs: int) -> Iterator[FrameDone]:
@@ -145,7 +151,7 @@ def describe_outcome(plan: ShotPlan, outcome: Outcome[int]) -> dict[str, Any]:
     """Return what `FrameDone` says of an outcome."""
     error = outcome.error
     failed = error is not None
-    found = dict.fromkeys((NONFINITE, NEGATIVE), 0) | {AS_FLOAT: False}
+    found: dict[str, Any] = {NONFINITE: 0, NEGATIVE: 0, AS_FLOAT: False, NO_MATERIAL: 0.0}
     if isinstance(error, NonfiniteError):
         found[NONFINITE] = error.count
     elif not failed:

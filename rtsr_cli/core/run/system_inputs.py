@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
+from rtsr_cli.core.captures.shots import HR_FOLDER, LR_FOLDER
+from rtsr_cli.core.choices import InputCondition, NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, PairInputs, PairSource
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.system import System
@@ -21,10 +24,12 @@ class SystemTable:
     Attributes:
         load: name -> its declaration.
         preferred: names, best first: the default is the first that the inputs allow.
+        when: name -> what inputs must be like for it to be the default.
     """
 
     load: Callable[[str], System]
     preferred: tuple[str, ...] = ()
+    when: Mapping[str, tuple[InputCondition, ...]] = field(default_factory=dict)
 
 
 def measure_history_reach(system: System) -> HistoryReach:
@@ -99,16 +104,33 @@ def check_inputs(reads: str, source: PairSource, inputs: PairInputs, *, remedy: 
     """
     root = source.reader.frames.root
     missing = source.missing(inputs)
+    unproven = next((r for r in source.readers if r.undecided), None)
+    if missing and unproven is not None:
+        raise FrameFolderError(
+            f"{root}: {reads} reads more than radiance, but {unproven.undecided}"
+        )
     if DECLARED_MOTION in missing:
         raise FrameFolderError(
             f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"
         )
+    unfit = next((r.camera_unfit for r in source.readers if r.camera_unfit), "")
+    if unfit and any(CAMERA in m.split() for m in missing):
+        raise FrameFolderError(f"{root}: {reads} needs the camera, but {unfit}")
     if missing:
         raise FrameFolderError(
             f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "
             f"{'; '.join(_describe_buffers(reader) for reader in source.readers)}. Render what is "
-            f"missing, declare it in capture.toml{remedy}"
+            f"missing, declare it in capture.toml{remedy}{_suggest_parent(source)}"
         )
+
+
+def _suggest_parent(source: PairSource) -> str:
+    """Say that a shot's folder holds both sizes, where only one of them was named."""
+    root = source.reader.frames.root
+    other = {LR_FOLDER: HR_FOLDER, HR_FOLDER: LR_FOLDER}.get(root.name)
+    if other is None or len(source.readers) > 1 or not is_folder(root.parent / other):
+        return ""
+    return f"; {root.parent} holds '{LR_FOLDER}' and '{HR_FOLDER}': name that to use both"
 
 
 def _describe_buffers(reader: FrameReader) -> str:

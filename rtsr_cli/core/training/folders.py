@@ -45,6 +45,7 @@ def record_folders(
         options=ReadOptions(
             layout=request.layout,
             layer=request.layer,
+            view=request.view,
             capture=request.capture_file,
             on_missing=request.on_missing,
         ),

@@ -31,6 +31,7 @@ class TrainRequest:
         device: torch device, or `auto`.
         layout: channel layout or a TOML file of one; None to detect it.
         layer: layer or stereo view that is read of files with several.
+        view: stereo view that is read, of that layer if one is named.
         capture_file: declarations in place of the shots' capture.toml.
         on_missing: holes in the numbering.
         on_nonfinite: NaN and Inf in an input.
@@ -51,6 +52,7 @@ class TrainRequest:
     device: str = "auto"
     layout: str | None = None
     layer: str | None = None
+    view: str | None = None
     capture_file: Path | None = None
     on_missing: MissingPolicy = MissingPolicy.ERROR
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR

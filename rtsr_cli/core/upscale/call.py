@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
 import torch
 
 from rtsr_cli.core.choices import JitterMode, PixelFilter
 from rtsr_cli.core.devices import resolve_device
-from rtsr_cli.core.network.load import LoadedNetwork, has_weights, load_network
+from rtsr_cli.core.network.load import LoadedNetwork, load_network
 from rtsr_cli.core.network.precision import resolve_precision
 from rtsr_cli.core.network.tiling import choose_tile_side
 from rtsr_cli.core.network.weights import read_weights
@@ -17,7 +17,7 @@ from rtsr_cli.core.pairs.opening import open_pairs
 from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
-from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
@@ -31,6 +31,11 @@ from rtsr_cli.core.run.system_inputs import (
 )
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import System
+from rtsr_cli.core.upscale.default_system import (
+    PassedOver,
+    choose_default,
+    describe_passed_over,
+)
 from rtsr_cli.core.upscale.reconstruction import Reconstruction
 from rtsr_cli.core.upscale.request import UpscaleRequest
 
@@ -89,7 +94,7 @@ def plan_upscaling(
         RtsrError: an input is missing or wrong, an output is in the way.
     """
     device = resolve_device(request.device)
-    system = choose_system(request, source, systems)
+    system, passed_over = choose_system(request, source, systems)
     loaded = load_network(system, source.scale, device, request.weights_file)
     inputs = resolve_system_inputs(system, request.on_nonfinite, loaded.config)
     check_system(system, source, inputs)
@@ -113,22 +118,21 @@ def plan_upscaling(
     )
     work = Reconstruction(run, source, previews=request.previews, debug=request.debug_buffers)
     job = PairJob(plan, reading, work, history_frames=system.history_frames, device=device)
-    return job, _describe_details(system, source)
+    return job, _describe_details(system, source, passed_over)
 
 
-def choose_system(request: UpscaleRequest, source: PairSource, systems: SystemTable) -> System:
-    """Return the system asked for, that of the weights, or the first preferred one that can run."""
+def choose_system(
+    request: UpscaleRequest, source: PairSource, systems: SystemTable
+) -> tuple[System, list[PassedOver]]:
+    """Return the system asked for, that of the weights, or the first preferred one that can run.
+
+    Beside it stand the preferred ones that were passed over.
+    """
     if request.system is not None:
-        return systems.load(request.system)
+        return systems.load(request.system), []
     if request.weights_file is not None:
-        return systems.load(read_weights(request.weights_file).system)
-    preferred = [systems.load(name) for name in systems.preferred]
-    for system in preferred:
-        fits = not system.scales or source.scale in system.scales
-        able = fits and has_weights(system, source.scale)
-        if able and not source.missing(resolve_system_inputs(system, request.on_nonfinite)):
-            return system
-    return preferred[-1]
+        return systems.load(read_weights(request.weights_file).system), []
+    return choose_default(source, systems, request.on_nonfinite)
 
 
 def collect_stamp_settings(
@@ -158,11 +162,14 @@ def _name_outputs(name: str, reading: PairReading, request: UpscaleRequest) -> F
     return reading.plan_outputs(folder, COMMAND, pictures=pictures, debug=request.debug_buffers)
 
 
-def _describe_details(system: System, source: PairSource) -> dict[str, object]:
+def _describe_details(
+    system: System, source: PairSource, passed_over: Sequence[PassedOver]
+) -> dict[str, object]:
     (height, width), scale = source.lr_size, source.scale
     return {
         "system": system.name,
         "scale": scale,
         "lr_size": [width, height],
         "size": [width * scale, height * scale],
+        BETTER: describe_passed_over(source, passed_over),
     }

@@ -10,6 +10,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.imaging.coverage import multiply_coverage
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
+from rtsr_cli.core.lighting.radiance import measure_undivided
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.run.loop import Product
@@ -49,7 +50,11 @@ class Reconstruction:
                 moment.check_output(prediction.image, self._name)
             return None
         picture = self._picture(moment, prediction)
-        return moment.product(picture.write, as_float=picture.as_float)
+        return moment.product(
+            picture.write,
+            as_float=picture.as_float,
+            no_material=measure_undivided(moment.window),
+        )
 
     def _picture(self, moment: FrameInTurn, prediction: Prediction) -> OutputFrame:
         """Return the output of a prediction.

@@ -18,13 +18,14 @@ from __future__ import annotations
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.lighting.lighting import (
-    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LR_BUFFERS,
+    LR_OPTIONAL,
     REFERENCE_BUFFERS,
     compose_lighting,
 )
+from rtsr_cli.core.lighting.radiance import GUIDES
 from rtsr_cli.core.system import (
     FrameWindow,
     Prediction,
@@ -63,6 +64,7 @@ FUSESR = System(
     summary="H-shaped network over lighting, HR G-buffer and two past frames",
     citation=CITATION,
     lr_inputs=(*LR_BUFFERS, Buffer.NORMAL, Buffer.DEPTH, Buffer.MOTION),
+    lr_optional=LR_OPTIONAL,
     hr_inputs=(*HR_BUFFERS, Buffer.DEPTH, Buffer.NORMAL, Buffer.ALBEDO),
     hr_optional=HR_OPTIONAL,
     scales=(4, 8),
@@ -82,6 +84,7 @@ FUSESR_FAST = System(
     summary="the light H-shaped network: no history, no motion",
     citation=CITATION,
     lr_inputs=(*LR_BUFFERS, Buffer.NORMAL, Buffer.DEPTH),
+    lr_optional=LR_OPTIONAL,
     hr_inputs=HR_BUFFERS,
     hr_optional=(*HR_OPTIONAL, *GUIDES),
     scales=(2, 4, 8),

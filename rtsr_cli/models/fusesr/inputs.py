@@ -26,7 +26,6 @@ from rtsr_cli.core.lighting.lighting import (
     encode_lighting,
     lighting_scale_of,
     network_normal,
-    require_hr_frame,
 )
 from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import FrameWindow, Tensors
@@ -80,7 +79,7 @@ def frame_features(frame: Frame, surroundings: FuseSRSurroundings) -> Image:
 
 def hr_features(window: FrameWindow, config: FuseSRConfig) -> Image:
     """HR buffers that the network sees, aligned; depth as networks take it."""
-    gbuffer, show_depth = require_hr_frame(window).gbuffer, surroundings_of(config).show_depth
+    gbuffer, show_depth = window.require_hr().gbuffer, surroundings_of(config).show_depth
     parts = [
         show_depth(gbuffer[buffer]) if buffer is Buffer.DEPTH else gbuffer[buffer]
         for buffer in config.hr_parts

@@ -23,14 +23,15 @@ from dataclasses import replace
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.lighting.lighting import (
-    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LR_BUFFERS,
+    LR_OPTIONAL,
     REFERENCE_BUFFERS,
     compose_lighting,
     unalign_image,
 )
+from rtsr_cli.core.lighting.radiance import GUIDES
 from rtsr_cli.core.system import (
     FrameWindow,
     Prediction,
@@ -64,7 +65,7 @@ NSRD = System(
     summary="recurrent network over lighting, dual motion vectors and its own last output",
     citation="Li et al., NSRD, CVPR 2024",
     lr_inputs=(*LR_BUFFERS, Buffer.NORMAL, Buffer.DEPTH, Buffer.MOTION),
-    lr_optional=(Buffer.FORWARD,),
+    lr_optional=(Buffer.FORWARD, *LR_OPTIONAL),
     hr_inputs=HR_BUFFERS,
     hr_optional=(*HR_OPTIONAL, *GUIDES),
     scales=(2, 4, 6),

@@ -16,7 +16,8 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.frame_motion import DualMotion
 from rtsr_cli.core.imaging.warping import own_index
-from rtsr_cli.core.lighting.lighting import add_sky, keep_lighting, require_hr_frame, stored_depth
+from rtsr_cli.core.lighting.lighting import keep_lighting, stored_depth
+from rtsr_cli.core.lighting.radiance import add_radiance
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.nsrd.config import Mark, NSRDLossWeights, NSRDSurroundings
@@ -82,11 +83,11 @@ def show_output(previous: Color, inputs: Tensors) -> Color:
 
 def show_emission(window: FrameWindow, image: Color) -> Color:
     """Emission instead of the prediction where there is any; sky enlarged on its own."""
-    emission = require_hr_frame(window).gbuffer.buffers.get(Buffer.EMISSION)
+    emission = window.require_hr().gbuffer.buffers.get(Buffer.EMISSION)
     if emission is not None:
         shines = (emission.abs() >= EMISSIVE).any(dim=1, keepdim=True)
         image = torch.where(shines, emission, image)
-    return add_sky(window, image)
+    return add_radiance(window, image)
 
 
 def raw_goal(reference: Frame, scale: Tensor) -> dict[str, Tensor]:

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+import torch
 
 from rtsr_cli.core.captures.cameras import read_side_car
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration, read_capture
 from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import (
     ColorSpace,
     Conventions,
@@ -68,7 +71,7 @@ def test_every_field_is_parsed(tmp_path: Path) -> None:
     assert found.jitter(7) == (0.25, -0.5)
     assert (found.scale, found.frame_step) == (4, 10)
     assert found.camera_cuts == {20, 50}
-    assert found.camera == "camera.csv"
+    assert found.camera.file == "camera.csv"
     assert found.conventions(Conventions()) == Conventions(
         motion=MotionConvention(
             unit=MotionUnit.UV,
@@ -197,8 +200,8 @@ def test_values_out_of_range_are_refused(tmp_path: Path, text: str) -> None:
     assert str(tmp_path) in refusal(tmp_path, text)
 
 
-MATRIX = [float(i) for i in range(16)]
-CELL = " ".join(str(i) for i in range(16))
+MATRIX = [100.0, 1.0, 2.0, 3.0, 4.0, 50.0, *(float(i) for i in range(6, 16))]
+CELL = " ".join(str(number) for number in MATRIX)
 
 
 def test_a_csv_of_cameras_has_a_row_a_frame(tmp_path: Path) -> None:
@@ -294,3 +297,86 @@ def test_a_byte_order_mark_of_an_editor_is_no_mistake(tmp_path: Path) -> None:
     path = tmp_path / "capture.toml"
     path.write_bytes(b"\xef\xbb\xbfscale = 4\r\n")
     assert read_capture(path).scale == 4
+
+
+def read_rows(tmp_path: Path, name: str, text: str) -> dict[int, CameraMetadata]:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return {n: row.metadata((9, 16)) for n, row in read_side_car(path).rows.items()}
+
+
+VIEW = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, -2, 3, -5, 1]
+INVERSE = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 2, -3, 5, 1]
+
+
+@pytest.mark.parametrize("name", ["worldToCamera", "world_to_camera", "view", "viewMatrix"])
+def test_world_to_camera_has_several_spellings(tmp_path: Path, name: str) -> None:
+    text = json.dumps([{"frame": 1, name: VIEW}])
+    found = read_rows(tmp_path, "camera.json", text)[1].world_to_camera
+    assert found is not None
+    assert found.flatten().tolist() == VIEW
+
+
+@pytest.mark.parametrize("name", ["cameraToWorld", "camera_to_world"])
+def test_camera_to_world_is_inverted(tmp_path: Path, name: str) -> None:
+    text = json.dumps({"7": {name: INVERSE, "viewProjection": MATRIX}})
+    camera = read_rows(tmp_path, "camera.json", text)[7]
+    assert camera.world_to_camera is not None
+    assert camera.world_to_camera.flatten().tolist() == pytest.approx(VIEW, abs=1e-12)
+    assert camera.world_to_ndc is not None
+    assert camera.world_to_ndc.flatten().tolist() == MATRIX
+
+
+@pytest.mark.parametrize("cells", [range(16), [f"{i}{j}" for i in range(4) for j in range(4)]])
+def test_a_matrix_may_have_sixteen_columns(tmp_path: Path, cells: Sequence[object]) -> None:
+    head = ",".join(["frame", *(f"worldToCamera_{cell}" for cell in cells)])
+    text = f"{head}\n1,{','.join(map(str, VIEW))}\n"
+    found = read_rows(tmp_path, "camera.csv", text)[1].world_to_camera
+    assert found is not None
+    assert found.flatten().tolist() == VIEW
+
+
+@pytest.mark.parametrize("angle", [{"fov_x": 90.0}, {"fov_x": 90.0, "verticalFov": 58.7155}])
+def test_fields_of_view_make_a_projection(tmp_path: Path, angle: dict[str, float]) -> None:
+    row = {"frame": 1, "view": VIEW, "near": 0.5, "far": 100.0, **angle}
+    projection = read_rows(tmp_path, "camera.json", json.dumps([row]))[1].projection
+    assert projection is not None
+    # 90 degrees wide: the edge lies as far aside as ahead; 16 to 9
+    assert projection[0, 0].item() == pytest.approx(1.0)
+    assert projection[1, 1].item() == pytest.approx(16 / 9, rel=1e-5)
+    near, far = (torch.tensor([0.0, 0.0, -d, 1.0]).double() @ projection for d in (0.5, 100.0))
+    assert (near[2] / near[3]).item() == pytest.approx(0.0)
+    assert (far[2] / far[3]).item() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ({"worldToCamera": VIEW[:12]}, "frame 5: holds 12 numbers; a matrix is 16"),
+        ({"view": [*VIEW[:6], float("nan"), *VIEW[7:]]}, "cell 7 (row 2, column 3)"),
+        ({"worldToCamera": [1.0] * 16}, "frame 5: worldToCamera is not a camera matrix"),
+        ({"view": VIEW, "worldToCamera": VIEW}, "'view' and 'worldToCamera' are the same column"),
+        ({"worldToCamera": VIEW, "cameraToWorld": VIEW}, "not both"),
+        ({"view": VIEW, "fov_x": 60.0}, "need the column 'near'"),
+    ],
+)
+def test_a_wrong_matrix_is_one_message_with_file_frame_and_cell(
+    tmp_path: Path, row: dict[str, object], said: str
+) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps([{"frame": 5, **row}]), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        read_side_car(path)
+    assert str(path) in str(caught.value)
+    assert said in str(caught.value)
+
+
+def test_the_convention_of_matrices_is_declared_beside_the_side_car(tmp_path: Path) -> None:
+    found = capture(
+        tmp_path, '[camera]\nfile = "camera.csv"\nconvention = ["column-vectors", "opencv"]'
+    )
+    assert found.camera.file == "camera.csv"
+    assert str(found.camera.matrices) == "column-vectors, opencv"
+    text = '[camera]\nconvention = "column-vectors, row-vectors"'
+    assert "exclude each other" in refusal(tmp_path, text)
+    assert "did you mean 'mitsuba'" in refusal(tmp_path, '[camera]\nconvention = "mitsubi"')

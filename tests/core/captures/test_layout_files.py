@@ -234,7 +234,11 @@ def test_a_channel_needs_to_be_in_one_of_the_two_resolutions_only(tmp_path: Path
         ('[buffers]\ncolor = "beauty"', "buffers: color needs 3 channels, not 1"),
         ('[buffers]\ndepth = ["a", "b"]', "buffers: depth needs 1 channels, not 2"),
         ('[buffers]\nsky = "s"', "buffers: sky is not read"),
-        ("[buffers]\ndepth = 3", "buffers.depth: 3 is not a list"),
+        ("[buffers]\ndepth = true", "buffers.depth: True is not a list"),
+        ("[buffers]\ndepth = 1e13", "buffers.depth: is out of range"),
+        ('[buffers]\ndepth = "1 - "', "buffers.depth: column 4: a channel or a number is missing"),
+        ('[buffers]\nmotion = ["a.X", "b *"]', "buffers.motion: entry 2: column 4: a channel or"),
+        ("[buffers]\ncolor = 0.5", "buffers: color is what was rendered, and no constant"),
         (
             '[buffers]\ndepth = {chanel = "a"}',
             "buffers.depth.0.chanel: no such field, did you mean 'channel'?",

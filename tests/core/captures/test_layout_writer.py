@@ -257,7 +257,7 @@ def test_colours_are_half_positions_float_and_object_ids_whole(
 def test_the_first_place_of_every_component_is_a_name_that_can_be_written(layout: Layout) -> None:
     for components in layout.buffers.values():
         for component in components:
-            place = component.place(0)
+            place = next(component.channels).place
             assert not set("*?[") & set(place.channel)
             # `?*` begins a name that no other buffer shares, and is written as the base name
             assert place.file == "*" or not set("*?[") & set(place.file.removeprefix("?*"))

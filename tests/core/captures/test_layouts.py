@@ -93,10 +93,77 @@ def test_what_the_compositor_made_is_no_second_view_layer() -> None:
 
 
 def test_passes_of_one_renderer_are_ranked() -> None:
-    passes = ("DiffCol", "Denoising Albedo", "Combined")
+    passes = ("DiffCol", "albedo", "Combined")
     streams = {"render": [f"{LAYER}.{p}.{c}" for p in passes for c in "RGB"]}
     binding = bind_layout(LAYOUTS["blender"], streams)
-    assert binding[Buffer.ALBEDO][0].channel == f"{LAYER}.Denoising Albedo.R"
+    assert binding[Buffer.ALBEDO][0].channel == f"{LAYER}.albedo.R"
+
+
+def test_what_denoisers_take_for_albedo_is_none_as_it_holds_reflections() -> None:
+    passes = ("Denoising Albedo", "Combined")
+    streams = {"render": [f"{LAYER}.{p}.{c}" for p in passes for c in "RGB"]}
+    assert Buffer.ALBEDO not in bind_layout(LAYOUTS["blender"], streams)
+
+
+AOVS = ("albedo.R", "albedo.G", "albedo.B", "metallic.X", "roughness.X")
+
+
+@pytest.mark.parametrize(
+    ("lacking", "computed"),
+    [("", False), ("albedo.R", True), ("roughness.X", True), ("Position.X", True)],
+)
+def test_base_colour_metallic_and_roughness_come_before_sums_of_passes(
+    lacking: str, computed: bool
+) -> None:
+    colors = [f"{p}.{c}" for p in ("Combined", "Diffuse Color", "Glossy Color") for c in "RGB"]
+    vectors = [f"{p}.{c}" for p in ("Normal", "Position") for c in "XYZ"]
+    names = [f"{LAYER}.{n}" for n in (*colors, *vectors, "Depth.Z", *AOVS) if n != lacking]
+    assert (Buffer.MATERIAL in bind_layout(LAYOUTS["blender"], {"render": names})) is computed
+    named = [*names, *(f"{LAYER}.material.{c}" for c in "RGB")]
+    material = bind_layout(LAYOUTS["blender"], {"render": named})[Buffer.MATERIAL]
+    assert material[0].channel == f"{LAYER}.material.R"
+
+
+@pytest.mark.parametrize(
+    ("passes", "material", "emission"),
+    [
+        (
+            ("Diffuse Color", "Glossy Color", "Emission", "Environment"),
+            "Diffuse Color.RGB + Glossy Color.RGB",
+            "Emission.RGB + Environment.RGB",
+        ),
+        (
+            ("Diffuse Color", "Glossy Color", "Transmission Color", "Environment"),
+            "Diffuse Color.RGB + Glossy Color.RGB + Transmission Color.RGB",
+            "Environment.RGB",
+        ),
+        (
+            ("DiffCol", "GlossCol", "Emit", "Env"),
+            "DiffCol.RGB + GlossCol.RGB",
+            "Emit.RGB + Env.RGB",
+        ),
+        (
+            ("DiffCol", "GlossCol", "TransCol", "Emit"),
+            "DiffCol.RGB + GlossCol.RGB + TransCol.RGB",
+            "Emit.RGB",
+        ),
+        (
+            ("material", "emission", "Diffuse Color", "Glossy Color", "Emission", "Environment"),
+            "material.RGB",
+            "emission.RGB",
+        ),
+    ],
+)
+def test_passes_of_blender_are_added_up(
+    passes: tuple[str, ...], material: str, emission: str
+) -> None:
+    names = [f"{LAYER}.{p}.{c}" for p in ("Combined", *passes) for c in "RGB"]
+    binding = bind_layout(LAYOUTS["blender"], {"render": names})
+    said = [
+        binding[b].describe(streams=False).replace(f"{LAYER}.", "")
+        for b in (Buffer.MATERIAL, Buffer.EMISSION)
+    ]
+    assert said == [material, emission]
 
 
 @pytest.mark.parametrize(
@@ -146,6 +213,7 @@ def test_names_of_blender_5_are_known() -> None:
         Buffer.COLOR: "Combined.R", Buffer.ALPHA: "Combined.A", Buffer.DEPTH: "Depth.V",
         Buffer.NORMAL: "Normal.X", Buffer.ALBEDO: "Diffuse Color.R",
         Buffer.SPECULAR: "Glossy Color.R", Buffer.EMISSION: "Emission.R",
+        Buffer.MATERIAL: "Diffuse Color.R",
         Buffer.ROUGHNESS: "roughness.V", Buffer.OBJECT_ID: "Object Index.V",
     }  # fmt: skip
 

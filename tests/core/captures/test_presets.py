@@ -15,6 +15,7 @@ import torch
 from rtsr_cli.core.captures.channel_matching import bind_layout, match_layout
 from rtsr_cli.core.captures.layout_detection import detect_layout
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
+from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
@@ -31,7 +32,10 @@ from rtsr_cli.core.pairs.opening import (
 )
 
 HEIGHT, WIDTH = 2, 4
-VERIFIED = ("rtsr", "blender", "extranet", "nss", "nsrd")
+VERIFIED = (
+    *("rtsr", "blender", "extranet", "nss", "nsrd"),
+    *("mitsuba", "falcor", "unreal-mrq"),
+)
 
 
 def planes(dtype: Any = np.float32, **values: float) -> dict[str, Any]:
@@ -48,11 +52,15 @@ def rgb(r: float, g: float, b: float, dtype: Any = np.float16) -> dict[str, Any]
 
 
 def reader_of(root: Path, *, hr: bool = False, layout: str | None = None) -> FrameReader:
+    return settle(root, hr=hr, layout=layout).reader
+
+
+def settle(root: Path, *, hr: bool = False, layout: str | None = None) -> MeasuredReader:
     options = ReadOptions(layout=layout)
     (shot,) = find_shots_of(root, options)
     frames = shot.hr if hr else shot.frames
     assert frames is not None
-    return measure_set(frames, open_shot(shot, root, options), jittered=not hr).reader
+    return measure_set(frames, open_shot(shot, root, options), jittered=not hr)
 
 
 def values(frame: Frame, buffer: Buffer) -> list[float]:
@@ -113,6 +121,35 @@ def test_extranets_sky_is_known_by_its_normal(tmp_path: Path) -> None:
     assert set(alone.gbuffer) == {Buffer.DEPTH}
     assert alone.gbuffer[Buffer.DEPTH][0, 0, 0].tolist() == [50.0, SKY_DEPTH_M, 50.0, 50.0]
     assert len(reader.files(1, (Buffer.DEPTH,))) == 2
+
+
+@pytest.mark.parametrize(
+    ("stored", "unit_m"),
+    # 7 m and 90 m times 1e-4, and 7 m and 500 m in centimetres without the constant
+    [(0.07, 100.0), (0.9, 100.0), (700.0, 0.01), (5e4, 0.01)],
+)
+def test_extranets_constant_holds_where_it_makes_no_kilometres(
+    tmp_path: Path, stored: float, unit_m: float
+) -> None:
+    write_exr(tmp_path / "FBaseColor.0001.exr", EXTRANET["BaseColor"])
+    write_exr(tmp_path / "FSceneDepth.0001.exr", rgb(stored, stored, stored, np.float32))
+    settled = settle(tmp_path)
+    depth = settled.reader.read(1, (Buffer.DEPTH,)).gbuffer[Buffer.DEPTH]
+    assert float(depth[0, 0, 0, 0]) == pytest.approx(stored * unit_m, rel=1e-5)
+    assert bool(settled.warnings) is (unit_m != 100.0)
+    if settled.warnings:
+        assert "km at 100 m a unit, as layout 'extranet' has it" in settled.warnings[0]
+        assert settled.by_measurement == ("depth",)
+
+
+def test_unreals_specular_is_never_f0_and_that_is_said(tmp_path: Path) -> None:
+    for buffer in ("PreTonemapHDRColor", "BaseColor", "Metallic", "Roughness"):
+        write_exr(tmp_path / f"F{buffer}.0001.exr", EXTRANET[buffer])
+    write_exr(tmp_path / "FSpecular.0001.exr", grey(0.5))
+    reader = reader_of(tmp_path)
+    assert Buffer.SPECULAR not in reader.stored
+    (note,) = reader.notes
+    assert "'FSpecular' is not read: Unreal's Specular" in note
 
 
 def test_two_scenes_in_one_folder_are_refused_by_name(tmp_path: Path) -> None:

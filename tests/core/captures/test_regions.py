@@ -150,3 +150,20 @@ def test_pixels_that_no_file_has_are_nothing_whatever_is_stored(
     frame = open_folder(tmp_path, capture=capture).read(1, (Buffer.MOTION, Buffer.NORMAL)).gbuffer
     assert bool((frame[Buffer.MOTION] == 0).all())
     assert bool((frame[Buffer.NORMAL][..., :2, :] == 0).all())
+
+
+def test_constants_and_sums_of_an_autocropped_frame_are_those_of_its_pixels(
+    tmp_path: Path, open_folder: Callable[..., FrameReader]
+) -> None:
+    write_color(tmp_path / "f.0001.exr", INNER)
+    declared = {"buffers": {"metallic": 0.25, "roughness": "1 - R"}}
+    reader = open_folder(tmp_path, capture=declared)
+    buffers = (Buffer.COLOR, Buffer.METALLIC, Buffer.ROUGHNESS)
+    gbuffer = reader.read(1, buffers).gbuffer
+    assert gbuffer.size == (PLANE.height, PLANE.width)
+    assert bool((gbuffer[Buffer.METALLIC] == 0.25).all())
+    rows = slice(INNER.top, INNER.top + INNER.height)
+    columns = slice(INNER.left, INNER.left + INNER.width)
+    expected = np.zeros((PLANE.height, PLANE.width), np.float32)
+    expected[rows, columns] = 1.0 - red(reader)[rows, columns]
+    assert np.array_equal(gbuffer[Buffer.ROUGHNESS][0, 0].numpy(), expected.clip(0.0, 1.0))

@@ -211,7 +211,7 @@ def test_what_is_no_number_is_a_dash_and_does_not_stop_the_report(evaluation: Ev
     test["frames"]["3"]["nonfinite"] = 7
     page = Page(write_html_report(result))
     assert page.data()["curves"][0]["curves"][0][1]["values"][1:] == [None, "Infinity"]
-    assert any("7 pixels that are not finite, in 1 frames" in item for item in page.all("li"))
+    assert any("7 pixels that are not finite, in 1 frame" in item for item in page.all("li"))
 
 
 def scored(values: list[float], **more: object) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from rtsr_cli.core.files.provenance import STAMP
 from rtsr_cli.core.run.outputs import (
     OutputFrame,
     OutputState,
+    find_output,
     name_output,
     read_output_state,
     read_picture_state,
@@ -36,12 +37,14 @@ NOISE = np.random.default_rng(1).random((40, 40), np.float32)
     [
         ("frame.{:04d}.exr", 7, "frame.0007.exr"),
         ("{:04d}.exr", 5, "0005.exr"),
-        ("img{:03d}.exr", 12, "img.012.exr"),
-        ("a_{:04d}.exr", 3, "a.0003.exr"),
-        ("shot-{:04d}.exr", 3, "shot.0003.exr"),
+        ("img{:03d}.exr", 12, "img012.exr"),
+        ("a_{:04d}.exr", 3, "a_0003.exr"),
+        ("shot-{:04d}.exr", 3, "shot-0003.exr"),
+        ("{:04d}.exr", -2, "-002.exr"),
+        ("a_{:04d}.exr", -2, "a_-002.exr"),
         ("a.{:04d}.exr", -2, "a.-002.exr"),
         ("{:d}.EXR", 1234567, "1234567.exr"),
-        ("v002.beauty {:d}.exr", 4, "v002.beauty.4.exr"),
+        ("v002.beauty {:d}.exr", 4, "v002.beauty 4.exr"),
     ],
 )
 def test_outputs_keep_base_name_and_digits(
@@ -66,6 +69,19 @@ def test_a_frame_that_another_stands_in_for_has_its_own_number(
         "frame.0009.exr",
         "frame.0010.exr",
     ]
+
+
+def test_an_output_that_is_there_with_another_separator_is_the_frames(
+    tmp_path: Path, write_frames: Callable[..., Path], open_folder: Callable[..., FrameReader]
+) -> None:
+    reader = open_folder(write_frames(tmp_path / "in", [7, 8, 9], name="shot_{:04d}.exr"))
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "shot.0007.exr").touch()
+    (out / "shot_0008.exr").touch()
+    (out / "shot.0008.exr").touch()
+    names = ["shot.0007.exr", "shot_0008.exr", "shot_0009.exr"]
+    assert [find_output(out, reader, n).name for n in (7, 8, 9)] == names
 
 
 def test_only_a_file_with_the_expected_stamp_is_done(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
+from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import (
     MeasuredReader,
@@ -20,10 +22,12 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
 from rtsr_cli.core.captures.measuring.measurement import measure_storage
 from rtsr_cli.core.captures.measuring.motion_choices import describe_repeated, describe_undecided
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate
+from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
+from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import NormalConvention
+from rtsr_cli.core.frames.conventions import DepthKind, NormalConvention
 from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.frames.selection import format_ranges
 
@@ -58,12 +62,15 @@ def measure_and_decide(
     )
     if not (reader.layout.verified or named or Buffer.MOTION in reader.stored):
         settled = replace(settled, undecided=_describe_undocumented(reader))
+    settled = decide_camera(settled, leads=motion)
     for step in (
         _check_plausible,
         _check_repeats,
         _decide_motion,
         _decide_jitter,
         _decide_depth,
+        check_depth_size,
+        _decide_sky,
         _check_position,
         _decide_normal,
     ):
@@ -74,9 +81,14 @@ def measure_and_decide(
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
         settled = replace(settled, undecided=text)
-    return replace(
-        settled, reader=_bind_forward_motion(replace(settled.reader, motion_undecided=text))
+    reader = replace(
+        settled.reader,
+        motion_undecided=text,
+        undecided=settled.undecided,
+        motion_trusted=not text and is_motion_trusted(settled, capture),
+        jitter_trusted=is_jitter_trusted(settled.measured.jitter),
     )
+    return replace(settled, reader=_bind_forward_motion(reader))
 
 
 def _describe_undocumented(reader: FrameReader) -> str:
@@ -92,10 +104,10 @@ def require_decision(settled: MeasuredReader, *, sharded: bool) -> FrameReader:
     """Return the reader, or refuse one that nothing decides.
 
     Raises:
-        FrameFolderError: nothing proves the layout; or parts of a sharded run might measure
-            differently.
+        FrameFolderError: nothing proves the layout, and there is no radiance, which needs no proof;
+            or parts of a sharded run might measure differently.
     """
-    if settled.undecided:
+    if settled.undecided and Buffer.COLOR not in settled.reader.stored:
         raise FrameFolderError(f"{settled.reader.frames.root}: {settled.undecided}")
     if sharded and settled.by_measurement:
         raise FrameFolderError(
@@ -104,13 +116,28 @@ def require_decision(settled: MeasuredReader, *, sharded: bool) -> FrameReader:
             "'rtsr inspect --write' once"
         )
     unread = (NOT_READ,) if settled.motion_undecided else ()
-    return replace(settled.reader, warnings=settled.warnings, notes=(*settled.notes, *unread))
+    if settled.undecided:
+        unread = (ONLY_RADIANCE.format(settled.reader.layout.name),)
+    warnings = (*settled.warnings, *describe_unmet(settled.reader))
+    return replace(settled.reader, warnings=warnings, notes=(*settled.notes, *unread))
+
+
+def describe_unmet(reader: FrameReader) -> list[str]:
+    """Say which buffers are not read for want of a camera: what needs them is refused."""
+    return [unmet.describe(buffer) for buffer, unmet in reader.unmet.items()]
 
 
 NOT_READ = (
     "motion is not read: nothing decides how it is stored ('rtsr inspect' shows what is known)"
 )
 """Said by commands that can do without; those that cannot are refused."""
+
+
+ONLY_RADIANCE = (
+    "nothing but radiance is read: layout '{0}' is known from documentation only; name it to use "
+    'the rest (capture.toml: layout = "{0}", or --layout {0})'
+)
+"""Said by commands that can do with radiance alone."""
 
 
 def _is_contradicted(candidate: MotionCandidate | None) -> bool:
@@ -156,6 +183,9 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     best = measured.best
     against = measured.motion.of(presumed) if measured.motion is not None else None
     agreed = best is not None and best.convention == _is_plain(presumed)
+    if reader.layout.open_motion and measured.motion is not None and best is None:
+        # what fits is one of the layout's readings: its unit is confirmed, its sense never was open
+        agreed = against in measured.motion.ties
     declared = capture.motion.declared()
     clear = _is_contradicted(against) or measured.by_geometry is not None
     if best is None and _is_contradicted(against):
@@ -166,7 +196,9 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         if _is_plain(chosen) != best.convention:
             lower = against.margin if against is not None else 1.0
             proof = (
-                "as camera and depth tell" if measured.by_geometry else f"error {lower:.0%} lower"
+                f"as {measured.geometry} tell"
+                if measured.by_geometry
+                else f"error {lower:.0%} lower"
             )
             text = (
                 f"motion is declared as {presumed}, but the frames fit {best.convention} better "
@@ -250,7 +282,8 @@ def _is_plain(convention: MotionConvention) -> MotionConvention:
 
 def _is_unproven(settled: MeasuredReader, capture: CaptureDeclaration) -> bool:
     """Tell whether nothing but an unverified preset, or nothing at all, speaks for the vectors."""
-    return not settled.reader.layout.verified and not capture.motion.decides()
+    layout = settled.reader.layout
+    return (layout.open_motion or not layout.verified) and not capture.motion.decides()
 
 
 def _decide_jitter(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
@@ -311,11 +344,11 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
     if best.error > (1.0 - WIDE_DEPTH_MARGIN) * against.error:
         return settled
     measured = best.convention
-    text = (
-        f"{measured.kind}{' reversed' if measured.reversed else ''}, {measured.unit_m:g} m a unit"
-    )
+    reversed_ = " reversed" if measured.reversed else ""
+    start = f" from the near plane ({measured.near_m:g} m)" if measured.from_near else ""
+    text = f"{measured.kind}{reversed_}{start}, {measured.unit_m:g} m a unit"
     given = capture.depth.declared()
-    if {"kind", "unit", "reversed"} & set(given):
+    if {"kind", "unit", "reversed", "start"} & set(given):
         return add_warning(
             settled,
             f"depth is declared as {presumed.kind}, {presumed.unit_m:g} m a unit, but the camera "
@@ -328,6 +361,25 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
         f"without measurement: {presumed.kind}, {presumed.unit_m:g} m a unit)"
     )
     return take_measurement(settled, "depth", note, depth=chosen)
+
+
+def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Take the measured rule of the sky for all frames, and say what no rule explains."""
+    finding, presumed = settled.measured.sky, settled.reader.conventions
+    if finding is None or capture.depth.sky is not None or presumed.normal.sky is not None:
+        return settled
+    if finding.impossible >= DOUBTFUL:
+        settled = add_warning(
+            settled,
+            f"{finding.impossible:.1%} of the depth values are 0, negative or no number, which no "
+            "surface has, and do not look like sky; if they are, declare it (capture.toml: "
+            '[depth] sky = 0.0, or "normal", "object_id", "alpha"; else sky = "none")',
+        )
+    if finding.sky is None or presumed.depth.kind is DepthKind.DEVICE:
+        return settled
+    depth = replace(presumed.depth, sky=finding.sky)
+    note = f"sky measured: {finding.rule} ({finding.share:.1%} of the pixels)"
+    return take_measurement(settled, "sky", note, depth=depth)
 
 
 def _check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
@@ -96,6 +97,8 @@ def _list_convention_lines(settled: MeasuredReader) -> list[str]:
         lines += ["[depth]", f"kind = {write_toml_value(depth.kind)}"]
         lines += [f"reversed = {write_toml_value(depth.reversed)}"] if depth.reversed else []
         lines += [f"unit = {write_toml_value(depth.unit_m)}    # metres"]
+        lines += ['from = "near"'] if depth.from_near else []
+        lines += [f"near = {write_toml_value(depth.near_m)}"] if depth.near_m is not None else []
         lines += [f"sky = {write_toml_value(depth.sky)}"] if depth.sky is not None else []
     if Buffer.NORMAL in stored:
         normal = conventions.normal
@@ -130,7 +133,7 @@ def _list_buffer_lines(
     ]
     if guessed:
         lines.append("# channels that no buffer takes; take away the # where the guess is right:")
-        lines += [f"# {b} = {write_toml_value(places)}" for b, places in guessed.items()]
+        lines += [f"# {b} = {write_guess(b, places)}" for b, places in guessed.items()]
     return ["[buffers]", *lines] if lines else []
 
 
@@ -143,6 +146,7 @@ def write_skeleton(channels: Mapping[str, Sequence[str]]) -> list[str]:
         '#     color = "beauty.RGB"              the channels beauty.R, beauty.G, beauty.B',
         '#     motion = ["mv:R", "mv:G"]         channels R and G of the files mv.0001.exr, ...',
         '#     depth = {channel = "Z", file = "*", factor = 0.01, zero = 0.0}',
+        '#     material = "diffuse.RGB + glossy.RGB", roughness = "1 - gloss.R", metallic = 0.0',
         *(f"# there are, in {key or 'the files'}: {' '.join(c)}" for key, c in channels.items()),
     ]
 

@@ -15,7 +15,12 @@ from torch import Tensor
 
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
-from rtsr_cli.core.frames.camera import CameraMetadata, View, ray_axes
+from rtsr_cli.core.frames.camera import (
+    CameraMetadata,
+    View,
+    list_near_planes,
+    place_in_camera_space,
+)
 from rtsr_cli.core.frames.conventions import (
     DepthConvention,
     DepthKind,
@@ -27,6 +32,9 @@ from rtsr_cli.core.shapes import MotionPx, Plane, Size, Vector3
 
 DEPTH_UNITS_M = (1.0, 0.01, 0.001, 100.0, 1000.0, 0.3048, 0.0254)
 """Metres, centimetres, millimetres, 100 m (centimetres times 1e-4), kilometres, feet, inches."""
+
+NEAR_UNITS_M = (1.0, 0.01)
+"""Units of distances that begin on the near plane."""
 
 MOST_PIXELS = 1 << 14
 """Larger frames are looked at in every k-th pixel."""
@@ -42,6 +50,9 @@ TRUSTED = {MOTION: 0.5, POSITION: 0.05}
 LEAST_PARALLAX_PX = 0.05
 """Depth is not measured where all readings move points alike, to this many pixels."""
 
+FAR_OFF_PX = 1e9
+"""Error of a camera that sees hardly any point at all."""
+
 LARGEST_OFFSET_PX = 1.25
 """Jitter differs by less than a pixel between frames."""
 
@@ -56,6 +67,7 @@ class StoredGeometry:
         position: world positions in metres, or None.
         camera, previous: of both frames.
         view: where the frame lies in the image plane.
+        thinned: of how many pixels across one is kept.
     """
 
     depth: Plane
@@ -64,6 +76,7 @@ class StoredGeometry:
     camera: CameraMetadata
     previous: CameraMetadata
     view: View
+    thinned: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,29 +117,31 @@ class DepthFinding:
         return next((c for c in self.candidates if c.convention == plain), None)
 
 
-def list_depth_hypotheses(declared: Sequence[DepthConvention] = ()) -> list[DepthConvention]:
-    """Every reading of depth, and the declared ones."""
+def list_depth_hypotheses(
+    declared: Sequence[DepthConvention] = (), near_m: Sequence[float] = ()
+) -> list[DepthConvention]:
+    """Every reading of depth, and the declared ones; distances may begin on a near plane."""
     readings = [
         DepthConvention(kind=kind, unit_m=unit)
         for kind in (DepthKind.PLANAR, DepthKind.RAY)
         for unit in DEPTH_UNITS_M
+    ]
+    readings += [
+        DepthConvention(kind=DepthKind.RAY, unit_m=unit, from_near=True, near_m=near)
+        for near in near_m
+        for unit in NEAR_UNITS_M
     ]
     readings += [DepthConvention(kind=DepthKind.DEVICE, reversed=r) for r in (False, True)]
     return list(dict.fromkeys([*(replace(c, sky=None) for c in declared), *readings]))
 
 
 def unproject_depth(depth_m: Plane, camera: CameraMetadata, view: View) -> Tensor | None:
-    """World positions (1 x 3 x h x w) of planar depths; None without matrices.
-
-    x_cam = ray_x * depth, y_cam = ray_y * depth, z_cam = -depth, world = p_cam . inverse(M).
-    """
-    size = (depth_m.shape[-2], depth_m.shape[-1])
-    axes = ray_axes(camera, view, size, jitter_px=camera.jitter_px)
-    if axes is None or camera.world_to_camera is None:
+    """World positions (1 x 3 x h x w) of planar depths; None without matrices."""
+    points = place_in_camera_space(depth_m, camera, view)
+    if points is None or camera.world_to_camera is None:
         return None
-    x, y = axes
     inverse = torch.linalg.inv(camera.world_to_camera).to(depth_m)
-    parts = (x * depth_m, y * depth_m, -depth_m)
+    parts = [points[:, j : j + 1] for j in range(3)]
     rows = [
         sum((p * inverse[j, i] for j, p in enumerate(parts)), start=inverse[3, i] + 0 * depth_m)
         for i in range(3)
@@ -159,10 +174,10 @@ class ThinnedFrame:
     k: int
 
     @classmethod
-    def of(cls, image: Tensor) -> ThinnedFrame:
+    def of(cls, image: Tensor, most: int = MOST_PIXELS) -> ThinnedFrame:
         """Keep so few pixels of an image of this size."""
         height, width = image.shape[-2:]
-        return cls(math.ceil(math.sqrt(max(1.0, height * width / MOST_PIXELS))))
+        return cls(math.ceil(math.sqrt(max(1.0, height * width / most))))
 
     def image(self, image: Tensor) -> Tensor:
         """Thin an image."""
@@ -191,27 +206,8 @@ class ThinnedFrame:
             camera=self.camera(geometry.camera),
             previous=self.camera(geometry.previous),
             view=self.view(geometry.view),
+            thinned=self.k,
         )
-
-
-def find_position_unit(
-    position: Vector3, camera: CameraMetadata, view: View
-) -> tuple[float, float] | None:
-    """Metres in a unit of a position buffer, and its error: median pixels from where it was seen.
-
-    A point in the right unit projects onto its own pixel. None without matrices or points.
-    """
-    thinning = ThinnedFrame.of(position)
-    position, camera, view = thinning.image(position), thinning.camera(camera), thinning.view(view)
-    own = sample_positions((position.shape[-2], position.shape[-1]), camera.jitter_px)
-    errors = []
-    for unit in DEPTH_UNITS_M:
-        landed = project_points(position * unit, camera, view)
-        valid = torch.isfinite(position).all(1, keepdim=True) & (vector_length(position) > 0)
-        error = None if landed is None else _median(vector_length(landed - own), valid)
-        if error is not None:
-            errors.append((error, unit))
-    return (min(errors)[1], min(errors)[0]) if errors else None
 
 
 def sample_positions(size: Size, jitter_px: tuple[float, float] = (0.0, 0.0)) -> Tensor:
@@ -234,12 +230,16 @@ def find_depth(
     thinned = [ThinnedFrame.of(f.depth).geometry(f) for f in frames]
     by_position = [f for f in thinned if f.position is not None]
     by_motion = [f for f in thinned if f.motion_px is not None]
+    projection = frames[0].camera.projection if frames else None
+    hypotheses = list_depth_hypotheses(
+        declared, () if projection is None else list_near_planes(projection)
+    )
     for measure, error, usable in (
-        (POSITION, _measure_position_error, by_position),
-        (MOTION, _measure_motion_error, by_motion),
+        (POSITION, measure_position_error, by_position),
+        (MOTION, measure_motion_error, by_motion),
     ):
         ranked = []
-        for reading in list_depth_hypotheses(declared):
+        for reading in hypotheses:
             errors = [e for f in usable if (e := error(f, reading)) is not None]
             if errors:
                 ranked.append(DepthCandidate(convention=reading, error=sum(errors) / len(errors)))
@@ -255,19 +255,20 @@ def _are_alike(ranked: Sequence[DepthCandidate], measure: str) -> bool:
     return measure == MOTION and spread < LEAST_PARALLAX_PX
 
 
-def _read_metres(frame: StoredGeometry, reading: DepthConvention) -> Tensor | None:
+def read_metres(frame: StoredGeometry, reading: DepthConvention) -> Tensor | None:
+    """Planar depths under a reading; None where it needs a camera that is not there."""
     try:
         return depth_to_metres(frame.depth, reading, frame.camera, frame.view, where="")
     except MissingBufferError:
         return None
 
 
-def _measure_motion_error(frame: StoredGeometry, reading: DepthConvention) -> float | None:
+def measure_motion_error(frame: StoredGeometry, reading: DepthConvention) -> float | None:
     """Median distance between the motion that a reading predicts and the vectors, pixels.
 
     A constant difference of at most `LARGEST_OFFSET_PX` is taken out: vectors may contain jitter.
     """
-    metres = _read_metres(frame, reading)
+    metres = read_metres(frame, reading)
     world = None if metres is None else unproject_depth(metres, frame.camera, frame.view)
     if metres is None or world is None or frame.motion_px is None:
         return None
@@ -276,19 +277,30 @@ def _measure_motion_error(frame: StoredGeometry, reading: DepthConvention) -> fl
         return None
     size = (metres.shape[-2], metres.shape[-1])
     predicted = then - sample_positions(size, frame.camera.jitter_px)
-    valid = _find_surface(frame, metres)
-    difference = predicted - frame.motion_px
+    valid = find_surface(frame, metres)
+    return measure_offset_error(predicted - frame.motion_px, valid, frame.thinned)
+
+
+def measure_offset_error(difference: MotionPx, valid: Tensor, thinned: int = 1) -> float | None:
+    """Median length of differences less a constant one of at most `LARGEST_OFFSET_PX`.
+
+    Args:
+        difference: pixels of an image of which every `thinned`-th pixel was kept.
+        valid: where there is something to compare.
+        thinned: as said.
+    """
     known = valid & torch.isfinite(difference).all(1, keepdim=True)
     if int(known.sum()) < LEAST_POINTS:
-        return None
+        return None if int(valid.sum()) < LEAST_POINTS else FAR_OFF_PX
     offset = difference[known.expand_as(difference)].view(2, -1).median(1).values
-    offset = offset.clamp(-LARGEST_OFFSET_PX, LARGEST_OFFSET_PX)
+    largest = LARGEST_OFFSET_PX / thinned
+    offset = offset.clamp(-largest, largest)
     return _median(vector_length(difference - offset.view(1, 2, 1, 1)), valid)
 
 
-def _measure_position_error(frame: StoredGeometry, reading: DepthConvention) -> float | None:
+def measure_position_error(frame: StoredGeometry, reading: DepthConvention) -> float | None:
     """Median distance between a reading's points and the position buffer, per distance."""
-    metres = _read_metres(frame, reading)
+    metres = read_metres(frame, reading)
     world = None if metres is None else unproject_depth(metres, frame.camera, frame.view)
     if metres is None or world is None or frame.position is None:
         return None
@@ -296,10 +308,10 @@ def _measure_position_error(frame: StoredGeometry, reading: DepthConvention) -> 
     if where is None:
         return None
     distance = vector_length(frame.position - where.to(world).view(1, 3, 1, 1)).clamp(min=1e-6)
-    return _median(vector_length(world - frame.position) / distance, _find_surface(frame, metres))
+    return _median(vector_length(world - frame.position) / distance, find_surface(frame, metres))
 
 
-def _find_surface(frame: StoredGeometry, metres: Tensor) -> Tensor:
+def find_surface(frame: StoredGeometry, metres: Tensor) -> Tensor:
     """Pixels that some reading may take for surfaces: finite, and not the largest value stored."""
     stored = frame.depth
     return torch.isfinite(stored) & (stored < stored.amax().clamp(max=SKY_DEPTH_M)) & (metres > 0)
@@ -307,5 +319,5 @@ def _find_surface(frame: StoredGeometry, metres: Tensor) -> Tensor:
 
 def _median(error: Tensor, valid: Tensor) -> float | None:
     values = error[valid]
-    values = torch.where(torch.isfinite(values), values, torch.full_like(values, 1e9))
+    values = torch.where(torch.isfinite(values), values, torch.full_like(values, FAR_OFF_PX))
     return float(values.median()) if values.numel() >= LEAST_POINTS else None

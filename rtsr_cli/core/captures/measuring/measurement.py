@@ -7,28 +7,27 @@ every command, shard and machine measures the same.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.captures.measuring.geometry_finder import (
-    DepthFinding,
-    StoredGeometry,
-    find_depth,
-    find_position_unit,
-)
-from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, find_jitter
+from rtsr_cli.core.captures.measuring.camera_measurement import check_reader_cameras, drop_matrices
+from rtsr_cli.core.captures.measuring.depth_median import find_median_depth
+from rtsr_cli.core.captures.measuring.geometry_measurement import add_geometry, list_close
+from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
+from rtsr_cli.core.captures.measuring.motion_by_position import prove_motion
 from rtsr_cli.core.captures.measuring.motion_finder import STILL_PX, find_motion
-from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.motion_finding import MotionFinding
 from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, normalise_picture
-from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding, find_normals
+from rtsr_cli.core.captures.measuring.normal_finder import find_normals
+from rtsr_cli.core.captures.measuring.sky_finder import SKY_BUFFERS, SkyFinding, find_sky
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import Conventions, DepthConvention
-from rtsr_cli.core.frames.motion import Jitter, MotionConvention
+from rtsr_cli.core.frames.conventions import Conventions
+from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.frames.sequence import FrameSequence
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.shapes import Size
@@ -45,52 +44,6 @@ WINDOW: Size = (896, 1152)
 
 PICTURES = (Buffer.COLOR, Buffer.ALBEDO, Buffer.NORMAL, Buffer.POSITION)
 """What sticks to surfaces."""
-
-GEOMETRY_RATIO = 0.5
-"""Of close readings of motion, the one that geometry explains this much better than all others."""
-
-LEAST_APART_PX = 0.005
-"""Readings whose vectors hardly differ are not told apart by the last digits of a matrix."""
-
-CLOSE_MARGIN = 0.15
-MOST_CLOSE = 8
-"""Readings whose error is this share above the best one's are held against camera and depth."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StorageMeasurement:
-    """What was measured; a part is empty where the files do not tell.
-
-    Attributes:
-        motion: ranked readings of the vectors, None without motion, pictures or two frames.
-        repeated: frames with the picture of the frame before them, and vectors that move.
-        resting: such frames whose vectors rest, as they should.
-        by_geometry: the tied reading that camera and depth single out, if they do.
-        jitter: whether vectors contain it.
-        depth: ranked readings.
-        position_unit_m: metres in a unit of the position buffer.
-        normal: packing and axes.
-        frames: numbers that were read.
-    """
-
-    motion: MotionFinding | None = None
-    repeated: tuple[int, ...] = ()
-    resting: tuple[int, ...] = ()
-    by_geometry: MotionCandidate | None = None
-    jitter: JitterFinding | None = None
-    depth: DepthFinding = field(default_factory=DepthFinding)
-    position_unit_m: float | None = None
-    normal: NormalFinding | None = None
-    frames: tuple[int, ...] = ()
-
-    @property
-    def best(self) -> MotionCandidate | None:
-        """The reading of motion that stands alone, None where several tie or none is good."""
-        if self.motion is None or self.motion.best is None:
-            return None
-        if self.by_geometry is not None:
-            return self.by_geometry
-        return self.motion.best if len(self.motion.ties) == 1 else None
 
 
 def measure_storage(
@@ -118,7 +71,22 @@ def measure_storage(
             measured = candidate
         if not motion or _measure_movement(candidate) > LEAST_MOVING:
             break
+    if measured.sky is not None and not (measured.sky.share or measured.sky.impossible):
+        measured = replace(measured, sky=_look_elsewhere(reader, presumed) or measured.sky)
     return measured
+
+
+def _look_elsewhere(reader: FrameReader, presumed: Conventions) -> SkyFinding | None:
+    """What is sky in the first and the last frame, if they can be read."""
+    own = [n for n in reader.numbers if n not in reader.held]
+    ends = tuple(dict.fromkeys((own[0], own[-1])))
+    buffers = reader.stored.intersection(SKY_BUFFERS)
+    try:
+        narrowed = reader.narrowed(ends)
+        frames = map_in_threads(partial(narrowed.read_raw, buffers=buffers), ends)
+    except RtsrError:
+        return None
+    return run_single_threaded(partial(find_sky, frames, presumed))
 
 
 def _measure_movement(measured: StorageMeasurement) -> float:
@@ -147,7 +115,13 @@ def _read_group(
     reader: FrameReader, numbers: Sequence[int]
 ) -> tuple[FrameReader, dict[int, Mapping[Buffer, Tensor]]]:
     """Read the stored buffers of a group where all files have them; none if one is unreadable."""
-    wanted = {Buffer.MOTION, Buffer.FORWARD, Buffer.DEPTH, Buffer.OBJECT_ID, *PICTURES}
+    wanted = {
+        Buffer.MOTION,
+        Buffer.FORWARD,
+        Buffer.GEONORMAL,
+        *SKY_BUFFERS,
+        *PICTURES,
+    }
     buffers = wanted & reader.stored
     try:
         narrowed = reader.narrowed(numbers)
@@ -165,23 +139,73 @@ def _measure_group(
     motion: bool,
 ) -> StorageMeasurement:
     measured = StorageMeasurement(frames=tuple(stored))
+    if reader.stored & {Buffer.DEPTH, Buffer.NORMAL}:
+        measured = replace(measured, sky=find_sky(list(stored.values()), presumed))
+    if Buffer.POSITION in reader.stored:
+        measured = _place_by_positions(reader, stored, presumed, measured)
+    proven = _prove_motion(reader, stored, presumed, measured) if motion else None
     if motion and len(stored) > 1 and _has_pictures(reader.stored):
-        finding = _find_motion(reader, stored, presumed.motion)
+        finding = _find_motion(reader, stored, [m for m in (presumed.motion, proven) if m])
         repeats = dict(_find_repeats(stored, reader.step, presumed.motion.zero))
         measured = replace(
             measured,
             motion=finding,
+            by_geometry=None if proven is None else finding.of(proven),
+            geometry="world positions" if proven is not None else measured.geometry,
             repeated=tuple(n for n, moves in repeats.items() if moves),
             resting=tuple(n for n, moves in repeats.items() if not moves),
         )
-    last = stored[max(stored)]
-    camera = reader.cameras[max(stored)]
-    if Buffer.POSITION in last:
-        unit = find_position_unit(last[Buffer.POSITION], camera, reader.view)
-        measured = replace(measured, position_unit_m=None if unit is None else unit[0])
-    if Buffer.NORMAL in last:
-        measured = replace(measured, normal=find_normals(last[Buffer.NORMAL], camera, reader.view))
-    return _add_geometry(reader, stored, presumed, measured)
+    placed = measured.camera
+    if placed is None or not (placed.fits or placed.unfit):
+        placed = check_reader_cameras(reader, stored, presumed, _list_motions(measured, presumed))
+        measured = replace(measured, camera=placed)
+    last = max(stored)
+    if Buffer.DEPTH in reader.stored:
+        measured = replace(measured, median_depth=find_median_depth(stored[last][Buffer.DEPTH]))
+    if Buffer.NORMAL in reader.stored:
+        # by a camera that nothing proves, world space would be told from view space at random
+        certain = placed is not None and placed.certain
+        camera = reader.cameras[last] if certain else drop_matrices(reader.cameras[last])
+        normal = find_normals(stored[last][Buffer.NORMAL], camera, reader.view)
+        measured = replace(measured, normal=normal)
+    return add_geometry(reader, stored, presumed, measured)
+
+
+def _place_by_positions(
+    reader: FrameReader,
+    stored: Mapping[int, Mapping[Buffer, Tensor]],
+    presumed: Conventions,
+    measured: StorageMeasurement,
+) -> StorageMeasurement:
+    """Check the cameras by positions, which need no motion, and tell their unit."""
+    placed = check_reader_cameras(reader, stored, presumed, ())
+    unit = None if placed is None else placed.position_unit_m
+    return replace(measured, camera=placed, position_unit_m=unit)
+
+
+def _prove_motion(
+    reader: FrameReader,
+    stored: Mapping[int, Mapping[Buffer, Tensor]],
+    presumed: Conventions,
+    measured: StorageMeasurement,
+) -> MotionConvention | None:
+    if measured.position_unit_m is None or Buffer.MOTION not in reader.stored:
+        return None
+    plain = replace(presumed.motion, jittered=False, jitter_inverted=False)
+    return prove_motion(reader, stored, measured.position_unit_m, plain)
+
+
+def _list_motions(
+    measured: StorageMeasurement, presumed: Conventions
+) -> tuple[MotionConvention, ...]:
+    """Readings of the vectors that may hold, by what pictures say."""
+    finding = measured.motion
+    if finding is None:
+        return ()
+    if finding.best is None:
+        return (presumed.motion,)
+    likely = dict.fromkeys(c.convention for c in (*finding.ties, *list_close(finding)))
+    return tuple(likely)
 
 
 def _has_pictures(buffers: Collection[Buffer]) -> bool:
@@ -216,7 +240,7 @@ def _cut_window(size: Size) -> tuple[slice, slice]:
 def _find_motion(
     reader: FrameReader,
     stored: Mapping[int, Mapping[Buffer, Tensor]],
-    presumed: MotionConvention,
+    include: Sequence[MotionConvention],
 ) -> MotionFinding:
     rows, columns = _cut_window(reader.size)
 
@@ -232,98 +256,10 @@ def _find_motion(
 
     pictures = zip(stored, map_in_threads(evidence, stored), strict=True)
     frames = {number // reader.step: part for number, part in pictures}
-    return find_motion(frames, screen=reader.view.display, include=(presumed,), each=map_in_threads)
+    return find_motion(frames, screen=reader.view.display, include=include, each=map_in_threads)
 
 
 def _make_picture(buffer: Buffer, stored: Tensor) -> Tensor:
     """Radiance compressed, so that no highlight decides; whatever is not finite as 0."""
     finite = torch.where(torch.isfinite(stored), stored, torch.zeros_like(stored))
     return encode_reinhard(finite.clamp(min=0.0)) if buffer is Buffer.COLOR else finite
-
-
-def _add_geometry(
-    reader: FrameReader,
-    stored: Mapping[int, Mapping[Buffer, Tensor]],
-    presumed: Conventions,
-    measured: StorageMeasurement,
-) -> StorageMeasurement:
-    """Add what camera and depth say of depth, and of motion where pictures leave it tied."""
-    if Buffer.DEPTH not in reader.stored or not reader.has_camera:
-        return _add_jitter(reader, measured, presumed.motion)
-    placed = _find_depth(reader, stored, presumed.depth, unit=measured.position_unit_m)
-    finding = measured.motion
-    ties = finding.ties if finding is not None else ()
-    near = finding.candidates[:MOST_CLOSE] if finding is not None and ties else ()
-    close = [c for c in near if c.margin < CLOSE_MARGIN]
-    # the errors of close readings are far apart, or no number of frames tells them apart
-    few = dict(list(stored.items())[-3:])
-    moved = {
-        candidate: _find_depth(reader, few, presumed.depth, motion=candidate.convention)
-        for candidate in dict.fromkeys([*ties, *close])
-    }
-    ranked = sorted(moved, key=lambda c: _format_error(moved[c]))
-    errors = [_format_error(moved[c]) for c in ranked]
-    clear = len(errors) > 1 and errors[0] < min(
-        GEOMETRY_RATIO * errors[1], errors[1] - LEAST_APART_PX
-    )
-    chosen = ranked[0] if clear else None
-    along = moved[chosen or ties[0]] if ties else DepthFinding()
-    depth = placed if placed.best is not None else along
-    return _add_jitter(reader, replace(measured, by_geometry=chosen, depth=depth), presumed.motion)
-
-
-def _format_error(finding: DepthFinding) -> float:
-    return finding.best.error if finding.best is not None else float("inf")
-
-
-def _add_jitter(
-    reader: FrameReader, measured: StorageMeasurement, presumed: MotionConvention
-) -> StorageMeasurement:
-    """Judge the offsets of the reading that stands alone, or of the presumed one if it may hold."""
-    if measured.motion is None:
-        return measured
-    likely = measured.motion.of(presumed)
-    best = measured.best or (likely if likely in measured.motion.ties else None)
-    if best is None:
-        return measured
-    step = 1 if best.convention.direction.to_next else -1
-
-    def jitter(index: int) -> Jitter:
-        number = index * reader.step
-        return reader.cameras[number].jitter_px if number in reader.cameras else (0.0, 0.0)
-
-    pairs = [(jitter(t), jitter(t + step)) for t in measured.motion.triples]
-    between = [(now[0] - then[0], now[1] - then[1]) for now, then in pairs]
-    return replace(measured, jitter=find_jitter(best.offsets_px, between))
-
-
-def _find_depth(
-    reader: FrameReader,
-    stored: Mapping[int, Mapping[Buffer, Tensor]],
-    presumed: DepthConvention,
-    *,
-    unit: float | None = None,
-    motion: MotionConvention | None = None,
-) -> DepthFinding:
-    """Rank readings of depth against positions in `unit`, or against vectors read as `motion`."""
-    step = reader.step if motion is not None and motion.direction.to_next else -reader.step
-    frames = []
-    for number, buffers in stored.items():
-        source = number + (motion.file_offset * reader.step if motion is not None else 0)
-        if motion is not None and not {number + step, source} <= set(stored):
-            continue
-        position = buffers.get(Buffer.POSITION) if unit is not None else None
-        vectors = None if motion is None else stored[source][Buffer.MOTION]
-        frames.append(
-            StoredGeometry(
-                depth=buffers[Buffer.DEPTH],
-                motion_px=None
-                if vectors is None or motion is None
-                else motion.pixels(vectors, reader.view.display, dim=1),
-                position=None if position is None or unit is None else position * unit,
-                camera=reader.cameras[number],
-                previous=reader.cameras.get(number + step, reader.cameras[number]),
-                view=reader.view,
-            )
-        )
-    return find_depth(frames, (presumed,))

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
+
 from rtsr_cli.core.captures.measuring.geometry_finder import LEAST_POINTS, ThinnedFrame
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.camera import CameraMetadata, View, view_cosine_from_camera
 from rtsr_cli.core.frames.conventions import NormalConvention, NormalSpace, normal_to_world
-from rtsr_cli.core.frames.vector_length import vector_length
+from rtsr_cli.core.frames.vector_length import normalize_vectors, vector_length
 from rtsr_cli.core.shapes import Vector3
+
+LEAST_LENGTH = 0.1
+"""Shorter vectors are no normals: sky."""
 
 UNIT_TOLERANCE = 0.1
 """Unit normals: mean deviation of their length from 1."""
@@ -30,20 +35,35 @@ class NormalFinding:
     facing: dict[str, float]
 
 
+def find_packing(stored: Vector3) -> bool | None:
+    """Tell whether (n + 1) / 2 is stored, by which reading has unit length; None if none has."""
+    lengths = {False: vector_length(stored), True: vector_length(stored * 2.0 - 1.0)}
+    there = {packed: size > LEAST_LENGTH for packed, size in lengths.items()}
+    if min(int(mask.sum()) for mask in there.values()) < LEAST_POINTS:
+        return None
+    deviation = {p: float((lengths[p][there[p]] - 1.0).abs().mean()) for p in lengths}
+    packed = deviation[True] < deviation[False]
+    return None if deviation[packed] > UNIT_TOLERANCE else packed
+
+
+def unpack_normals(stored: Vector3) -> Vector3 | None:
+    """Stored normals as vectors of length 1, or 0 where there is none; None if they are none."""
+    packed = find_packing(stored)
+    if packed is None:
+        return None
+    normal = stored * 2.0 - 1.0 if packed else stored
+    there = torch.isfinite(normal).all(1, keepdim=True) & (vector_length(normal) > LEAST_LENGTH)
+    return normalize_vectors(torch.where(there, normal, torch.zeros_like(normal)))
+
+
 def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalFinding:
     """Tell packed from plain by length, and world from view space by what faces the camera."""
     thinning = ThinnedFrame.of(stored)
     stored, camera, view = thinning.image(stored), thinning.camera(camera), thinning.view(view)
-    plain, unpacked = stored, stored * 2.0 - 1.0
-    lengths = {False: vector_length(plain), True: vector_length(unpacked)}
-    there = {packed: size > 0.1 for packed, size in lengths.items()}
-    if min(int(mask.sum()) for mask in there.values()) < LEAST_POINTS:
+    packed = find_packing(stored)
+    if packed is None:
         return NormalFinding(facing={})
-    deviation = {p: float((lengths[p][there[p]] - 1.0).abs().mean()) for p in lengths}
-    packed = deviation[True] < deviation[False]
-    nonzero = there[packed]
-    if deviation[packed] > UNIT_TOLERANCE:
-        return NormalFinding(facing={})
+    nonzero = vector_length(stored * 2.0 - 1.0 if packed else stored) > LEAST_LENGTH
     facing = {}
     for space in NormalSpace:
         convention = NormalConvention(space=space, packed=packed)

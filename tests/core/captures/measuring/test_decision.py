@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from rtsr_cli.core.captures.measuring.decision import measure_and_decide, requir
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthCandidate, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
-from rtsr_cli.core.captures.measuring.measurement import StorageMeasurement
+from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding
 from rtsr_cli.core.captures.reader import FrameReader
@@ -24,7 +26,11 @@ from rtsr_cli.core.captures.survey import open_frames
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind, NormalSpace
+from rtsr_cli.core.frames.conventions import (
+    DepthConvention,
+    DepthKind,
+    NormalSpace,
+)
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
 
 C = MotionDirection.CURRENT_MINUS_PREVIOUS
@@ -72,11 +78,10 @@ def settled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settle:
     def run(
         measured: StorageMeasurement,
         capture: CaptureDeclaration | None = None,
-        *,
-        verified: bool = True,
+        **layout: Any,
     ) -> MeasuredReader:
         reader = reader_of(tmp_path, capture)
-        reader = replace(reader, layout=replace(reader.layout, verified=verified))
+        reader = replace(reader, layout=replace(reader.layout, **layout))
         monkeypatch.setattr(decision, "measure_storage", lambda *_, **__: measured)
         return measure_and_decide(reader, capture or CaptureDeclaration(), named=False)
 
@@ -187,12 +192,38 @@ def test_a_preset_that_fits_worse_but_not_by_far_is_kept_and_doubted(settled: Se
     assert settled(StorageMeasurement(motion=finding), declared).warnings == ()
 
 
-def test_ties_that_nothing_declares_are_refused_with_the_choices(settled: Settle) -> None:
+def test_ties_that_nothing_declares_leave_radiance_and_name_the_choices(settled: Settle) -> None:
     result = settled(StorageMeasurement(motion=tied(NEGATED, MotionConvention())), verified=False)
+    run = require_decision(result, sharded=False)
+    assert run.readable == {Buffer.COLOR}
+    assert re.search(r"(?s)current-minus-previous.*previous-minus-current", run.undecided)
+
+
+def test_without_radiance_what_nothing_proves_is_refused_with_the_choices(settled: Settle) -> None:
+    result = settled(StorageMeasurement(motion=tied(NEGATED, MotionConvention())), verified=False)
+    binding = {b: c for b, c in result.reader.binding.items() if b is not Buffer.COLOR}
+    bare = replace(result, reader=replace(result.reader, binding=binding))
     with pytest.raises(
         FrameFolderError, match=r"(?s)current-minus-previous.*previous-minus-current"
     ):
-        require_decision(result, sharded=False)
+        require_decision(bare, sharded=False)
+
+
+def test_vectors_that_a_layout_leaves_open_stop_nothing_else(settled: Settle) -> None:
+    other = MotionConvention(unit=MotionUnit.UV)
+    result = settled(StorageMeasurement(motion=tied(NEGATED, other)), open_motion=True)
+    run = require_decision(result, sharded=False)
+    assert run.stored - run.readable == {Buffer.MOTION}
+    assert "current-minus-previous" in run.motion_undecided
+
+
+def test_vectors_that_a_layout_leaves_open_are_read_where_they_fit(settled: Settle) -> None:
+    told = settled(StorageMeasurement(motion=clear(NEGATED)), open_motion=True).reader
+    assert told.conventions.motion == NEGATED
+    presumed = MotionConvention()
+    fits = settled(StorageMeasurement(motion=tied(NEGATED, presumed)), open_motion=True).reader
+    assert fits.conventions.motion == presumed
+    assert told.readable == fits.readable == fits.stored
 
 
 def test_a_declaration_settles_a_tie(settled: Settle) -> None:
@@ -220,11 +251,11 @@ def test_jitter_is_called_undeclared_only_where_no_frame_declares_any(settled: S
     assert "not declared" not in bound
 
 
-def test_vectors_that_cannot_be_measured_are_refused_under_an_unverified_preset(
-    settled: Settle,
-) -> None:
-    with pytest.raises(FrameFolderError, match="fewer than two frames"):
-        require_decision(settled(StorageMeasurement(), verified=False), sharded=False)
+def test_vectors_that_cannot_be_measured_prove_no_unverified_preset(settled: Settle) -> None:
+    run = require_decision(settled(StorageMeasurement(), verified=False), sharded=False)
+    assert "fewer than two frames" in run.undecided
+    assert run.readable == {Buffer.COLOR}
+    assert "nothing but radiance is read" in run.notes[-1]
 
 
 def test_shards_refuse_what_is_only_measured(settled: Settle) -> None:
@@ -314,20 +345,19 @@ def test_measured_normals_overrule_the_preset_and_not_a_declaration(settled: Set
     assert "obeyed" in bound.warnings[0]
 
 
-def test_an_unverified_layout_without_motion_has_to_be_named(
+def test_of_an_unverified_layout_without_motion_radiance_is_read_until_it_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(decision, "measure_storage", lambda *_, **__: StorageMeasurement())
     reader = reader_of(tmp_path)
     binding = {b: c for b, c in reader.binding.items() if b is not Buffer.MOTION}
     reader = replace(reader, binding=binding, layout=replace(reader.layout, verified=False))
-    with pytest.raises(FrameFolderError, match="known from documentation only"):
-        require_decision(
-            measure_and_decide(reader, CaptureDeclaration(), named=False), sharded=False
-        )
-    assert require_decision(
-        measure_and_decide(reader, CaptureDeclaration(), named=True), sharded=False
-    ).stored
+    unnamed = measure_and_decide(reader, CaptureDeclaration(), named=False)
+    run = require_decision(unnamed, sharded=False)
+    assert "known from documentation only" in run.undecided
+    assert run.readable == {Buffer.COLOR}
+    named = measure_and_decide(reader, CaptureDeclaration(), named=True)
+    assert require_decision(named, sharded=False).readable == reader.stored
 
 
 def test_a_layout_that_is_named_runs_without_the_vectors_that_nothing_decides(
@@ -367,8 +397,9 @@ def test_vectors_that_fit_nothing_leave_a_verified_layout_readable(settled: Sett
 
 def test_vectors_that_fit_nothing_prove_no_layout_that_nobody_named(settled: Settle) -> None:
     result = settled(StorageMeasurement(motion=unfit(MotionConvention())), verified=False)
-    with pytest.raises(FrameFolderError, match="no reading of the motion vectors fits"):
-        require_decision(result, sharded=False)
+    run = require_decision(result, sharded=False)
+    assert "no reading of the motion vectors fits" in run.undecided
+    assert run.readable == {Buffer.COLOR}
 
 
 def test_frames_that_repeat_are_said_and_their_vectors_not_read(settled: Settle) -> None:
@@ -391,3 +422,13 @@ def test_declared_vectors_are_read_though_frames_repeat(settled: Settle) -> None
     finding = replace(clear(MotionConvention(), NEGATED), unmoved_error=0.1)
     result = settled(StorageMeasurement(motion=finding, repeated=(2,)), declared)
     assert result.motion_undecided == ""
+
+
+def test_a_declared_unit_that_makes_kilometres_is_warned_about_and_obeyed(settled: Settle) -> None:
+    bound = settled(
+        StorageMeasurement(median_depth=7e3),
+        capture(depth={"unit": "m"}),
+        other_depth_units=(0.01,),
+    )
+    assert bound.reader.conventions.depth.unit_m == 1.0
+    assert "7 km at 1 m a unit" in bound.warnings[0]

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.measuring.camera_evidence import PositionEvidence, list_units
+from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import (
     StoredGeometry,
     find_depth,
-    find_position_unit,
     project_points,
     unproject_depth,
 )
 from rtsr_cli.core.captures.measuring.normal_finder import find_normals
 from rtsr_cli.core.frames.camera import CameraMetadata, View, ray_axes
-from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind, NormalSpace
+from rtsr_cli.core.frames.conventions import (
+    DepthConvention,
+    DepthKind,
+    NormalSpace,
+    depth_from_metres,
+    depth_to_metres,
+)
 
 SIZE = (60, 80)
 VIEW = View(display=SIZE)
@@ -104,6 +112,22 @@ def test_depth_is_the_reading_under_which_points_lie_where_the_positions_say() -
     assert finding.measure == "of the distance"
 
 
+def test_distance_from_the_near_plane_is_recognised_and_exact() -> None:
+    stored = (slope() - NEAR_M) * ray_lengths()
+    finding = find_depth([geometry(stored, before=camera(-0.4))])
+    assert finding.best is not None
+    found = finding.best.convention
+    assert (found.kind, found.from_near, found.unit_m) == (DepthKind.RAY, True, 1.0)
+    assert found.near_m == pytest.approx(NEAR_M)
+    metres = depth_to_metres(stored, found, camera(0.0), VIEW, where="")
+    assert torch.allclose(metres, slope(), atol=1e-5)
+    # declared without a number, the matrices tell where the plane is
+    declared = DepthConvention(kind=DepthKind.RAY, from_near=True)
+    assert torch.allclose(depth_to_metres(stored, declared, camera(0.0), VIEW, where=""), slope())
+    back = depth_from_metres(metres, found, camera(0.0), VIEW, where="")
+    assert torch.allclose(back, stored, atol=1e-4)
+
+
 def test_a_camera_that_only_turns_tells_nothing_about_depth() -> None:
     finding = find_depth([geometry(slope(), before=camera(0.3, -0.02))])
     assert finding.best is None
@@ -113,10 +137,13 @@ def test_positions_are_in_the_unit_that_puts_them_on_their_own_pixels() -> None:
     now = camera(0.3, 0.02)
     world = unproject_depth(slope(), now, VIEW)
     assert world is not None
-    found = find_position_unit(world * 100.0, now, VIEW)
-    assert found is not None
-    assert found[0] == 0.01
-    assert found[1] < 0.01
+    frame = replace(geometry(slope(), before=now), position=world * 100.0, camera=now)
+    evidence = PositionEvidence(frames={1: frame}, units=list_units(1.0), thinning=1)
+    assert now.world_to_camera is not None
+    assert now.world_to_ndc is not None
+    cameras = {1: CameraMatrices(now.world_to_camera.numpy(), now.world_to_ndc.numpy())}
+    assert evidence.choose_unit(cameras) == 0.01
+    assert evidence.measure(cameras, closely=False)[1] < 0.01
 
 
 def facing_normals(view_space: bool) -> Tensor:

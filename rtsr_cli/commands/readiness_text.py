@@ -1,0 +1,47 @@
+"""What `rtsr inspect` says of commands: what can run, what is missing, and what would mend that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from rtsr_cli.core.choices import SystemTask
+from rtsr_cli.core.inspect.readiness import SystemReadiness
+from rtsr_cli.core.inspect.shot_inspection import ShotInspection
+
+LABELS = {SystemTask.UPSCALE.value: "systems"}
+"""Labels of commands' lines where they are not the command's name."""
+
+EVERY = "all"
+"""Stands for all systems of a command where none can run, for one reason."""
+
+NAME, LINE = 16, 40
+"""Widths of columns."""
+
+
+def list_readiness_lines(inspection: ShotInspection) -> Iterator[tuple[str, str]]:
+    """Every system and part of every command, then what would provide what is missing.
+
+    Yields labels, empty where the line before has it, and texts.
+    """
+    for command, systems in inspection.commands.items():
+        yield from _list_command_lines(LABELS.get(command, command), systems)
+    label = "to paste"
+    for fix in inspection.fixes:
+        note = f", {fix.note}" if fix.note else ""
+        yield label, f"{fix.line:<{LINE}} {fix.where}: for {fix.missing}{note}"
+        label = ""
+
+
+def _list_command_lines(
+    label: str, systems: Mapping[str, SystemReadiness]
+) -> Iterator[tuple[str, str]]:
+    found = set(systems.values())
+    alike = len(systems) > 1 and len(found) == 1 and not any(r.ready for r in found)
+    shown = {EVERY: found.pop()} if alike else systems
+    for name, readiness in shown.items():
+        if readiness.ready:
+            text = f"ready{' with ' + readiness.how if readiness.how else ''}"
+        else:
+            text = f"missing: {', '.join(readiness.missing)}"
+        yield label, f"{name:<{NAME}}{text}"
+        label = ""

@@ -1,0 +1,250 @@
+"""Checking camera matrices: their form, and whether what the files show agrees with them.
+
+Matrices that fail as given, though another reading of them fits, are not used. Where nothing can
+tell, they are unverified, and nothing else is measured by them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from rtsr_cli.core.captures.measuring.camera_evidence import CameraEvidence, mean_error
+from rtsr_cli.core.captures.measuring.camera_hypotheses import (
+    CameraReading,
+    Cameras,
+    list_readings,
+)
+from rtsr_cli.core.captures.measuring.camera_structure import (
+    CameraMatrices,
+    find_view_fault,
+    is_mirrored,
+    is_sound,
+)
+from rtsr_cli.core.frames.camera_convention import CameraConvention
+
+ALIKE = 2.0
+"""Of readings whose errors are within this factor of the best one's, the simplest is named."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFinding:
+    """What was found out about camera matrices.
+
+    Attributes:
+        unfit: why they are not used; empty if they are.
+        doubt: why they are unverified; empty if they are not.
+        proofs: what agrees with them.
+        undecided: what they might be as well, by all that is known.
+        errors: of each kind of evidence, in its own unit.
+        position_unit_m: metres in a unit of world positions, where they agree.
+        certain: whether axes and order are proven, so that others may be measured by them.
+    """
+
+    unfit: str = ""
+    doubt: str = ""
+    proofs: tuple[str, ...] = ()
+    undecided: tuple[str, ...] = ()
+    errors: Mapping[str, float] = field(default_factory=dict)
+    position_unit_m: float | None = None
+    certain: bool = False
+
+    @property
+    def fits(self) -> bool:
+        """Tell whether something agrees with the matrices."""
+        return bool(self.proofs) and not self.unfit
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Trial:
+    """How the readings fare before one kind of evidence."""
+
+    evidence: CameraEvidence
+    own: float
+    pairs: Mapping[int, tuple[float, float]]
+    """By index of the reading: its error, and that of the matrices as given on the same frames."""
+
+    @property
+    def fits(self) -> bool:
+        return self.own <= self.evidence.limit
+
+    def is_better(self, index: int) -> bool:
+        """Tell whether a reading fits where the matrices as given do not, by far."""
+        error, own = self.pairs.get(index, (float("inf"), 0.0))
+        slack, sure = self.evidence.slack, self.evidence.sure
+        return error <= sure and own > max(self.evidence.factor * error, error + slack)
+
+    def is_worse(self, index: int) -> bool:
+        """Tell whether a reading is ruled out."""
+        error, own = self.pairs.get(index, (0.0, 0.0))
+        return error > max(self.evidence.factor * own, own + self.evidence.slack)
+
+
+def check_cameras(
+    given: Cameras,
+    evidence: Sequence[CameraEvidence],
+    *,
+    step: int,
+    convention: CameraConvention,
+) -> CameraFinding:
+    """Hold the matrices of some frames against all that can tell.
+
+    Args:
+        given: by frame; of neighbours of the frames that are looked at, too.
+        evidence: the strongest first; empty where nothing tells.
+        step: numbers from a frame to the next.
+        convention: as it was declared, and taken into account.
+    """
+    readings = list_readings(given, step)
+    for number, matrices in given.items():
+        fault = _find_fault(matrices)
+        if fault:
+            chosen = _choose_sound(readings, evidence)
+            return CameraFinding(unfit=_describe_unfit(number, fault, chosen, convention))
+    trials = [t for e in evidence if (t := _try_readings(e, given, readings)) is not None]
+    errors = {t.evidence.name: t.own for t in trials}
+    for trial in trials:
+        better = _find_better(trial, readings)
+        if better is not None:
+            proof = _describe_proof(trial, better)
+            text = _describe_unfit(min(given), "", readings[better], convention, proof)
+            return CameraFinding(unfit=text, errors=errors)
+    return _judge_unopposed(given, readings, trials, errors)
+
+
+def _find_fault(matrices: CameraMatrices) -> str:
+    fault = find_view_fault(matrices.view)
+    if fault:
+        return f"worldToCamera {fault}"
+    if not is_sound(matrices):
+        return "worldToNDC is not worldToCamera times a projection of a camera that looks along -z"
+    return ""
+
+
+def _try_readings(
+    evidence: CameraEvidence, given: Cameras, readings: Sequence[CameraReading]
+) -> _Trial | None:
+    own = evidence.measure(given, closely=False)
+    if not own:
+        return None
+    mean = mean_error(own.values())
+    closely = mean <= evidence.slack
+    pairs = {}
+    for index, reading in enumerate(readings):
+        errors = evidence.measure(reading.cameras, closely=closely)
+        common = errors.keys() & own.keys()
+        if common:
+            pairs[index] = tuple(mean_error(e[n] for n in common) for e in (errors, own))
+    return _Trial(evidence=evidence, own=mean, pairs=pairs)  # type: ignore[arg-type]
+
+
+def _find_better(trial: _Trial, readings: Sequence[CameraReading]) -> int | None:
+    """The simplest of the readings that fit best where the matrices as given do not."""
+    better = [i for i in range(len(readings)) if trial.is_better(i)]
+    if not better:
+        return None
+    best = min(trial.pairs[i][0] for i in better)
+    slack = trial.evidence.slack
+    return next(i for i in better if trial.pairs[i][0] <= max(ALIKE * best, best + slack))
+
+
+def _choose_sound(
+    readings: Sequence[CameraReading], evidence: Sequence[CameraEvidence]
+) -> CameraReading | None:
+    """Of the sound readings, the one that fits; the simplest where nothing tells."""
+    for one in evidence:
+        errors = [mean_error(one.measure(r.cameras, closely=False).values()) for r in readings]
+        if errors and min(errors) <= one.limit:
+            return readings[errors.index(min(errors))]
+    return next((r for r in readings if not r.mirrors_world), None)
+
+
+def _judge_unopposed(
+    given: Cameras,
+    readings: Sequence[CameraReading],
+    trials: Sequence[_Trial],
+    errors: Mapping[str, float],
+) -> CameraFinding:
+    proofs = [t for t in trials if t.fits]
+    mirrored = is_mirrored(next(iter(given.values())).view)
+    plausible = [i for i, r in enumerate(readings) if mirrored or not r.mirrors_world]
+    open_ = [i for i in plausible if not any(t.is_worse(i) for t in proofs)]
+    own = [i for i in open_ if not readings[i].of_neighbour]
+    told = len(open_) < len(plausible)
+    if not proofs or not told:
+        doubt = " ".join(_describe_doubt(trials, mirrored=mirrored))
+        return CameraFinding(doubt=doubt, errors=errors)
+    undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))
+    return CameraFinding(
+        proofs=tuple(t.evidence.name for t in proofs),
+        undecided=tuple(undecided),
+        errors=errors,
+        certain=not own,
+    )
+
+
+def _shorten(reading: CameraReading) -> str:
+    if reading.of_neighbour:
+        return "those of a neighbouring frame"
+    return "of a mirrored world" if reading.mirrors_world else reading.text
+
+
+UNVERIFIED = "the camera matrices are unverified"
+
+
+def _describe_doubt(trials: Sequence[_Trial], *, mirrored: bool) -> Iterator[str]:
+    apart = [t for t in trials if not t.fits]
+    if apart:
+        listed = "; ".join(f"{t.evidence.name}: {_format(t.own, t)}" for t in apart)
+        yield f"{UNVERIFIED}: what the frames show does not agree with them ({listed})."
+    elif trials:
+        yield f"{UNVERIFIED}: nothing in these frames moves or turns so that it could tell."
+    else:
+        yield (
+            f"{UNVERIFIED}: the files hold nothing that could tell (world positions, motion with "
+            "depth, or normals with depth)."
+        )
+    if mirrored:
+        yield "They mirror: world and camera space are of different handedness."
+    yield "No other convention is measured by them; rtsr's own is in docs/frames.md."
+
+
+def _format(error: float, trial: _Trial) -> str:
+    return "behind the camera" if error >= 1e8 else f"{error:.3g} {trial.evidence.unit}"
+
+
+def _describe_proof(trial: _Trial, chosen: int) -> str:
+    error, own = trial.pairs[chosen]
+    return (
+        f"by {trial.evidence.name}, {_format(own, trial)} as given and "
+        f"{_format(error, trial)} in that reading"
+    )
+
+
+def _describe_unfit(
+    number: int,
+    fault: str,
+    reading: CameraReading | None,
+    convention: CameraConvention,
+    proof: str = "",
+) -> str:
+    """One message: what is wrong with the matrices, what they look like, the remedy."""
+    said = f" (read as declared: {convention})" if convention.words else ""
+    looks = () if reading is None else (f"worldToCamera looks {_word_look(reading)}",)
+    first = f"the camera matrices of frame {number} are not used{said}: "
+    found = ": ".join((*looks, fault or proof))
+    own = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
+    return f"{first}{found}; {own}{_word_declaration(reading, convention)}"
+
+
+def _word_look(reading: CameraReading) -> str:
+    text = reading.text
+    plain = text.startswith(("transposed", "inverted"))
+    return text if plain else f"like {text}" if not text.startswith("of ") else f"like that {text}"
+
+
+def _word_declaration(reading: CameraReading | None, convention: CameraConvention) -> str:
+    if reading is None or not reading.words or convention.words:
+        return ""
+    words = ", ".join(reading.words)
+    return f', or declare [camera] convention = "{words}" in capture.toml'

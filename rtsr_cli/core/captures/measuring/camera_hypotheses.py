@@ -1,0 +1,211 @@
+"""Other readings of camera matrices, which are tried where they fail as given.
+
+Transposed, inverted, other axes of the camera or of the world, another frame's. Of each reading
+there are two kinds: worldToNDC may be right by itself (it was made by the renderer), or it was made
+of the wrong worldToCamera (worldToNDC = worldToCamera . P, with a projection that is right).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rtsr_cli.core.captures.measuring.camera_structure import (
+    CameraMatrices,
+    Matrix4,
+    describe_axes,
+    find_axes,
+    find_view_fault,
+    is_projection,
+    is_sound,
+    measure_reach,
+)
+from rtsr_cli.core.frames.camera_convention import AXES, CameraWord
+
+Cameras = Mapping[int, CameraMatrices]
+"""By frame number."""
+
+Change = Callable[[Matrix4], Matrix4]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraReading:
+    """A way to read the matrices.
+
+    Attributes:
+        text: what they look like then.
+        words: what would have to be declared; none where no declaration says it.
+        cameras: as they would be, by frame.
+        mirrors_world: the world is of another handedness, which only positions and normals tell.
+        of_neighbour: they belong to another frame.
+    """
+
+    text: str
+    words: tuple[CameraWord, ...] = ()
+    cameras: Cameras
+    mirrors_world: bool = False
+    of_neighbour: bool = False
+
+
+def _invert(matrix: Matrix4) -> Matrix4:
+    try:
+        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.full((4, 4), np.nan)
+
+
+def _widen(axes: Sequence[Sequence[float]]) -> Matrix4:
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes
+    return matrix
+
+
+_ORDERS: tuple[tuple[str, tuple[CameraWord, ...], Change], ...] = (
+    ("", (), lambda m: m),
+    ("transposed (made for column vectors)", (CameraWord.COLUMN_VECTORS,), lambda m: m.T),
+    (
+        "inverted (camera to world)",
+        (CameraWord.CAMERA_TO_WORLD,),
+        _invert,
+    ),
+    (
+        "transposed and inverted (camera to world, for column vectors)",
+        (CameraWord.COLUMN_VECTORS, CameraWord.CAMERA_TO_WORLD),
+        lambda m: _invert(m).T,
+    ),
+)
+
+_SWAP_XY = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+_FLIPS: tuple[tuple[str, tuple[tuple[float, ...], ...]], ...] = (
+    ("x", ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+    ("y", ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))),
+    ("z", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))),
+)
+
+_CAMERA_AXES: tuple[Matrix4, ...] = tuple(
+    _widen(axes) for axes in (*(f for _, f in _FLIPS), _SWAP_XY, *list(AXES.values())[1:])
+)
+
+_WORLD_AXES: tuple[tuple[str, Matrix4], ...] = (
+    *((f"of a mirrored world (its {name} axis flipped)", _widen(axes)) for name, axes in _FLIPS),
+    ("of a mirrored world (its x and y swapped)", _widen(_SWAP_XY)),
+)
+
+
+def list_readings(given: Cameras, step: int) -> list[CameraReading]:
+    """Sound readings other than the one as given, the simplest first.
+
+    Args:
+        given: matrices of consecutive frames, as memory would take them.
+        step: numbers from a frame to the next.
+    """
+    found: dict[tuple[tuple[int, bytes], ...], CameraReading] = {}
+    for reading in _list_all(given, step):
+        own = {n: m.digits for n, m in reading.cameras.items()}
+        if any(given[n].digits != digits for n, digits in own.items()):
+            found.setdefault(tuple(own.items()), reading)
+    return list(found.values())
+
+
+def _list_all(given: Cameras, step: int) -> Iterator[CameraReading]:
+    yield from _list_axes("", (), given)
+    yield from _list_neighbours(given, step)
+    for text, words, change in _ORDERS:
+        for cameras in _list_pairs(given, change):
+            sound = _keep_sound(cameras)
+            if text and sound:
+                yield CameraReading(text=text, words=words, cameras=sound)
+            yield from _list_axes(text, words, cameras)
+    yield from _list_ndc_flips(given)
+
+
+def _list_pairs(given: Cameras, change: Change) -> Iterator[Cameras]:
+    """Matrices with the view changed, and clip space changed alike, kept, or made anew."""
+    if any(find_view_fault(change(m.view)) for m in given.values()):
+        return
+    yield {n: CameraMatrices(change(m.view), m.ndc) for n, m in given.items()}
+    yield {n: CameraMatrices(change(m.view), change(m.ndc)) for n, m in given.items()}
+    yield {n: CameraMatrices(change(m.view), m.ndc.T) for n, m in given.items()}
+    built = {n: m.projection for n, m in given.items()}
+    if all(is_projection(p, measure_reach(given[n].view)) for n, p in built.items()):
+        yield {
+            n: CameraMatrices(change(m.view), change(m.view) @ built[n]) for n, m in given.items()
+        }
+
+
+def _keep_sound(cameras: Cameras) -> Cameras:
+    return cameras if all(is_sound(m) for m in cameras.values()) else {}
+
+
+def _join(*texts: str) -> str:
+    return "; ".join(text for text in texts if text)
+
+
+def _list_axes(
+    text: str, words: tuple[CameraWord, ...], cameras: Cameras
+) -> Iterator[CameraReading]:
+    """Readings with other axes of the camera, and of the world."""
+    first = next(iter(cameras.values()))
+    if find_view_fault(first.view):
+        return
+    axes = find_axes(first)
+    if axes is None:
+        return
+    if not is_sound(first):
+        yield _turn_camera(text, words, cameras, axes, built=False)
+        return
+    for other in _CAMERA_AXES:
+        yield _turn_camera(text, words, cameras, other, built=True)
+    if text:
+        return
+    for name, world in _WORLD_AXES:
+        turned = {n: CameraMatrices(world @ m.view, world @ m.ndc) for n, m in cameras.items()}
+        yield CameraReading(text=name, cameras=_keep_sound(turned), mirrors_world=True)
+
+
+def _turn_camera(
+    text: str, words: tuple[CameraWord, ...], cameras: Cameras, axes: Matrix4, *, built: bool
+) -> CameraReading:
+    turned = {
+        n: CameraMatrices(m.view @ axes, m.view @ axes @ m.projection if built else m.ndc)
+        for n, m in cameras.items()
+    }
+    named = next((w for w, a in AXES.items() if np.array_equal(_widen(a), axes)), None)
+    return CameraReading(
+        text=_join(text, _describe_turn(axes)),
+        words=() if built or named is None else (*words, named),
+        cameras=_keep_sound(turned),
+    )
+
+
+def _describe_turn(axes: Matrix4) -> str:
+    flipped = next((n for n, flip in _FLIPS if np.array_equal(_widen(flip), axes)), "")
+    if np.array_equal(_widen(_SWAP_XY), axes):
+        return "its x and y axes swapped"
+    looks = f"a camera that {describe_axes(axes)}"
+    return f"its {flipped} axis flipped ({looks})" if flipped else looks
+
+
+def _list_neighbours(given: Cameras, step: int) -> Iterator[CameraReading]:
+    """Matrices that were written with the frame before, or after, their own."""
+    for offset, where in ((step, "after"), (-step, "before")):
+        moved = {n: given[n + offset] for n in given if n + offset in given}
+        yield CameraReading(
+            text=f"those of another frame: each frame's own are in the frame {where} it",
+            cameras=_keep_sound(moved),
+            of_neighbour=True,
+        )
+
+
+def _list_ndc_flips(given: Cameras) -> Iterator[CameraReading]:
+    """Clip space whose y grows downwards."""
+    flip = _widen(_FLIPS[1][1])
+    turned = {n: CameraMatrices(m.view, m.ndc @ flip) for n, m in given.items()}
+    yield CameraReading(
+        text="of a clip space whose y grows downwards",
+        words=(CameraWord.NDC_Y_DOWN,),
+        cameras=_keep_sound(turned),
+    )

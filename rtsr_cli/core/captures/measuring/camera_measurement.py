@@ -1,0 +1,170 @@
+"""Gathering what a few frames hold that camera matrices can be checked against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from torch import Tensor
+
+from rtsr_cli.core.captures.measuring.camera_check import CameraFinding, check_cameras
+from rtsr_cli.core.captures.measuring.camera_evidence import (
+    MOST_SURFACE_PIXELS,
+    CameraEvidence,
+    NormalEvidence,
+    PositionEvidence,
+    VectorEvidence,
+    list_likely_depths,
+    list_units,
+    mean_error,
+    thin,
+)
+from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
+from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
+from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry, ThinnedFrame
+from rtsr_cli.core.captures.measuring.normal_finder import unpack_normals
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.conventions import Conventions
+from rtsr_cli.core.frames.motion import MotionConvention
+
+Stored = Mapping[int, Mapping[Buffer, Tensor]]
+
+MOST_NORMAL_FRAMES = 2
+"""Frames whose normals are held against depth: one tells nearly all."""
+
+MOST_READINGS = 4
+"""Readings of motion under which matrices are tried."""
+
+
+def list_matrices(reader: FrameReader, numbers: Sequence[int]) -> Cameras:
+    """Matrices of some frames, and of those before and after them; empty without cameras."""
+    wanted = {n + offset for n in numbers for offset in (-reader.step, 0, reader.step)}
+    found = {}
+    # of neighbours those that were surveyed: no file is opened for them
+    for number in sorted(wanted & ({*reader.cameras} | {*numbers})):
+        camera = reader.cameras[number]
+        if camera.world_to_camera is not None and camera.world_to_ndc is not None:
+            found[number] = CameraMatrices(
+                camera.world_to_camera.double().numpy(), camera.world_to_ndc.double().numpy()
+            )
+    return found if set(numbers) <= found.keys() else {}
+
+
+def check_reader_cameras(
+    reader: FrameReader,
+    stored: Stored,
+    presumed: Conventions,
+    motions: Sequence[MotionConvention],
+) -> CameraFinding | None:
+    """Check the cameras of some frames; None where there are none.
+
+    Args:
+        reader: of the frames.
+        stored: their buffers, as stored.
+        presumed: conventions before anything is measured.
+        motions: readings of the vectors that may hold; none where that is not known.
+    """
+    given = list_matrices(reader, tuple(stored))
+    if not given:
+        return None
+    evidence = (
+        *_gather_positions(reader, stored, presumed, given),
+        *_gather_motion(reader, stored, presumed, motions, given),
+        *_gather_normals(reader, stored, presumed, given),
+    )
+    found = check_cameras(given, evidence, step=reader.step, convention=reader.matrices)
+    units = [e.units[0] for e in evidence if isinstance(e, PositionEvidence)]
+    proven = found.fits and PositionEvidence.name in found.proofs
+    return replace(found, position_unit_m=units[0]) if proven else found
+
+
+def _make_geometry(
+    reader: FrameReader, number: int, buffers: Mapping[Buffer, Tensor], leading: Buffer
+) -> StoredGeometry:
+    """Geometry of one frame; where there is no depth, another buffer stands for its size."""
+    return StoredGeometry(
+        depth=buffers.get(Buffer.DEPTH, buffers[leading][:, :1]),
+        motion_px=None,
+        position=buffers.get(Buffer.POSITION),
+        camera=reader.cameras[number],
+        previous=reader.cameras[number],
+        view=reader.view,
+    )
+
+
+def _gather_positions(
+    reader: FrameReader, stored: Stored, presumed: Conventions, given: Cameras
+) -> list[CameraEvidence]:
+    if Buffer.POSITION not in reader.stored:
+        return []
+    thinned = {n: thin(_make_geometry(reader, n, b, Buffer.POSITION)) for n, b in stored.items()}
+    frames = {n: frame for n, (frame, _) in thinned.items()}
+    thinning = next(iter(thinned.values()))[1]
+    units = list_units(presumed.metres_per_position)
+    evidence = PositionEvidence(frames=frames, units=units, thinning=thinning)
+    unit = evidence.choose_unit(given)
+    return [replace(evidence, units=list_units(unit))]
+
+
+def _gather_motion(
+    reader: FrameReader,
+    stored: Stored,
+    presumed: Conventions,
+    motions: Sequence[MotionConvention],
+    given: Cameras,
+) -> list[CameraEvidence]:
+    if not {Buffer.MOTION, Buffer.DEPTH} <= reader.stored or not motions:
+        return []
+    frames: dict[MotionConvention, dict[int, StoredGeometry]] = {}
+    thinning = 1
+    for motion in motions[:MOST_READINGS]:
+        frames[motion] = {}
+        for number, buffers in stored.items():
+            source = number + motion.file_offset * reader.step
+            if source not in stored:
+                continue
+            geometry = _make_geometry(reader, number, buffers, Buffer.DEPTH)
+            vectors = motion.pixels(stored[source][Buffer.MOTION], reader.view.display, dim=1)
+            other = number + (reader.step if motion.direction.to_next else -reader.step)
+            previous = reader.cameras[other] if other in given else geometry.camera
+            moved = replace(geometry, motion_px=vectors, position=None, previous=previous)
+            frames[motion][number], thinning = thin(moved)
+    evidence = VectorEvidence(
+        frames=frames,
+        step=reader.step,
+        depths=list_likely_depths(presumed.depth),
+        thinning=thinning,
+    )
+    return [evidence.hold(given)]
+
+
+def _gather_normals(
+    reader: FrameReader, stored: Stored, presumed: Conventions, given: Cameras
+) -> list[CameraEvidence]:
+    """Normals and depths; nothing where the normals are of the camera's own axes."""
+    buffer = Buffer.GEONORMAL if Buffer.GEONORMAL in reader.stored else Buffer.NORMAL
+    if not {buffer, Buffer.DEPTH} <= reader.stored:
+        return []
+    frames, normals = {}, {}
+    for number, buffers in list(stored.items())[-MOST_NORMAL_FRAMES:]:
+        unit = unpack_normals(buffers[buffer])
+        if unit is None:
+            continue
+        frames[number], thinning = thin(
+            _make_geometry(reader, number, buffers, Buffer.DEPTH), MOST_SURFACE_PIXELS
+        )
+        normals[number] = ThinnedFrame(thinning).image(unit)
+    depths = list_likely_depths(presumed.depth)[:5]
+    evidence = NormalEvidence(frames=frames, normals=normals, depths=depths)
+    in_world = mean_error(evidence.measure(given, closely=False).values())
+    in_camera = evidence.measure_in_camera(given)
+    if in_camera <= evidence.limit and in_camera < in_world - evidence.slack:
+        return []
+    return [evidence.hold(given)]
+
+
+def drop_matrices(camera: CameraMetadata) -> CameraMetadata:
+    """Return a camera without its matrices."""
+    return replace(camera, world_to_camera=None, world_to_ndc=None)

@@ -1,0 +1,206 @@
+"""Finding which stored depth is the sky's: far, infinite, 0, negative, or the far plane's.
+
+One rule holds for a whole sequence. Far and infinite depths are sky in any case. A value that no
+surface has (0 or below) is the sky's where it fills regions and nothing contradicts that, or where
+normals, object ids or coverage of 0 say so; a largest value that many pixels share is where they
+do. Impossible values that are scattered, or lie on surfaces, are said and taken for what they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.conventions import (
+    SKY_MARKERS,
+    Conventions,
+    DepthConvention,
+    DepthKind,
+    SkyRule,
+    is_sky_depth,
+)
+from rtsr_cli.core.shapes import Mask, Plane
+
+Stored = Mapping[Buffer, Tensor]
+"""Buffers of a frame as its files hold them."""
+
+SKY_BUFFERS = (Buffer.DEPTH, Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.ALPHA)
+
+FULL = 0.6
+"""Mean share of the 3x3 pixels around that belong to it too: a region, no scattered pixels."""
+
+AGREES = 0.9
+"""Share of pixels that have to be marked."""
+
+LEAST_PIXELS = 16
+"""Fewer decide nothing."""
+
+LEAST_SHARE = 0.002
+"""Of pixels that share the largest depth, so that it may be the far plane's."""
+
+EVERYTHING = 0.95
+"""A value of so many pixels is a pass that is not there, or depth of another sign."""
+
+DOUBTFUL = 0.01
+"""Share of impossible values from which they are said."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkyFinding:
+    """What is sky in the frames that were looked at.
+
+    Attributes:
+        share: of the pixels.
+        rule: what it was found by, for the user.
+        sky: what depth is to be read with, None where that is as presumed.
+        impossible: share of pixels whose depth is 0, negative or no number, and no sky.
+    """
+
+    share: float
+    rule: str
+    sky: float | None = None
+    impossible: float = 0.0
+
+
+def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
+    """Find what is sky.
+
+    Args:
+        frames: of one size, with `SKY_BUFFERS` as far as they are there.
+        conventions: presumed, with the rule that is declared if one is.
+    """
+    convention, marker = conventions.depth, conventions.normal.sky
+    if marker is not None and Buffer.NORMAL in frames[0]:
+        own = torch.tensor(marker).view(1, 3, 1, 1)
+        marked = [f[Buffer.NORMAL].sub(own).abs().lt(1e-3).all(1, keepdim=True) for f in frames]
+        return SkyFinding(share=_share(marked), rule=f"normals of {marker}")
+    if Buffer.DEPTH not in frames[0]:
+        zero = [_is_zero(f[Buffer.NORMAL]) for f in frames if Buffer.NORMAL in f]
+        return SkyFinding(share=_share(zero), rule="normals of 0, as there is no depth")
+    depths = [frame[Buffer.DEPTH].float() for frame in frames]
+    known = _find_by_rule(frames, depths, convention)
+    if convention.sky is not None or convention.kind is DepthKind.DEVICE:
+        return known
+    beyond = [~(d > 0) & ~torch.isinf(d) for d in depths]
+    for where, value, suffices in (
+        (beyond, _most_common(beyond, depths), True),
+        (*_find_farthest(depths, convention), False),
+    ):
+        if value is None:
+            continue
+        chosen = [torch.eq(d, value) for d in depths]
+        if _share(chosen) < AGREES * _share(where) or _share(chosen) > EVERYTHING:
+            continue
+        if _is_marked(chosen, frames, region_suffices=suffices):
+            again = DepthConvention(kind=convention.kind, unit_m=convention.unit_m, sky=value)
+            found = _find_by_rule(frames, depths, again)
+            return SkyFinding(
+                share=found.share,
+                rule=f"{found.rule}, measured",
+                sky=value,
+                impossible=found.impossible,
+            )
+    return known
+
+
+def _find_by_rule(
+    frames: Sequence[Stored], depths: Sequence[Plane], convention: DepthConvention
+) -> SkyFinding:
+    """Take for sky what a convention does."""
+    sky = [is_sky_depth(d, convention) for d in depths]
+    marker = SKY_MARKERS.get(convention.sky) if isinstance(convention.sky, SkyRule) else None
+    if marker is not None and marker in frames[0]:
+        sky = [s | _is_zero(f[marker]) for s, f in zip(sky, frames, strict=True)]
+    possible = [s | (d > 0) for s, d in zip(sky, depths, strict=True)]
+    impossible = 0.0 if convention.kind is DepthKind.DEVICE else 1.0 - _share(possible)
+    return SkyFinding(share=_share(sky), rule=describe_rule(convention), impossible=impossible)
+
+
+def describe_rule(convention: DepthConvention) -> str:
+    """Say what is sky by a convention."""
+    rule = convention.sky
+    if convention.kind is DepthKind.DEVICE and not isinstance(rule, SkyRule):
+        return f"device depth of {0 if convention.reversed else 1}"
+    if isinstance(rule, SkyRule):
+        return _RULES[rule]
+    if rule is None:
+        return _RULES[SkyRule.FAR]
+    return f"depth of {rule:g} or {'more' if rule > 0 else 'less'}"
+
+
+_RULES = {
+    SkyRule.FAR: f"depth of {SKY_DEPTH_M:g} or more, or infinite",
+    SkyRule.NONE: "nothing, as declared",
+    SkyRule.NORMAL: "normals of 0",
+    SkyRule.OBJECT_ID: "object id 0",
+    SkyRule.ALPHA: "alpha 0",
+}
+
+
+def _is_zero(image: Tensor) -> Mask:
+    return (image == 0).all(1, keepdim=True)
+
+
+def _share(masks: Sequence[Mask]) -> float:
+    pixels = sum(mask.numel() for mask in masks)
+    return sum(int(mask.sum()) for mask in masks) / pixels if pixels else 0.0
+
+
+def _most_common(masks: Sequence[Mask], depths: Sequence[Plane]) -> float | None:
+    """The value that most pixels of the masks share, None where they are too few."""
+    values = torch.cat([d[m] for m, d in zip(masks, depths, strict=True)])
+    values = values[torch.isfinite(values)]
+    # the middle one is the one that more than half of them are
+    return float(values.median()) + 0.0 if values.numel() >= LEAST_PIXELS else None
+
+
+def _find_farthest(
+    depths: Sequence[Plane], convention: DepthConvention
+) -> tuple[list[Mask], float | None]:
+    """Pixels of the largest depth, and it, where many share it and nothing is farther."""
+    if any(bool(is_sky_depth(d, convention).any()) for d in depths):
+        return [], None
+    farthest = max(float(d.nan_to_num().amax()) for d in depths)
+    masks = [d == farthest for d in depths]
+    pixels = sum(int(m.sum()) for m in masks)
+    enough = pixels >= LEAST_PIXELS and _share(masks) >= LEAST_SHARE and farthest > 0
+    return masks, farthest if enough else None
+
+
+def _is_marked(masks: Sequence[Mask], frames: Sequence[Stored], *, region_suffices: bool) -> bool:
+    """Tell whether other buffers, or their shape, show that pixels are sky."""
+    marks = [
+        _share_within(masks, [_is_zero(f[buffer]) for f in frames])
+        for buffer in SKY_MARKERS.values()
+        if buffer in frames[0]
+    ]
+    if any(share >= AGREES for share in marks):
+        return True
+    if not region_suffices or _have_surfaces(masks, frames):
+        return False
+    around = [
+        F.avg_pool2d(m.float(), 3, stride=1, padding=1, count_include_pad=False) for m in masks
+    ]
+    values = torch.cat([a[m] for a, m in zip(around, masks, strict=True)])
+    return float(values.mean()) >= FULL
+
+
+def _share_within(masks: Sequence[Mask], marked: Sequence[Mask]) -> float:
+    inside = torch.cat([k[m] for k, m in zip(marked, masks, strict=True)])
+    return float(inside.float().mean())
+
+
+def _have_surfaces(masks: Sequence[Mask], frames: Sequence[Stored]) -> bool:
+    """Tell whether normals vary in some pixels, which those of the sky do not."""
+    if Buffer.NORMAL not in frames[0]:
+        return False
+    normals = torch.cat(
+        [f[Buffer.NORMAL][0][:, m[0, 0]] for f, m in zip(frames, masks, strict=True)], 1
+    )
+    alike = (normals == normals.median(dim=1, keepdim=True).values).all(0)
+    return float(alike.float().mean()) < AGREES

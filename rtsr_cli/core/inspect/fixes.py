@@ -1,0 +1,136 @@
+"""The nearest fix of what is missing, as a line to paste; none where it would be a guess."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from rtsr_cli.core.captures.channel_guesses import write_guess
+from rtsr_cli.core.captures.measuring.declaration_text import write_toml_value
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.imaging.derivation import CAMERA
+from rtsr_cli.core.inspect.readiness import SystemReadiness
+from rtsr_cli.core.pairs.sources import HR_FRAMES
+
+BUFFERS_TABLE = "[buffers] of capture.toml"
+HEAD = "the head of capture.toml"
+SHELL = "the command line"
+"""Where lines belong."""
+
+CONSTANTS: Mapping[Buffer, tuple[float, str]] = {
+    Buffer.METALLIC: (0.0, "if nothing is of metal"),
+    Buffer.ROUGHNESS: (0.5, "one number for all surfaces, if no pass holds it"),
+}
+"""Buffers that may be one number for a whole scene: one to begin with, and when it is right."""
+
+MATERIAL_NOTE = "all that radiance is divided by"
+CAMERA_NOTE = "a row a frame: frame, worldToCamera, worldToNDC; see docs/frames.md"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fix:
+    """A line that provides something that is missing.
+
+    Attributes:
+        missing: what, without the size of the frames.
+        where: the line belongs.
+        line: to paste.
+        note: what it takes to be right; may be empty.
+    """
+
+    missing: str
+    where: str
+    line: str
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hints:
+    """What is known of frames that may stand for what is missing.
+
+    Attributes:
+        guessed: buffer -> channels that may be it, by name and by what they hold.
+        layers: to choose from.
+        layout: that the frames look like, where it has to be named; else empty.
+        material: how channels add up to what radiance is divided by; empty if they do not.
+    """
+
+    guessed: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
+    layers: tuple[str, ...] = ()
+    layout: str = ""
+    material: str = ""
+
+
+def list_fixes(
+    commands: Mapping[str, Mapping[str, SystemReadiness]], hints: Hints
+) -> tuple[Fix, ...]:
+    """Return the lines that would provide what the systems of commands lack.
+
+    Args:
+        commands: by command, whether each of its systems or parts can run.
+        hints: what may stand for what is missing.
+    """
+    missing = dict.fromkeys(
+        name
+        for systems in commands.values()
+        for readiness in systems.values()
+        for name in map(strip_size, readiness.missing)
+    )
+    fixes = [fix for name in missing for fix in _list_fixes_of(name, hints)]
+    # channels that may be something are worth a line even while nothing can be read at all
+    known = {fix.line for fix in fixes}
+    offered = [_declare_guess(b, hints) for b in hints.guessed] if _is_unread(missing) else []
+    fixes += [fix for fix in offered if fix.line not in known]
+    return tuple(dict.fromkeys(fixes))
+
+
+def strip_size(missing: str) -> str:
+    """Leave out of which frames something is missing: one declaration is for both sizes."""
+    return missing if missing == HR_FRAMES else missing.removeprefix("lr ").removeprefix("hr ")
+
+
+UNREAD, UNNAMED = "a known layout", "a named layout"
+"""What is missing where no layout fits, and where one fits that nothing proves."""
+
+
+def _is_unread(missing: Mapping[str, None]) -> bool:
+    return UNREAD in missing
+
+
+def _list_fixes_of(missing: str, hints: Hints) -> Iterator[Fix]:
+    if missing in {buffer.value for buffer in Buffer}:
+        yield from _list_buffer_fixes(Buffer(missing), hints)
+    elif missing.startswith(CAMERA):
+        yield Fix(missing=missing, where=HEAD, line='camera = "camera.csv"', note=CAMERA_NOTE)
+    elif missing == HR_FRAMES:
+        note = "the folder of the G-buffers of the target size"
+        yield Fix(missing=missing, where=SHELL, line="--hr DIR", note=note)
+    elif hints.layout and missing == UNNAMED:
+        line = f"layout = {write_toml_value(hints.layout)}"
+        yield Fix(missing=missing, where=HEAD, line=line, note="or --layout")
+    elif missing == "a choice of layer":
+        for name in hints.layers:
+            line = f"layer = {write_toml_value(name)}"
+            yield Fix(missing=missing, where=HEAD, line=line, note="or --layer NAME")
+
+
+PARTS = frozenset({Buffer.MATERIAL, Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV})
+"""What need not be there where material is."""
+
+
+def _list_buffer_fixes(buffer: Buffer, hints: Hints) -> Iterator[Fix]:
+    if hints.material and buffer in PARTS:
+        line = f"material = {write_toml_value(hints.material)}"
+        yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=MATERIAL_NOTE)
+    elif buffer in hints.guessed:
+        yield _declare_guess(buffer, hints)
+    elif buffer in CONSTANTS:
+        value, note = CONSTANTS[buffer]
+        line = f"{buffer} = {write_toml_value(value)}"
+        yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=note)
+
+
+def _declare_guess(buffer: Buffer, hints: Hints) -> Fix:
+    line = f"{buffer} = {write_guess(buffer, hints.guessed[buffer])}"
+    note = f"if these are {BUFFER_SPECS[buffer].unit}"
+    return Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=note)

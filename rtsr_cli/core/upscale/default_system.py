@@ -1,0 +1,148 @@
+"""Which system upscales where none is named, and why those above it in preference cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from rtsr_cli.core.choices import InputCondition, NonfinitePolicy
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.derivation import CAMERA
+from rtsr_cli.core.network.load import has_weights
+from rtsr_cli.core.pairs.sources import HR_FRAMES, PairSource
+from rtsr_cli.core.run.system_inputs import SystemTable, resolve_system_inputs
+from rtsr_cli.core.system import System
+from rtsr_cli.core.wording import join_names
+
+NETWORKS = "networks"
+"""What trained systems are called together."""
+
+FIRST = 4
+"""Things that are missing and named; of more, the rest is counted."""
+
+CHECKS: Mapping[InputCondition, Callable[[PairSource], bool]] = {
+    InputCondition.TRUSTED_MOTION: lambda source: source.reader.motion_trusted,
+    InputCondition.JITTER: lambda source: source.jitters,
+}
+"""Whether inputs meet a condition."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassedOver:
+    """A preferred system that is not the default for some inputs.
+
+    Attributes:
+        system: which.
+        missing: what the inputs lack, size before each; empty if they lack nothing.
+        reason: what else keeps it back, behind its name: "is not made for 3x".
+    """
+
+    system: System
+    missing: tuple[str, ...] = ()
+    reason: str = ""
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """What is missing, whatever the size."""
+        return tuple(dict.fromkeys(m.removeprefix("lr ") for m in map(_strip_size, self.missing)))
+
+
+def _strip_size(missing: str) -> str:
+    return missing if missing == HR_FRAMES else missing.removeprefix("hr ")
+
+
+def choose_default(
+    source: PairSource, systems: SystemTable, policy: NonfinitePolicy
+) -> tuple[System, list[PassedOver]]:
+    """Return the first preferred system that can run, and those that are passed over for it.
+
+    Where none can, it is the last one, whose refusal asks for least.
+    """
+    passed: list[PassedOver] = []
+    for name in systems.preferred:
+        system = systems.load(name)
+        found = judge_preferred(system, source, systems, policy)
+        if found is None:
+            return system, passed
+        passed.append(found)
+    return passed[-1].system, passed[:-1]
+
+
+def judge_preferred(
+    system: System, source: PairSource, systems: SystemTable, policy: NonfinitePolicy
+) -> PassedOver | None:
+    """Say why a preferred system is not the default for these inputs; None if it may be."""
+    scale = source.scale
+    if system.scales and scale not in system.scales:
+        return PassedOver(system=system, reason=f"not made for {scale}x")
+    missing = source.missing(resolve_system_inputs(system, policy))
+    if missing:
+        return PassedOver(system=system, missing=missing)
+    if not has_weights(system, scale):
+        return PassedOver(system=system, reason=f"without weights for {scale}x")
+    unmet = [c for c in systems.when.get(system.name, ()) if not CHECKS[c](source)]
+    if unmet:
+        return PassedOver(system=system, reason=f"preferred only with {' and '.join(unmet)}")
+    return None
+
+
+def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> str:
+    """Say in one line what keeps the better systems back; empty if there are none."""
+    groups: dict[object, list[PassedOver]] = {}
+    for one in passed:
+        groups.setdefault(frozenset(one.lacks) or one.reason, []).append(one)
+    if not groups:
+        return ""
+    trained = {one.system.name for one in passed if one.system.learning is not None}
+    texts = [_describe_group(members, trained) for members in groups.values()]
+    return f"{len(source.reader.stored)} buffers found; {'; '.join(texts)}"
+
+
+def _describe_group(members: Sequence[PassedOver], trained: set[str]) -> str:
+    """Who, what they need, and what would help."""
+    names = join_names(name_together([one.system for one in members], trained))
+    lacks = members[0].lacks
+    if not lacks:
+        return f"{names}: {members[0].reason}"
+    more = f" and {len(lacks) - FIRST} more" if len(lacks) > FIRST else ""
+    listed = join_names(lacks[:FIRST]) if not more else ", ".join(lacks[:FIRST])
+    plural = len(members) > 1
+    return f"{names} {'need' if plural else 'needs'} {listed}{more}: {suggest_remedy(lacks)}"
+
+
+def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:
+    """Name systems in few words: all trained ones as networks, others by what names share.
+
+    Args:
+        systems: to name.
+        trained: names of all trained systems that could be meant.
+    """
+    given = list(systems)
+    names = [system.name for system in given]
+    whole = len(trained) > 1 and trained <= set(names)
+    left = [n for n in names if not (whole and n in trained)]
+    stems = [name.partition("-")[0] for name in left]
+    named = dict.fromkeys(
+        f"{stem}-*" if stems.count(stem) > 1 and "-" in name else name
+        for name, stem in zip(left, stems, strict=True)
+    )
+    return [*named, *([NETWORKS] if whole else [])]
+
+
+CONSTANTS = frozenset({Buffer.METALLIC.value, Buffer.ROUGHNESS.value})
+"""What may be one number for a whole scene."""
+
+SURFACE = CONSTANTS | {Buffer.ALBEDO.value, Buffer.MATERIAL.value, Buffer.NOV.value}
+"""What material follows from."""
+
+
+def suggest_remedy(lacks: Iterable[str]) -> str:
+    """Say in a few words what would help against what is missing."""
+    names = set(lacks)
+    if names <= CONSTANTS:
+        return "declare constants or material"
+    if HR_FRAMES in names:
+        return "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
+    if any(name.startswith(CAMERA) for name in names):
+        return "give the cameras (headers, or a side-car in capture.toml)"
+    return "declare material" if names <= SURFACE else "render or declare them"

@@ -1,0 +1,16 @@
+"""Counts and lists in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def say_count(count: int, noun: str) -> str:
+    """Write 1 frame, 2 frames."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def join_names(names: Iterable[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    known = list(names)
+    return " and ".join(filter(None, [", ".join(known[:-1]), *known[-1:]]))

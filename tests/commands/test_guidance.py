@@ -1,0 +1,214 @@
+"""What can run, what is missing, and lines to paste: said before anything is tried."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+
+Run = Callable[..., Result]
+Planes = dict[str, Any]
+Copy = Callable[..., Path]
+
+SURFACE = ("metallic", "roughness")
+MOTION = ("motion.X", "motion.Y")
+DECLARED_MOTION = (
+    '[motion]\nunit = "pixels"\ndirection = "previous-minus-current"\ny_axis = "down"\n'
+)
+
+
+@pytest.fixture
+def capture(small_capture: Path, tmp_path: Path) -> Copy:
+    """Four frames of an HR capture, without some channels, others under another name."""
+
+    def copy(drop: tuple[str, ...] = (), renamed: dict[str, str] | None = None) -> Path:
+        folder = tmp_path / "shot"
+        for path in sorted(small_capture.glob("*.exr")):
+            header = read_header(path)
+            kept = [name for name in header.channels if name not in drop]
+            planes = read_channels(path, kept)
+            named = {(renamed or {}).get(n, n): plane for n, plane in planes.items()}
+            write_exr(folder / path.name, named, attributes=header.attributes)
+        (folder / "capture.toml").write_text(f'layout = "rtsr"\n{DECLARED_MOTION}')
+        return folder
+
+    return copy
+
+
+def inspected(rtsr: Run, folder: Path) -> dict[str, Any]:
+    facts: dict[str, Any] = json.loads(rtsr("inspect", folder, "--json").stdout)
+    return facts
+
+
+def planned(rtsr: Run, folder: Path, *options: object) -> dict[str, Any]:
+    result = rtsr("upscale", folder, folder.parent / "out", *options, "--dry-run", "--json")
+    assert result.exit_code == 0, result.output
+    plan: dict[str, Any] = json.loads(result.stdout.splitlines()[0])
+    return plan
+
+
+def test_upscale_says_in_one_line_why_better_systems_cannot_run(rtsr: Run, capture: Copy) -> None:
+    folder = capture(SURFACE)
+    result = rtsr("upscale", folder, folder.parent / "out", "--simulate-lr", 4, "--dry-run")
+    (line,) = [line for line in result.output.splitlines() if "buffers found" in line]
+    said = "demod-* and networks need metallic and roughness: declare constants or material"
+    assert said in line
+    count = len(inspected(rtsr, folder)["buffers"])
+    assert line.strip().startswith(f"{count} buffers found; ")
+
+
+def test_where_the_best_runs_nothing_is_said(rtsr: Run, small_shot: Path) -> None:
+    assert planned(rtsr, small_shot)["better"] == ""
+    named = planned(rtsr, small_shot, "--system", "bicubic")
+    assert named["better"] == ""
+
+
+def test_taau_is_preferred_where_motion_and_jitter_can_be_relied_upon(
+    rtsr: Run, capture: Copy
+) -> None:
+    folder = capture(SURFACE)
+    jittered = ("--simulate-lr", 4, "--jitter", "halton")
+    assert planned(rtsr, folder, *jittered)["system"] == "taau"
+    still = planned(rtsr, folder, "--simulate-lr", 4)
+    assert still["system"] == "bicubic"
+    assert "taau: preferred only with jitter" in still["better"]
+    text = (folder / "capture.toml").read_text()
+    turned = text.replace("previous-minus-current", "current-minus-previous")
+    (folder / "capture.toml").write_text(turned)
+    contradicted = planned(rtsr, folder, *jittered)
+    assert contradicted["system"] == "bicubic"
+    assert "taau: preferred only with motion" in contradicted["better"]
+
+
+def test_without_motion_bicubic_remains(rtsr: Run, capture: Copy) -> None:
+    plan = planned(rtsr, capture((*SURFACE, *MOTION)), "--simulate-lr", 4, "--jitter", "halton")
+    assert plan["system"] == "bicubic"
+    assert "taau needs motion" in plan["better"]
+
+
+def test_inspect_covers_every_command_that_reads_frames(
+    rtsr: Run, small_shot: Path, capture: Copy
+) -> None:
+    commands = inspected(rtsr, small_shot)["commands"]
+    assert set(commands) == {"upscale", "predict-vrs", "train", "evaluate"}
+    assert commands["train"]["nsrd"]["ready"], "reference/ holds the radiance"
+    assert commands["train"]["rt-percept"]["missing"] == ["a scale of 1x"]
+    assert commands["upscale"]["fusesr-direct"]["missing"] == [
+        "weights for 4x (rtsr train makes them)"
+    ]
+    lacking = inspected(rtsr, capture(("normal.X", "normal.Y", "normal.Z")))["commands"]
+    assert lacking["predict-vrs"]["analytic"] == {"ready": False, "missing": ["normal"], "how": ""}
+    assert lacking["evaluate"]["pictures"]["ready"]
+    assert lacking["evaluate"]["along motion"]["ready"]
+    assert lacking["evaluate"]["by region"]["missing"] == ["normal"]
+    assert not lacking["train"]["fusesr-fast"]["ready"]
+
+
+def test_the_report_has_the_same_and_the_lines_to_paste(rtsr: Run, capture: Copy) -> None:
+    output = rtsr("inspect", capture(SURFACE)).output
+    lines = [line.strip() for line in output.splitlines()]
+    assert any(line.startswith("predict-vrs rt-percept") for line in lines)
+    assert any(line.startswith("evaluate    pictures        ready") for line in lines)
+    assert any(line.startswith("to paste    metallic = 0.0  ") for line in lines)
+    assert any(line.startswith("roughness = 0.5  ") for line in lines)
+
+
+def paste(folder: Path, fixes: list[dict[str, Any]]) -> None:
+    """Put lines where they say that they belong."""
+    path = folder / "capture.toml"
+    head = "".join(f"{fix['line']}\n" for fix in fixes if fix["where"].startswith("the head"))
+    own = "".join(f"{fix['line']}\n" for fix in fixes if fix["where"].startswith("[buffers]"))
+    path.write_text(f"{head}{path.read_text()}{'[buffers]' if own else ''}\n{own}")
+    tomllib.loads(path.read_text())
+
+
+@pytest.mark.parametrize(
+    ("drop", "renamed"),
+    [
+        ((), {"metallic": "mtl", "roughness": "rgh"}),
+        ((), {"albedo.R": "basecol.R", "albedo.G": "basecol.G", "albedo.B": "basecol.B"}),
+        ((), {"normal.X": "nml.X", "normal.Y": "nml.Y", "normal.Z": "nml.Z"}),
+        (("metallic",), {"roughness": "surface_rough"}),
+        (SURFACE, {}),
+    ],
+    ids=["numbers", "colour", "vectors", "a constant and a channel", "constants"],
+)
+def test_pasted_lines_make_the_systems_ready(
+    rtsr: Run, capture: Copy, drop: tuple[str, ...], renamed: dict[str, str]
+) -> None:
+    folder = capture(drop, renamed)
+    before = inspected(rtsr, folder)
+    assert not before["systems"]["demod-guided"]["ready"]
+    paste(folder, before["fixes"])
+    after = inspected(rtsr, folder)
+    assert after["systems"]["demod-guided"]["ready"], after["problems"]
+    assert after["fixes"] == []
+    plan = planned(rtsr, folder, "--simulate-lr", 4)
+    assert plan["system"].startswith(("fusesr", "demod"))
+
+
+COLOURS = ("albedo.R", "albedo.G", "albedo.B")
+
+
+@pytest.mark.parametrize(
+    ("drop", "renamed"),
+    [
+        # a colour under a name of roughness, of metal, and of depth
+        (("roughness",), {c: c.replace("albedo", "Glossy") for c in COLOURS}),
+        (("metallic",), {c: c.replace("albedo", "metal_tint") for c in COLOURS}),
+        (("depth.Z",), {c: c.replace("albedo", "depth_colour") for c in COLOURS}),
+        # a normal under a name of motion, and motion under that of a normal
+        (MOTION, {f"normal.{c}": f"vector.{c}" for c in "XYZ"}),
+        (("normal.X", "normal.Y", "normal.Z"), {"motion.X": "norm.X", "motion.Y": "norm.Y"}),
+        # light under the name of a surface
+        (COLOURS, {f"emission.{c}": f"diffuse_light.{c}" for c in "RGB"}),
+    ],
+)
+def test_a_wrong_guess_is_never_offered(
+    rtsr: Run, capture: Copy, drop: tuple[str, ...], renamed: dict[str, str]
+) -> None:
+    found = inspected(rtsr, capture(drop, renamed))
+    right = {"normal"} if "vector.X" in renamed.values() else set()
+    assert set(found["guesses"]) <= right
+    lines = [fix["line"] for fix in found["fixes"]]
+    assert not any(name in line for line in lines for name in renamed.values() if not right)
+
+
+def test_two_colours_are_offered_as_material(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "shot"
+    for path in sorted(small_capture.glob("*.exr")):
+        header = read_header(path)
+        planes = dict(read_channels(path, header.channels))
+        for name in (*SURFACE, *COLOURS):
+            plane = planes.pop(name)
+            if name in COLOURS:
+                planes[f"Diff Col{name[-2:]}"] = plane * 0.5
+                planes[f"Gloss Col{name[-2:]}"] = plane * 0.25
+        write_exr(folder / path.name, planes, attributes=header.attributes)
+    (folder / "capture.toml").write_text(f'layout = "rtsr"\n{DECLARED_MOTION}')
+    lines = {fix["line"] for fix in inspected(rtsr, folder)["fixes"]}
+    assert 'material = "Diff Col.RGB + Gloss Col.RGB"' in lines
+    assert "metallic = 0.0" not in lines
+
+
+def test_evaluate_names_what_it_did_not_search(rtsr: Run, small_shot: Path, tmp_path: Path) -> None:
+    test = tmp_path / "test"
+    test.mkdir()
+    for path in sorted((small_shot / "reference").glob("*.exr")):
+        (test / path.name).write_bytes(path.read_bytes())
+    (test / "again").symlink_to(test)
+    line = ("evaluate", test, small_shot, "--metric", "psnr", "--dry-run")
+    result = rtsr(*line)
+    assert result.exit_code == 0, result.output
+    assert f"Warning: {test}: not searched: {test / 'again'}" in result.output
+    (plan,) = (json.loads(text) for text in rtsr(*line, "--json").stdout.splitlines())
+    assert "not searched" in plan["remarks"][0]

@@ -1,0 +1,137 @@
+"""Sky that renderers write in other ways, and surfaces whose material carries no radiance."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from numpy.typing import NDArray
+
+from rtsr_cli.core.files.exr import Plane
+
+Change = Callable[[dict[str, Plane], int], None]
+Copy = Callable[[Path, Change], Path]
+Run = Callable[..., Result]
+Load = Callable[[Path], NDArray[np.float32]]
+
+
+def make_shot(source: Path, target: Path, changed: Copy, change: Change, declared: str) -> Path:
+    """A shot whose frames are changed at both sizes, with more declared about it."""
+    target.mkdir()
+    for size in ("lr", "hr"):
+        changed(source / size, change).rename(target / size)
+    shutil.copytree(source / "reference", target / "reference")
+    known = (source / "capture.toml").read_text(encoding="utf-8")
+    (target / "capture.toml").write_text(f"{known}\n{declared}", encoding="utf-8")
+    return target
+
+
+def clear_sky(value: float) -> Change:
+    def change(planes: dict[str, Plane], number: int) -> None:
+        del number
+        depth = planes["depth.Z"]
+        depth[depth >= 65504.0] = value
+
+    return change
+
+
+def test_sky_at_depth_0_gives_the_pixels_of_sky_at_far(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, load_rgb: Load
+) -> None:
+    for value, declared in ((0.0, ""), (-1.0, ""), (0.0, "[depth]\nsky = 0.0")):
+        shot = make_shot(
+            small_shot,
+            tmp_path / f"shot{value}{len(declared)}",
+            changed,
+            clear_sky(value),
+            declared,
+        )
+        out = tmp_path / f"out{value}{len(declared)}"
+        result = rtsr("upscale", shot, out, "--system", "demod-guided", "--frames", "2")
+        assert result.exit_code == 0, result.output
+        assert ("sky measured" in result.output) == (not declared)
+        right = tmp_path / "right"
+        rtsr("upscale", small_shot, right, "--system", "demod-guided", "--frames", "2")
+        ours, theirs = (next(f.rglob("*.exr")) for f in (out, right))
+        assert np.array_equal(load_rgb(ours), load_rgb(theirs))
+
+
+def test_inspect_says_the_share_of_the_sky_and_its_rule(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    shot = make_shot(small_shot, tmp_path / "shot", changed, clear_sky(0.0), "")
+    plain, other = (json.loads(rtsr("inspect", s, "--json").output) for s in (small_shot, shot))
+    found: dict[str, Any] = other["sky"]
+    assert found["share"] == plain["sky"]["share"] > 0.0
+    assert found["rule"] == "depth of 0 or less, measured"
+    assert found["impossible"] == 0.0
+    text = rtsr("inspect", shot).output
+    assert "of the pixels, by depth of 0 or less, measured" in text
+
+
+def test_scattered_depth_of_0_is_warned_of(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    def change(planes: dict[str, Plane], number: int) -> None:
+        depth = planes["depth.Z"]
+        spoilt = np.random.default_rng(number).random(depth.shape) < 0.05
+        depth[spoilt & (depth < 65504.0)] = 0.0
+
+    shot = make_shot(small_shot, tmp_path / "shot", changed, change, "")
+    text = " ".join(rtsr("inspect", shot).output.split())
+    assert "of the depth values are 0, negative or no number" in text
+    assert "[depth] sky" in text
+    shot = make_shot(small_shot, tmp_path / "said", changed, change, '[depth]\nsky = "far"')
+    assert "of the depth values are 0" not in rtsr("inspect", shot).output
+
+
+def test_a_rule_that_does_not_exist_is_refused(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    declared = '[depth]\nsky = "fra"'
+    shot = make_shot(small_shot, tmp_path / "shot", changed, lambda planes, number: None, declared)
+    result = rtsr("inspect", shot)
+    assert result.exit_code == 3
+    assert "depth.sky" in result.output
+    assert "far" in result.output
+
+
+def take_material(planes: dict[str, Plane], number: int) -> None:
+    """Black metal without roughness on the largest object: its material is 0."""
+    del number
+    ids, counts = np.unique(planes["objectid"][planes["objectid"] > 0], return_counts=True)
+    chosen = planes["objectid"] == ids[np.argmax(counts)]
+    for name in ("albedo.R", "albedo.G", "albedo.B"):
+        planes[name][chosen] = 0.0
+    planes["metallic"][chosen] = 1.0
+    planes["roughness"][chosen] = 1.0
+
+
+@pytest.mark.parametrize("system", ["demod-guided", "demod-bicubic"])
+def test_the_share_of_surfaces_without_material_is_said(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, system: str
+) -> None:
+    shot = make_shot(small_shot, tmp_path / "shot", changed, take_material, "")
+    result = rtsr("upscale", shot, tmp_path / "out", "--system", system)
+    assert result.exit_code == 0, result.output
+    assert "surfaces whose material is 0" in result.output
+    assert result.output.count("surfaces whose material is 0") == 1
+    again = rtsr("upscale", shot, tmp_path / "again", "--system", system, "--json")
+    events = [json.loads(line) for line in again.output.splitlines() if line.startswith("{")]
+    shares = [e["no_material"] for e in events if e["event"] == "frame"]
+    assert all(0.0 < share < 1.0 for share in shares)
+    assert events[-1]["no_material"] == len(shares) == 4
+
+
+def test_frames_whose_material_carries_everything_say_nothing(
+    rtsr: Run, small_shot: Path, tmp_path: Path
+) -> None:
+    result = rtsr("upscale", small_shot, tmp_path / "out", "--system", "demod-guided", "--json")
+    events = [json.loads(line) for line in result.output.splitlines() if line.startswith("{")]
+    assert [e["no_material"] for e in events if e["event"] == "frame"] == [0.0] * 4

@@ -1,0 +1,77 @@
+"""Camera matrices that do not hold: what needs them is refused, the rest runs and says so."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rtsr_cli.core.files.exr import read_header, read_pixels, write_exr
+
+FIRST_FRAMES = (1, 2, 3)
+
+
+def copy_frames(source: Path, target: Path, *, transpose: bool, drop: tuple[str, ...] = ()) -> None:
+    """Copy some frames of a set, with matrices for column vectors, or without buffers."""
+    target.mkdir(parents=True)
+    for path in sorted(source.glob("*.exr"))[: len(FIRST_FRAMES)]:
+        header = read_header(path)
+        names = [c for c in header.channels if not c.startswith(drop or ("#",))]
+        attributes: dict[str, Any] = {}
+        for name in ("worldToCamera", "worldToNDC"):
+            matrix = np.asarray(header.attributes[name], np.float32)
+            attributes[name] = np.ascontiguousarray(matrix.T if transpose else matrix)
+        write_exr(target / path.name, read_pixels(path, names)[0], attributes=attributes)
+
+
+@pytest.fixture
+def make_shot(sample_root: Path, tmp_path: Path) -> Any:
+    """A shot of the frames that come with the project."""
+
+    def make(extra: str = "", **options: Any) -> Path:
+        shot = tmp_path / "shot"
+        for size in ("lr", "hr"):
+            copy_frames(sample_root / size, shot / size, **options)
+        text = (sample_root / "capture.toml").read_text(encoding="utf-8")
+        (shot / "capture.toml").write_text(text + extra, encoding="utf-8")
+        return shot
+
+    return make
+
+
+def inspect_camera(rtsr: Any, shot: Path) -> Mapping[str, Any]:
+    facts = json.loads(rtsr("inspect", shot, "--json").stdout)
+    shots = facts.get("shots", [facts])
+    found: Mapping[str, Any] = shots[0]["camera_check"]
+    return found
+
+
+def test_what_needs_the_camera_is_refused_and_the_rest_runs(
+    make_shot: Any, tmp_path: Path, rtsr: Any
+) -> None:
+    shot = make_shot(transpose=True)
+    refused = rtsr("upscale", shot, tmp_path / "out", "--system", "demod-guided", "--dry-run")
+    assert refused.exit_code == 3
+    assert "transposed" in refused.output
+    assert "column-vectors" in refused.output
+    runs = rtsr("upscale", shot, tmp_path / "out", "--system", "bicubic", "--dry-run")
+    assert runs.exit_code == 0
+    assert "transposed" in runs.output
+
+
+def test_a_declared_convention_is_read_and_verified(make_shot: Any, rtsr: Any) -> None:
+    shot = make_shot('[camera]\nconvention = "column-vectors"\n', transpose=True)
+    found = inspect_camera(rtsr, shot)
+    assert found["refused"] is None
+    assert found["verified"]
+
+
+def test_a_camera_that_nothing_can_verify_is_said_to_be_so(make_shot: Any, rtsr: Any) -> None:
+    shot = make_shot(transpose=False, drop=("motion", "normal", "depth"))
+    found = inspect_camera(rtsr, shot)
+    assert not found["verified"]
+    assert "unverified" in found["unverified"]

@@ -1,0 +1,311 @@
+"""Camera matrices of eight wrong kinds, in a room of which everything is known exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from rtsr_cli.core.captures.measuring.camera_check import CameraFinding, check_cameras
+from rtsr_cli.core.captures.measuring.camera_evidence import (
+    CameraEvidence,
+    NormalEvidence,
+    PositionEvidence,
+    VectorEvidence,
+    list_likely_depths,
+    list_units,
+)
+from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
+from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
+from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.camera_convention import (
+    CameraConvention,
+    CameraWord,
+    StoredMatrices,
+    matrices_to_memory,
+)
+from rtsr_cli.core.frames.conventions import DepthConvention
+from rtsr_cli.core.frames.motion import MotionConvention
+
+Array = NDArray[np.float64]
+SIZE = (40, 64)
+VIEW = View(display=SIZE)
+LOW, HIGH = np.array([-4.0, -3.0, 0.0]), np.array([4.0, 5.0, 3.0])
+FRAMES = (1, 2, 3, 4)
+SWAP = np.eye(4)[[1, 0, 2, 3]]
+
+
+def make_camera(number: int, *, flat: bool = False, infinite: bool = False) -> CameraMatrices:
+    """A camera on a bent path that speeds up, turning and tilting as it goes."""
+    t = 0.05 * number + 0.02 * number * number
+    yaw, pitch = 0.3 + 0.5 * t, -0.15 + 0.2 * t
+    forward = np.array(
+        [-math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch)]
+    )
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    view = np.eye(4)
+    view[:3, :3] = np.stack([right, np.cross(right, forward), -forward], axis=1)
+    view[3, :3] = -np.array([0.5 + t, -1.0 + 0.7 * t, 1.4 - 0.2 * t]) @ view[:3, :3]
+    lens = np.zeros((4, 4))
+    lens[0, 0], lens[1, 1] = (0.4, 0.64) if flat else (1.1, 1.76)
+    lens[2, :3] = 0.1, -0.05, 0.0 if infinite else -1.0
+    lens[3, 2] = 0.1 if infinite else -0.1
+    lens[2, 3] = -1.0
+    if flat:
+        lens[2], lens[3] = (0.0, 0.0, -0.05, 0.0), (0.1, -0.05, 0.0, 1.0)
+    return CameraMatrices(view, view @ lens)
+
+
+def cast(camera: CameraMatrices) -> tuple[Array, Array]:
+    """World positions and normals of the walls, (3, h, w), through the inverse of clip space."""
+    height, width = SIZE
+    y, x = np.mgrid[0:height, 0:width] + 0.5
+    ndc = 2.0 * x / width - 1.0, 1.0 - 2.0 * y / height
+    to_world = np.linalg.inv(camera.ndc)
+    ends = []
+    for z in (0.3, 0.6):
+        clip = np.stack([*ndc, np.full(SIZE, z), np.ones(SIZE)], -1) @ to_world
+        ends.append(clip[..., :3] / clip[..., 3:])
+    forward = -camera.view[:3, 2]
+    ray = ends[1] - ends[0]
+    ray *= np.sign(ray @ forward)[..., None]
+    start = ends[0]
+    eye = np.linalg.inv(camera.view)[3, :3]
+    # from the plane through the camera on, whatever the lens
+    start = start - ray * (((start - eye) @ forward) / (ray @ forward))[..., None]
+    walls = np.where(ray > 0, HIGH, LOW)
+    times = (walls - start) / np.where(ray == 0, 1e-12, ray)
+    axis = times.argmin(-1)
+    position = start + ray * times.min(-1)[..., None]
+    normal = np.eye(3)[axis] * -np.sign(np.take_along_axis(ray, axis[..., None], -1))
+    return np.moveaxis(position, -1, 0), np.moveaxis(normal, -1, 0)
+
+
+def project(position: Array, camera: CameraMatrices) -> Array:
+    clip = np.einsum("ihw,ij->jhw", position, camera.ndc[:3]) + camera.ndc[3][:, None, None]
+    x = (clip[0] / clip[3] * 0.5 + 0.5) * SIZE[1]
+    y = (0.5 - 0.5 * clip[1] / clip[3]) * SIZE[0]
+    return np.stack([x, y])
+
+
+@dataclass(frozen=True)
+class Room:
+    """True cameras, and what the frames hold."""
+
+    cameras: dict[int, CameraMatrices]
+    frames: dict[int, StoredGeometry]
+    normals: dict[int, torch.Tensor]
+
+    def evidence(self, kind: str, given: Cameras) -> tuple[CameraEvidence, ...]:
+        if kind == "positions":
+            frames = {n: replace(f, motion_px=None) for n, f in self.frames.items()}
+            units = list_units(1.0)
+            first = PositionEvidence(frames=frames, units=units, thinning=1)
+            return (replace(first, units=list_units(first.choose_unit(given))),)
+        if kind == "motion":
+            moved = {n: f for n, f in self.frames.items() if f.motion_px is not None}
+            vectors = VectorEvidence(
+                frames={MotionConvention(): moved},
+                step=1,
+                depths=list_likely_depths(DepthConvention()),
+                thinning=1,
+            )
+            return (vectors.hold(given),)
+        if kind == "normals":
+            return (NormalEvidence(frames=self.frames, normals=self.normals).hold(given),)
+        return ()
+
+
+def build(**lens: bool) -> Room:
+    cameras = {n: make_camera(n, **lens) for n in FRAMES}
+    frames, normals = {}, {}
+    for number, camera in cameras.items():
+        position, normal = cast(camera)
+        depth = -(np.einsum("ihw,i->hw", position, camera.view[:3, 2]) + camera.view[3, 2])
+        motion = None
+        if number - 1 in cameras:
+            apart = project(position, cameras[number - 1]) - project(position, camera)
+            motion = torch.from_numpy(apart).float()[None]
+        frames[number] = StoredGeometry(
+            depth=torch.from_numpy(depth).float()[None, None],
+            motion_px=motion,
+            position=torch.from_numpy(position).float()[None],
+            camera=CameraMetadata(),
+            previous=CameraMetadata(),
+            view=VIEW,
+        )
+        normals[number] = torch.from_numpy(normal).float()[None]
+    return Room(cameras, frames, normals)
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    return build()
+
+
+def check(room: Room, given: Cameras, *kinds: str, **options: Any) -> CameraFinding:
+    evidence = tuple(e for kind in kinds for e in room.evidence(kind, given))
+    return check_cameras(given, evidence, step=1, convention=CameraConvention(**options))
+
+
+FLIPS = {axis: np.diag([*(-1.0 if axis == a else 1.0 for a in "xyz"), 1.0]) for axis in "xyz"}
+
+Spoil = Callable[[CameraMatrices], CameraMatrices]
+
+
+def rebuild(turn: Callable[[Array], Array]) -> Spoil:
+    """Change the view, and make clip space of it with the right projection."""
+    return lambda m: CameraMatrices(turn(m.view), turn(m.view) @ m.projection)
+
+
+def keep(turn: Callable[[Array], Array]) -> Spoil:
+    """Change the view alone."""
+    return lambda m: CameraMatrices(turn(m.view), m.ndc)
+
+
+WRONG: Mapping[str, tuple[Spoil, str]] = {
+    "transposed": (lambda m: CameraMatrices(m.view.T, m.ndc.T), "transposed"),
+    "transposed, clip space kept": (keep(lambda v: v.T), "transposed"),
+    "inverse": (keep(np.linalg.inv), "camera to world"),
+    "inverse, rebuilt": (rebuild(np.linalg.inv), "camera to world"),
+    **{f"{a} flipped": (keep(lambda v, f=f: v @ f), f"its {a} axis") for a, f in FLIPS.items()},
+    **{
+        f"{a} flipped, rebuilt": (rebuild(lambda v, f=f: v @ f), f"its {a} axis")
+        for a, f in FLIPS.items()
+    },
+    "x and y swapped": (keep(lambda v: v @ SWAP), "x and y axes swapped"),
+    "x and y swapped, rebuilt": (rebuild(lambda v: v @ SWAP), "x and y axes swapped"),
+    "mitsuba": (keep(lambda v: v @ np.diag([-1.0, 1, -1, 1])), "looks along +z, x left, y up"),
+    "opencv": (keep(lambda v: v @ np.diag([1.0, -1, -1, 1])), "looks along +z, x right, y down"),
+}
+
+
+@pytest.mark.parametrize("kind", ["positions", "motion"])
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_matrices_are_refused_with_what_they_look_like(
+    room: Room, name: str, kind: str
+) -> None:
+    spoil, text = WRONG[name]
+    found = check(room, {n: spoil(m) for n, m in room.cameras.items()}, kind)
+    assert text in found.unfit
+    assert "docs/frames.md" in found.unfit
+    assert not found.certain
+
+
+@pytest.mark.parametrize("kind", ["positions", "motion"])
+@pytest.mark.parametrize("offset", [1, -1])
+def test_matrices_of_another_frame_are_refused(room: Room, kind: str, offset: int) -> None:
+    given = {n: make_camera(n + offset) for n in room.cameras}
+    assert "of another frame" in check(room, given, kind).unfit
+
+
+@pytest.mark.parametrize("kinds", [("positions",), ("motion", "normals"), ("normals",)])
+@pytest.mark.parametrize("axis", "xyz")
+def test_a_world_of_the_other_handedness_is_refused(
+    room: Room, axis: str, kinds: tuple[str, ...]
+) -> None:
+    flip = FLIPS[axis]
+    given = {n: CameraMatrices(flip @ m.view, flip @ m.ndc) for n, m in room.cameras.items()}
+    assert f"mirrored world (its {axis} axis flipped)" in check(room, given, *kinds).unfit
+
+
+def test_motion_cannot_tell_handedness_of_the_world_and_says_so(room: Room) -> None:
+    flip = FLIPS["x"]
+    given = {n: CameraMatrices(flip @ m.view, flip @ m.ndc) for n, m in room.cameras.items()}
+    found = check(room, given, "motion")
+    assert found.undecided[0] == "of a mirrored world"
+    assert not found.certain
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_where_nothing_can_tell_matrices_are_refused_by_form_or_unverified(
+    room: Room, name: str
+) -> None:
+    found = check(room, {n: WRONG[name][0](m) for n, m in room.cameras.items()})
+    assert found.unfit or "unverified" in found.doubt
+    assert not found.fits
+
+
+@pytest.mark.parametrize("lens", [{}, {"flat": True}, {"infinite": True}])
+@pytest.mark.parametrize(
+    "kinds", [("positions",), ("motion",), ("normals",), ("motion", "normals")]
+)
+def test_right_matrices_are_verified(lens: dict[str, bool], kinds: tuple[str, ...]) -> None:
+    room = build(**lens)
+    found = check(room, room.cameras, *kinds)
+    assert (found.unfit, found.doubt) == ("", "")
+    assert found.certain
+    assert len(found.proofs) == len(kinds)
+
+
+@pytest.mark.parametrize("kinds", [("positions",), ("normals",)])
+def test_a_single_frame_is_verified_where_positions_or_normals_are(
+    room: Room, kinds: tuple[str, ...]
+) -> None:
+    one = Room({2: room.cameras[2]}, {2: room.frames[2]}, {2: room.normals[2]})
+    assert check(one, one.cameras, *kinds).certain
+
+
+def test_a_camera_that_stands_still_is_not_verified_by_motion(room: Room) -> None:
+    still = dict.fromkeys(room.cameras, room.cameras[1])
+    frames = {n: replace(room.frames[1], motion_px=torch.zeros(1, 2, *SIZE)) for n in room.cameras}
+    found = check(Room(still, frames, room.normals), still, "motion")
+    assert found.unfit == ""
+    assert not found.certain
+
+
+def test_movers_on_a_third_of_the_picture_do_not_count(room: Room) -> None:
+    frames = {}
+    for number, frame in room.frames.items():
+        motion = None if frame.motion_px is None else frame.motion_px.clone()
+        if motion is not None:
+            motion[..., : SIZE[1] // 3] += 3.0
+        frames[number] = replace(frame, motion_px=motion)
+    assert check(replace(room, frames=frames), room.cameras, "motion").fits
+
+
+@pytest.mark.parametrize(
+    ("words", "spoil"),
+    [
+        (("column-vectors",), lambda m: (m.view.T, m.ndc.T)),
+        (("mitsuba",), lambda m: (m.view @ np.diag([-1.0, 1, -1, 1]), m.ndc)),
+        (("opencv",), lambda m: (m.view @ np.diag([1.0, -1, -1, 1]), m.ndc)),
+        (("directx",), lambda m: (m.view @ np.diag([1.0, 1, -1, 1]), m.ndc)),
+        (
+            ("column-vectors", "mitsuba", "camera-to-world"),
+            lambda m: (np.linalg.inv(m.view @ np.diag([-1.0, 1, -1, 1])).T, m.ndc.T),
+        ),
+        (("ndc-y-down",), lambda m: (m.view, m.ndc @ np.diag([1.0, -1, 1, 1]))),
+    ],
+)
+def test_a_declared_convention_is_converted_and_confirmed(
+    room: Room, words: tuple[str, ...], spoil: Callable[[CameraMatrices], tuple[Array, Array]]
+) -> None:
+    convention = CameraConvention(words=frozenset(CameraWord(word) for word in words))
+    given = {}
+    for number, matrices in room.cameras.items():
+        view, ndc = (torch.from_numpy(np.ascontiguousarray(m)) for m in spoil(matrices))
+        view, ndc = matrices_to_memory(StoredMatrices(view=view, ndc=ndc), convention)
+        assert view is not None
+        assert ndc is not None
+        given[number] = CameraMatrices(view.numpy(), ndc.numpy())
+        assert np.allclose(given[number].view, matrices.view)
+        assert np.allclose(given[number].ndc, matrices.ndc)
+    assert check(room, given, "positions").certain
+
+
+def test_unreal_axes_are_converted() -> None:
+    convention = CameraConvention(words=frozenset({CameraWord.UNREAL}))
+    view, _ = matrices_to_memory(StoredMatrices(view=torch.eye(4).double()), convention)
+    assert view is not None
+    # x forward, y right, z up: (2, 3, 5) lies 3 to the right, 5 up, 2 ahead
+    point = torch.tensor([2.0, 3.0, 5.0, 1.0], dtype=torch.float64) @ view
+    assert point.tolist() == [3.0, 5.0, -2.0, 1.0]

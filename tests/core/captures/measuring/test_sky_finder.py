@@ -1,0 +1,146 @@
+"""What is sky, by every way that renderers write it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.captures.measuring.sky_finder import SkyFinding, find_sky
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.conventions import (
+    FARTHEST_M,
+    Conventions,
+    DepthConvention,
+    DepthKind,
+    NormalConvention,
+    SkyRule,
+    depth_to_metres,
+)
+
+SIZE = (40, 60)
+ABOVE = 0.25
+"""Share of the pixels that are sky."""
+
+
+def scene(sky: float) -> dict[Buffer, Tensor]:
+    """Hills of 4 to 8 m below a sky whose depth is stored as `sky`."""
+    torch.manual_seed(1)
+    depth = 4.0 + 4.0 * torch.rand(1, 1, *SIZE)
+    depth[..., :10, :] = sky
+    normal = torch.nn.functional.normalize(torch.randn(1, 3, *SIZE), dim=1)
+    normal[..., :10, :] = 0.0
+    number = torch.ones(1, 1, *SIZE)
+    number[..., :10, :] = 0.0
+    return {Buffer.DEPTH: depth, Buffer.NORMAL: normal, Buffer.OBJECT_ID: number}
+
+
+def find(frame: dict[Buffer, Tensor], **depth: object) -> SkyFinding:
+    return find_sky([frame], Conventions(depth=DepthConvention(**depth)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [math.inf, 65504.0, 1e10])
+def test_far_depth_is_sky_as_it_always_was(value: float) -> None:
+    finding = find(scene(value))
+    assert finding.share == pytest.approx(ABOVE)
+    assert finding.sky is None
+    assert finding.impossible == 0.0
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0])
+@pytest.mark.parametrize("marks", [(), (Buffer.NORMAL,), (Buffer.NORMAL, Buffer.OBJECT_ID)])
+@pytest.mark.parametrize("kind", [DepthKind.PLANAR, DepthKind.RAY])
+def test_regions_of_depth_that_no_surface_has_are_sky(
+    value: float, marks: tuple[Buffer, ...], kind: DepthKind
+) -> None:
+    known = scene(value)
+    finding = find({b: known[b] for b in (Buffer.DEPTH, *marks)}, kind=kind)
+    assert finding.sky == value
+    assert finding.share == pytest.approx(ABOVE)
+    assert finding.impossible == 0.0
+
+
+@pytest.mark.parametrize("value", [10.0, 1000.0])
+@pytest.mark.parametrize("mark", [Buffer.NORMAL, Buffer.OBJECT_ID])
+def test_the_far_plane_is_sky_where_another_buffer_says_so(value: float, mark: Buffer) -> None:
+    known = scene(value)
+    assert find({b: known[b] for b in (Buffer.DEPTH, mark)}).sky == value
+    assert find({Buffer.DEPTH: known[Buffer.DEPTH]}).sky is None
+
+
+def test_a_wall_that_faces_the_camera_is_no_sky() -> None:
+    known = scene(9.0)
+    known[Buffer.NORMAL][:, 2, :10] = 1.0
+    assert find({b: known[b] for b in (Buffer.DEPTH, Buffer.NORMAL)}).share == 0.0
+
+
+@pytest.mark.parametrize("value", [0.0, -3.0, math.nan])
+def test_scattered_impossible_values_are_no_sky_and_are_counted(value: float) -> None:
+    known = scene(math.inf)
+    torch.manual_seed(2)
+    spoilt = torch.rand(1, 1, *SIZE) < 0.04
+    spoilt[..., :10, :] = False
+    known[Buffer.DEPTH][spoilt] = value
+    finding = find(known)
+    assert finding.sky is None
+    assert finding.share == pytest.approx(ABOVE)
+    assert finding.impossible == pytest.approx(float(spoilt.float().mean()))
+
+
+def test_impossible_values_on_surfaces_are_no_sky() -> None:
+    known = scene(math.inf)
+    known[Buffer.DEPTH][..., 20:30, :] = 0.0
+    known[Buffer.OBJECT_ID][..., 20:30, :] = 7.0
+    finding = find(known)
+    assert finding.sky is None
+    assert finding.impossible == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(("reverse", "clear"), [(True, 0.0), (False, 1.0)])
+def test_device_depth_is_sky_at_its_far_end(reverse: bool, clear: float) -> None:
+    known = scene(clear)
+    known[Buffer.DEPTH][..., 10:, :] = 0.3
+    finding = find(known, kind=DepthKind.DEVICE, reversed=reverse)
+    assert finding.share == pytest.approx(ABOVE)
+    assert (finding.sky, finding.impossible) == (None, 0.0)
+
+
+def test_a_declaration_wins() -> None:
+    assert find(scene(0.0), sky=SkyRule.NONE).share == 0.0
+    assert find(scene(-1.0), sky=0.0).share == pytest.approx(ABOVE)
+    assert find(scene(5.0), sky=SkyRule.NORMAL).share == pytest.approx(ABOVE)
+    assert find(scene(5.0), sky=SkyRule.OBJECT_ID).share == pytest.approx(ABOVE)
+    assert find(scene(0.0), sky=SkyRule.FAR).share == 0.0
+
+
+def test_normals_that_mark_the_sky_are_its_rule() -> None:
+    known = scene(3.0)
+    known[Buffer.NORMAL][..., :10, :] = -1.0
+    conventions = Conventions(normal=NormalConvention(sky=(-1.0, -1.0, -1.0)))
+    assert find_sky([known], conventions).share == pytest.approx(ABOVE)
+
+
+def test_without_depth_normals_of_0_are_sky() -> None:
+    known = scene(0.0)
+    assert find({Buffer.NORMAL: known[Buffer.NORMAL]}).share == pytest.approx(ABOVE)
+
+
+ROWS: list[tuple[DepthConvention, list[float], list[float]]] = [
+    (DepthConvention(sky=0.0), [0.0, -1.0, 2.0], [SKY_DEPTH_M, SKY_DEPTH_M, 2.0]),
+    (DepthConvention(sky=-1.0), [0.0, -1.0, 2.0], [0.0, SKY_DEPTH_M, 2.0]),
+    (DepthConvention(sky=100.0, unit_m=0.01), [99.0, 100.0, 2.0], [0.99, SKY_DEPTH_M, 0.02]),
+    (DepthConvention(sky=SkyRule.FAR), [0.0, 1e10, math.inf], [0.0, SKY_DEPTH_M, SKY_DEPTH_M]),
+    (DepthConvention(sky=SkyRule.NONE), [1.0, 65504.0, math.inf], [1.0, FARTHEST_M, FARTHEST_M]),
+]
+
+
+@pytest.mark.parametrize(("convention", "stored", "expected"), ROWS)
+def test_depth_in_memory(
+    convention: DepthConvention, stored: list[float], expected: list[float]
+) -> None:
+    view, plane = View(display=(1, 3)), torch.tensor(stored).view(1, 1, 1, 3)
+    metres = depth_to_metres(plane, convention, CameraMetadata(), view, where="a test")
+    assert torch.allclose(metres.flatten(), torch.tensor(expected))

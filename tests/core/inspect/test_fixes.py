@@ -1,0 +1,65 @@
+"""Lines that provide what is missing, and none where they would be guesses."""
+
+from __future__ import annotations
+
+import pytest
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.inspect.fixes import Hints, list_fixes
+from rtsr_cli.core.inspect.readiness import SystemReadiness
+
+
+def lines(missing: tuple[str, ...], hints: Hints | None = None) -> list[str]:
+    systems = {"a": SystemReadiness(ready=False, missing=missing)}
+    return [fix.line for fix in list_fixes({"upscale": systems}, hints or Hints())]
+
+
+@pytest.mark.parametrize(
+    ("missing", "line"),
+    [
+        ("metallic", "metallic = 0.0"),
+        ("hr metallic", "metallic = 0.0"),
+        ("lr roughness", "roughness = 0.5"),
+        ("camera", 'camera = "camera.csv"'),
+        ("lr camera of frame 7 for depth (ray distance)", 'camera = "camera.csv"'),
+        ("hr frames", "--hr DIR"),
+    ],
+)
+def test_what_is_missing_has_a_line(missing: str, line: str) -> None:
+    assert lines((missing,)) == [line]
+
+
+@pytest.mark.parametrize(
+    "missing", ["motion", "lr normal", "albedo", "a declared motion convention", "a scale of 4x"]
+)
+def test_what_no_line_provides_has_none(missing: str) -> None:
+    assert lines((missing,)) == []
+
+
+def test_a_channel_goes_before_a_constant_and_smoothness_is_turned() -> None:
+    hints = Hints(guessed={Buffer.METALLIC: ("mtl",), Buffer.ROUGHNESS: ("Smoothness.R",)})
+    assert lines(("metallic", "roughness"), hints) == [
+        'metallic = "mtl"',
+        'roughness = "1 - Smoothness.R"',
+    ]
+
+
+def test_one_line_is_for_both_sizes() -> None:
+    assert lines(("lr metallic", "hr metallic")) == ["metallic = 0.0"]
+
+
+def test_layers_and_layouts_are_named() -> None:
+    layers = Hints(layers=("left", "right"))
+    assert lines(("a choice of layer",), layers) == ['layer = "left"', 'layer = "right"']
+    assert lines(("a named layout",), Hints(layout="mitsuba")) == ['layout = "mitsuba"']
+
+
+def test_a_sum_of_colours_stands_for_the_parts_of_material() -> None:
+    hints = Hints(material="a.RGB + b.RGB")
+    found = lines(("albedo", "metallic", "roughness"), hints)
+    assert set(found) == {'material = "a.RGB + b.RGB"'}
+
+
+def test_guesses_are_offered_where_nothing_can_be_read() -> None:
+    hints = Hints(guessed={Buffer.COLOR: ("hdr.R", "hdr.G", "hdr.B")})
+    assert lines(("a known layout",), hints) == ['color = ["hdr.R", "hdr.G", "hdr.B"]']
