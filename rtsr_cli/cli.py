@@ -29,6 +29,7 @@ COMMANDS = {
     "label": "Make training labels of rendered frames.",
     "train": "Train a system's network on captures, or go on with a run.",
     "upscale": "Reconstruct high-resolution frames from low-resolution ones.",
+    "extrapolate": "Predict the frames between rendered ones from their G-buffers.",
     "predict-vrs": "Predict the error of each shading rate, tile by tile, and choose rates.",
     "evaluate": "Judge result folders against a reference: metrics, regions, a report.",
     "synth": "Render random analytic scenes with exact buffers.",

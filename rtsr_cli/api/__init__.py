@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rtsr_cli.api.frame_calls import demodulate as demodulate
+    from rtsr_cli.api.frame_calls import extrapolate as extrapolate
     from rtsr_cli.api.frame_calls import label as label
     from rtsr_cli.api.frame_calls import predict_vrs as predict_vrs
     from rtsr_cli.api.frame_calls import synth as synth
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from rtsr_cli.core.errors import RtsrError as RtsrError
     from rtsr_cli.core.evaluation.evaluation import evaluate as evaluate
     from rtsr_cli.core.evaluation.request import EvaluateRequest as EvaluateRequest
+    from rtsr_cli.core.extrapolate.request import ExtrapolateRequest as ExtrapolateRequest
     from rtsr_cli.core.inspect.request import InspectRequest as InspectRequest
     from rtsr_cli.core.label.request import LabelRequest as LabelRequest
     from rtsr_cli.core.lut.request import PrecomputeLutRequest as PrecomputeLutRequest
@@ -50,6 +52,7 @@ PLACES = {
     "DemodulationMode": "rtsr_cli.core.choices",
     "Estimator": "rtsr_cli.core.choices",
     "EvaluateRequest": "rtsr_cli.core.evaluation.request",
+    "ExtrapolateRequest": "rtsr_cli.core.extrapolate.request",
     "InspectRequest": "rtsr_cli.core.inspect.request",
     "JitterMode": "rtsr_cli.core.choices",
     "LabelKind": "rtsr_cli.core.choices",
@@ -73,6 +76,7 @@ PLACES = {
     "demodulate": "rtsr_cli.api.frame_calls",
     "describe_systems": "rtsr_cli.api.system_calls",
     "evaluate": "rtsr_cli.core.evaluation.evaluation",
+    "extrapolate": "rtsr_cli.api.frame_calls",
     "inspect": "rtsr_cli.api.inspection_calls",
     "label": "rtsr_cli.api.frame_calls",
     "precompute_lut": "rtsr_cli.core.lut.table_file",

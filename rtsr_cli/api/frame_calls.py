@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.demodulate.call import demodulate_frames
 from rtsr_cli.core.demodulate.request import DemodulateRequest
+from rtsr_cli.core.extrapolate.call import extrapolate_frames
+from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
 from rtsr_cli.core.label.call import label_frames
 from rtsr_cli.core.label.request import LabelRequest
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
@@ -16,8 +19,17 @@ from rtsr_cli.core.upscale.call import upscale_frames
 from rtsr_cli.core.upscale.request import UpscaleRequest
 from rtsr_cli.core.vrs.call import VrsEvent, predict_rates
 from rtsr_cli.core.vrs.request import PredictVrsRequest
-from rtsr_cli.models import CONDITIONS, PREFERENCE, list_rate_predictor_names, load_system
+from rtsr_cli.models import (
+    CONDITIONS,
+    PREFERENCE,
+    list_preferred_names,
+    list_rate_predictor_names,
+    load_system,
+)
 
+EXTRAPOLATORS = SystemTable(
+    load=load_system, preferred=list_preferred_names(SystemTask.EXTRAPOLATE)
+)
 UPSCALERS = SystemTable(load=load_system, preferred=PREFERENCE, when=CONDITIONS)
 RATE_PREDICTORS = SystemTable(load=load_system, preferred=list_rate_predictor_names())
 
@@ -25,6 +37,13 @@ RATE_PREDICTORS = SystemTable(load=load_system, preferred=list_rate_predictor_na
 def upscale(request: UpscaleRequest) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
     """Reconstruct frames at a higher resolution; see `upscale_frames`."""
     return upscale_frames(request, UPSCALERS)
+
+
+def extrapolate(
+    request: ExtrapolateRequest,
+) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+    """Predict frames that were not rendered; see `extrapolate_frames`."""
+    return extrapolate_frames(request, EXTRAPOLATORS)
 
 
 def label(request: LabelRequest) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:

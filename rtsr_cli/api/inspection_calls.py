@@ -40,6 +40,11 @@ def list_checked_commands() -> tuple[CheckedCommand, ...]:
             demands=list_upscale_demands(_load_systems(SystemTask.UPSCALE)),
         ),
         CheckedCommand(
+            name=SystemTask.EXTRAPOLATE.value,
+            use=FrameUse.ALONE,
+            demands=list_upscale_demands(_load_systems(SystemTask.EXTRAPOLATE)),
+        ),
+        CheckedCommand(
             name=SystemTask.PREDICT_VRS.value,
             use=FrameUse.ALONE,
             demands=(

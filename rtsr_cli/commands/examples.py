@@ -36,6 +36,10 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "rtsr upscale my_shot out --preview",
         "rtsr upscale my_capture out --simulate-lr 4 --jitter halton --frames 1-20",
     ),
+    "extrapolate": (
+        "rtsr extrapolate my_frames between --preview",
+        "rtsr extrapolate my_frames whole --every 3 --keep-rendered",
+    ),
     "predict-vrs": (
         "rtsr predict-vrs my_frames rates --overlay",
         "rtsr predict-vrs my_frames rates --estimator analytic --tile 8",

@@ -16,6 +16,7 @@ class SystemTask(StrEnum):
 
     UPSCALE = "upscale"
     PREDICT_VRS = "predict-vrs"
+    EXTRAPOLATE = "extrapolate"
 
 
 class InputCondition(StrEnum):

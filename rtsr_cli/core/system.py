@@ -31,6 +31,7 @@ class FrameWindow:
     Attributes:
         lr: the frame and its predecessors, newest first; shorter than `history_frames + 1`
             where history is missing (start, cut, gap), so that a system decides what stands in.
+            Of frames that were not rendered it holds no radiance.
         hr: the current frame's G-buffer at the target size, without radiance; None if not asked.
         scale: output pixels per LR pixel.
     """
@@ -69,7 +70,7 @@ class Prediction:
     """What a system gives back.
 
     Attributes:
-        image: linear HDR radiance at the target size (upscaling).
+        image: linear HDR radiance at the target size (upscaling, extrapolation).
         tiles: one value a tile and rate (variable-rate shading).
         state: carried to the next frame.
         debug: named pictures of what the system saw and decided.
@@ -172,8 +173,12 @@ class System:
         summary: one line.
         citation: the publication, or what the method is known by.
         task: what it predicts.
-        lr_inputs: buffers of the frame at the rendered size that it cannot do without.
+        lr_inputs: buffers of the frame at the rendered size that it cannot do without; of a system
+            that extrapolates, of the frames that were rendered.
         lr_optional: buffers it uses where they are there.
+        unshaded_inputs: buffers of frames that were not rendered, radiance not among them; the
+            newest of the window is the one to predict.
+        unshaded_optional: the same, optional.
         hr_inputs: buffers of the current frame at the target size.
         hr_optional: the same, optional.
         scales: factors it was made for; empty = any whole factor.
@@ -199,6 +204,8 @@ class System:
     task: SystemTask = SystemTask.UPSCALE
     lr_inputs: tuple[Buffer, ...]
     lr_optional: tuple[Buffer, ...] = ()
+    unshaded_inputs: tuple[Buffer, ...] = ()
+    unshaded_optional: tuple[Buffer, ...] = ()
     hr_inputs: tuple[Buffer, ...] = ()
     hr_optional: tuple[Buffer, ...] = ()
     scales: tuple[int, ...] = ()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rtsr_cli.core.choices import SystemTask
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.network.cost import count_macs, count_parameters
 from rtsr_cli.core.network.load import find_shipped_weights
 from rtsr_cli.core.system import System
@@ -48,7 +49,8 @@ class SystemFacts:
         summary: what it does.
         citation: where it is published.
         task: what it makes of frames.
-        needs: buffers that it must have, "lr" or "hr" before each.
+        needs: buffers that it must have, "lr" or "hr" before each, "unshaded" before those of
+            frames that were not rendered.
         uses: buffers that it uses where they are there.
         scales: that it is made for.
         history: frames before the current one that it reads.
@@ -83,8 +85,8 @@ def describe_systems(systems: Iterable[System], *, flops: bool = False) -> Itera
 
 def describe_system(system: System, *, flops: bool = False) -> SystemFacts:
     """Return the facts of a declaration."""
-    needs = [f"lr {b}" for b in system.lr_inputs] + [f"hr {b}" for b in system.hr_inputs]
-    uses = [f"lr {b}" for b in system.lr_optional] + [f"hr {b}" for b in system.hr_optional]
+    needs = _list_inputs(system.lr_inputs, system.hr_inputs, system.unshaded_inputs)
+    uses = _list_inputs(system.lr_optional, system.hr_optional, system.unshaded_optional)
     weights = [f"{s}x" for s in system.scales if find_shipped_weights(system, s) is not None]
     return SystemFacts(
         name=system.name,
@@ -99,6 +101,13 @@ def describe_system(system: System, *, flops: bool = False) -> SystemFacts:
         parameters=default_parameters(system),
         networks=measure_network_costs(system) if flops else None,
     )
+
+
+def _list_inputs(
+    lr: Iterable[Buffer], hr: Iterable[Buffer], unshaded: Iterable[Buffer]
+) -> list[str]:
+    sizes = {"lr": lr, "hr": hr, "unshaded": unshaded}
+    return [f"{size} {b}" for size, buffers in sizes.items() for b in buffers]
 
 
 def list_network_scales(system: System) -> tuple[int, ...]:

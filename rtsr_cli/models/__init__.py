@@ -54,6 +54,8 @@ ROWS = (
     SystemRow(name="fusesr-fast", module="fusesr", trainable=True, rank=2),
     SystemRow(name="fusesr-direct", module="fusesr", trainable=True),
     SystemRow(name="nsrd", module="nsrd", trainable=True),
+    SystemRow(name="warp", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=2),
+    SystemRow(name="warp-guided", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=1),
     SystemRow(
         name="rt-percept",
         module="rt_percept",
@@ -79,6 +81,11 @@ def list_rate_predictor_names() -> tuple[str, ...]:
     """Names of the systems that `predict-vrs` takes, best first, without importing one."""
     best = list_preferred_names(SystemTask.PREDICT_VRS)
     return (*best, *(n for n in list_system_names(SystemTask.PREDICT_VRS) if n not in best))
+
+
+def list_extrapolator_names() -> tuple[str, ...]:
+    """Names of the systems that `extrapolate` takes, without importing one."""
+    return list_system_names(SystemTask.EXTRAPOLATE)
 
 
 def list_trainable_names() -> tuple[str, ...]:

@@ -97,7 +97,7 @@ def test_inspect_covers_every_command_that_reads_frames(
     rtsr: Run, small_shot: Path, capture: Copy
 ) -> None:
     commands = inspected(rtsr, small_shot)["commands"]
-    assert set(commands) == {"upscale", "predict-vrs", "train", "evaluate"}
+    assert set(commands) == {"upscale", "extrapolate", "predict-vrs", "train", "evaluate"}
     assert commands["train"]["nsrd"]["ready"], "reference/ holds the radiance"
     assert commands["train"]["rt-percept"]["missing"] == ["a scale of 1x"]
     assert commands["upscale"]["fusesr-direct"]["missing"] == [

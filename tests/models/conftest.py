@@ -68,6 +68,10 @@ def stored_frame(number: int, height: int, width: int, jitter_px: tuple[float, f
     return Frame(number=number, gbuffer=gbuffer, camera=camera, view=View(display=gbuffer.size))
 
 
+def _last(frames: list[Frame], count: int) -> list[Frame]:
+    return frames[max(0, len(frames) - count) :]
+
+
 @pytest.fixture
 def make_windows() -> Callable[..., list[FrameWindow]]:
     """Windows of successive frames as the loop hands them over, with the declared inputs only."""
@@ -76,30 +80,31 @@ def make_windows() -> Callable[..., list[FrameWindow]]:
         system: System, scale: int, *, count: int = 3, optional: bool = False
     ) -> list[FrameWindow]:
         lr_inputs, hr_inputs = set(system.lr_inputs), set(system.hr_inputs)
+        unshaded = set(system.unshaded_inputs)
         if optional:
             lr_inputs |= set(system.lr_optional)
             hr_inputs |= set(system.hr_optional)
+            unshaded |= set(system.unshaded_optional)
         height, width = LR_SIZE
         jitter_px = (0.5 - (scale - scale // 2 - 0.5) / scale, 0.25)
-        lr = [
-            derive(
-                stored_frame(n, height, width, jitter_px),
-                lr_inputs,
-                system.derivation(system.config()),
-            )
-            for n in range(1, count + 1)
-        ]
-        hr = [
-            derive(
-                stored_frame(n, height * scale, width * scale, (0.0, 0.0)),
-                hr_inputs,
-                system.derivation(system.config()),
-            )
-            for n in range(1, count + 1)
-        ]
+
+        def make_frames(buffers: set[Buffer], first: int, factor: int) -> list[Frame]:
+            jitter = jitter_px if factor == 1 else (0.0, 0.0)
+            size = (height * factor, width * factor)
+            derivation = system.derivation(system.config())
+            return [
+                derive(stored_frame(n, *size, jitter), buffers, derivation)
+                for n in range(first, count + 1)
+            ]
+
+        # what extrapolates always has a rendered frame before the one that it predicts
+        earlier = 1 if unshaded else 0
+        lr = make_frames(lr_inputs, 1 - earlier, 1)
+        newest = make_frames(unshaded, 1, 1) if unshaded else lr
+        hr = make_frames(hr_inputs, 1, scale)
         return [
             FrameWindow(
-                lr=tuple(reversed(lr[max(0, i - system.history_frames) : i + 1])),
+                lr=(newest[i], *reversed(_last(lr[: i + earlier], system.history_frames))),
                 hr=hr[i] if hr_inputs else None,
                 scale=scale,
             )

@@ -6,7 +6,9 @@ jitter; between pixels of two frames, and so between their tensors, jitter joins
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 
@@ -18,7 +20,7 @@ from rtsr_cli.core.imaging.splatting import (
     forward_motion_by_splat,
     unreliable_mask,
 )
-from rtsr_cli.core.imaging.warping import fetch_nearest
+from rtsr_cli.core.imaging.warping import compose_motion, fetch_nearest
 from rtsr_cli.core.shapes import Image, Mask, MotionPx
 
 IN_FRONT = 0.8
@@ -37,6 +39,20 @@ def add_jitter_change(vectors_px: Image, now: Frame, then: Frame) -> Image:
 def sample_motion(now: Frame, before: Frame) -> MotionPx:
     """Motion between samples: mv + jitter - jitter_prev, pixels."""
     return add_jitter_change(now.gbuffer[Buffer.MOTION], now, before)
+
+
+def chain_motion(frames: Sequence[Frame]) -> MotionPx:
+    """Motion between the samples of the first frame and those of the last, frame after frame.
+
+        m(x) = m_t(x) + m_t-1(x + m_t(x)) + ...
+
+    Args:
+        frames: successive ones, newest first, two or more; all but the last hold motion.
+    """
+    motion = sample_motion(frames[0], frames[1])
+    for now, before in pairwise(frames[1:]):
+        motion, _ = compose_motion(motion, sample_motion(now, before))
+    return motion
 
 
 def exposure_ratio(now: Frame, before: Frame) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from rtsr_cli.core.captures.reader import FrameReader
@@ -124,9 +124,12 @@ class InputDemand:
 def make_demand(system: System) -> InputDemand:
     """What a system reads to run."""
     weighted = system.learning is not None and system.task is SystemTask.UPSCALE
+    inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
+    # frames of every step are of one sequence here, whether they are rendered or not
+    every = tuple(dict.fromkeys((*inputs.lr, *system.unshaded_inputs)))
     return InputDemand(
         name=system.name,
-        inputs=resolve_system_inputs(system, NonfinitePolicy.ERROR),
+        inputs=replace(inputs, lr=every),
         scales=system.scales,
         weights=tuple(s for s in system.scales if has_weights(system, s)) if weighted else None,
     )

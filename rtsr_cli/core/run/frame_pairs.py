@@ -7,7 +7,7 @@ are the same whatever it does with them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,11 +55,18 @@ class PairReading:
         source: of the pairs.
         inputs: buffers that are wanted of them.
         passed: channels that are only handed through.
+        unshaded: what is wanted of frames in place of `inputs`, by number: of those that were not
+            rendered.
     """
 
     source: PairSource
     inputs: PairInputs
     passed: tuple[PassedChannels, ...] = ()
+    unshaded: Mapping[int, PairInputs] = field(default_factory=dict)
+
+    def inputs_of(self, number: int) -> PairInputs:
+        """Return the buffers that are wanted of a frame."""
+        return self.unshaded.get(number, self.inputs)
 
     @property
     def output_size(self) -> Size:
@@ -93,7 +100,9 @@ class PairReading:
         @cache
         def files(number: int) -> tuple[Path, ...]:
             passed = (path for part in self.passed for path in part.files(number))
-            return tuple(dict.fromkeys((*self.source.files(number, self.inputs), *passed)))
+            return tuple(
+                dict.fromkeys((*self.source.files(number, self.inputs_of(number)), *passed))
+            )
 
         return ShotInputs(
             name=name, reader=self.source.reader, readers=self.source.readers, files=files
@@ -233,7 +242,7 @@ class PairJob(ShotJob[_Loaded]):
         size = reading.output_size
         with plan.digests.hold_unchanged(plan.inputs.files(key)):
             plan.stamps.of_input(key)
-            pair = reading.source.load(key, reading.inputs).to(self._device)
+            pair = reading.source.load(key, reading.inputs_of(key)).to(self._device)
             passed = {
                 name: plane
                 for part in reading.passed

@@ -7,7 +7,7 @@ that was cut off, run again, writes what is missing and nothing else.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -111,6 +111,7 @@ def plan_shot(
     selection: Selection,
     overwrite: bool,
     history: HistoryReach = NO_HISTORY,
+    outputs_of: Collection[int] | None = None,
 ) -> ShotPlan:
     """Find out what is left to do of one shot.
 
@@ -121,13 +122,15 @@ def plan_shot(
         selection: frames that are asked for.
         overwrite: replace files that are stale or foreign.
         history: how far an output looks back.
+        outputs_of: frames that have outputs at all; None = every frame.
 
     Raises:
         RtsrError: an output is in the way; nothing has been computed.
     """
     reader = inputs.reader
     sequence = FrameSequence(numbers=reader.numbers, step=reader.step, cuts=reader.resets)
-    selected = selection.of(reader.numbers)
+    made = reader.numbers if outputs_of is None else outputs_of
+    selected = tuple(n for n in selection.of(reader.numbers) if n in made)
     stamps = Stamps(
         inputs=inputs,
         digests=FileDigests(),

@@ -62,6 +62,18 @@ def resolve_system_inputs(
     )
 
 
+def resolve_unshaded_inputs(
+    system: System, policy: NonfinitePolicy, config: object = None
+) -> PairInputs:
+    """Return what to read, for a system, of a frame that was not rendered; as the above."""
+    return PairInputs(
+        lr=system.unshaded_inputs,
+        lr_optional=system.unshaded_optional,
+        derivation=system.derivation(system.config() if config is None else config),
+        on_nonfinite=policy,
+    )
+
+
 def check_system(system: System, source: PairSource, inputs: PairInputs) -> None:
     """Raise if a shot cannot feed a system.
 

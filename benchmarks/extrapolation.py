@@ -1,0 +1,108 @@
+"""Frames that are predicted between rendered ones, on sequences that no network is trained on.
+
+    python benchmarks/extrapolation.py DATA [--system warp --system warp-guided] [--lpips]
+
+Every second frame of the `val` and `test` sequences of DATA is predicted at the size it has. Judged
+are the predicted frames whose history is full, three rendered ones (`--all` judges every one): PSNR
+after c / (1 + c) of all pixels and inside holes, which are those of `warp-guided` for every system;
+FLIP, and LPIPS, as `rtsr evaluate` has them.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import tempfile
+from pathlib import Path
+
+import click
+import numpy as np
+from ablations import judged_sequences
+from numpy.typing import NDArray
+from results import rtsr
+
+from rtsr_cli.core.files.exr import read_channels
+
+SYSTEMS = ("warp", "warp-guided")
+GUIDED = "warp-guided"
+FULL_HISTORY = 6
+"""First number of a sequence whose predicted frame has t-1, t-3 and t-5 before it."""
+
+Image = NDArray[np.float32]
+
+
+def load(path: Path, channels: tuple[str, ...] = ("R", "G", "B")) -> Image:
+    """Read planes as float, c h w."""
+    planes = read_channels(path, set(channels))
+    return np.stack([planes[name].astype(np.float32) for name in channels])
+
+
+def psnr(test: Image, reference: Image, mask: Image) -> float:
+    """After c / (1 + c), over the pixels of a mask."""
+    difference = test / (1 + test) - reference / (1 + reference)
+    chosen = difference[:, mask[0] > 0.5].astype(np.float64)
+    return float(-10 * np.log10(np.mean(chosen**2)))
+
+
+def judge_shot(output: Path, truth: Path, holes: Path, first: int) -> tuple[float, float, float]:
+    """Means over a shot's predicted frames: PSNR, PSNR inside holes, share of holes."""
+    rows = []
+    for path in sorted(output.glob("*.exr")):
+        if int(path.stem.rpartition(".")[2]) < first:
+            continue
+        hole = load(holes / "debug" / path.name, ("hole.Y",))
+        test, reference = load(path), load(truth / path.name)
+        whole = np.ones_like(hole)
+        rows.append((psnr(test, reference, whole), psnr(test, reference, hole), float(hole.mean())))
+    return tuple(statistics.fmean(column) for column in zip(*rows, strict=True))  # type: ignore[return-value]
+
+
+def perceived(
+    outputs: list[Path], data: Path, work: Path, first: int, metrics: str
+) -> dict[str, dict[str, float]]:
+    """Of each test and shot the means of `rtsr evaluate`."""
+    report = work / "report.json"
+    rtsr(
+        "evaluate", *outputs, "--ref", data, "--metric", metrics, "--on-missing", "skip",
+        "--frames", f"{first}-1000", "--output", report, "-q",
+    )  # fmt: skip
+    tests = json.loads(report.read_text(encoding="utf-8"))["tests"]
+    return {name: test["mean"] for name, test in tests.items()}
+
+
+@click.command()
+@click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--system", "systems", multiple=True, default=SYSTEMS, show_default=True)
+@click.option("--lpips", is_flag=True, help="Also LPIPS, which needs its weights.")
+@click.option("--all", "every", is_flag=True, help="Frames with less history, too.")
+def main(data: Path, systems: tuple[str, ...], lpips: bool, every: bool) -> None:
+    """Print a table of sequences by systems."""
+    metrics = ("flip", "lpips") if lpips else ("flip",)
+    first = 0 if every else FULL_HISTORY
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        shots = judged_sequences(data, work / "data")
+        names = tuple(dict.fromkeys((GUIDED, *systems)))
+        for name in names:
+            rtsr(
+                "extrapolate", work / "data", work / name, "--system", name, "--debug-buffers",
+                "-q",
+            )  # fmt: skip
+        means = perceived(
+            [work / n for n in systems], work / "data", work, first, ",".join(metrics)
+        )
+        titles = ("PSNR dB", "in holes", "holes %", *(m.upper() for m in metrics))
+        print("| sequence | system |", " | ".join(titles), "|")
+        print("|---|---|" + "---|" * len(titles))
+        for shot in shots:
+            for name in systems:
+                row = judge_shot(
+                    work / name / shot, work / "data" / shot, work / GUIDED / shot, first
+                )
+                cells = [f"{row[0]:.2f}", f"{row[1]:.2f}", f"{100 * row[2]:.1f}"]
+                cells += [f"{means[f'{name}/{shot}'][m]:.4f}" for m in metrics]
+                print(f"| {shot} | `{name}` |", " | ".join(cells), "|")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""`extrapolate`: from a request to predicted frames, event by event."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+
+from rtsr_cli.core.devices import resolve_device
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.extrapolate.prediction import Extrapolation
+from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
+from rtsr_cli.core.frames.cadence import measure_reach
+from rtsr_cli.core.network.load import load_network
+from rtsr_cli.core.pairs.opening import open_single_sets
+from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
+from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
+from rtsr_cli.core.run.plan import check_selection, plan_shot
+from rtsr_cli.core.run.prediction import NetworkRun
+from rtsr_cli.core.run.shot_inputs import HistoryReach
+from rtsr_cli.core.run.shot_runs import run_shots
+from rtsr_cli.core.run.system_inputs import (
+    SystemTable,
+    check_inputs,
+    resolve_system_inputs,
+    resolve_unshaded_inputs,
+)
+from rtsr_cli.core.settings import to_plain
+from rtsr_cli.core.system import System
+
+COMMAND = "extrapolate"
+
+
+def extrapolate_frames(
+    request: ExtrapolateRequest, systems: SystemTable
+) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+    """Plan every shot, then predict frame after frame.
+
+    Args:
+        request: what is asked for.
+        systems: that may be used.
+
+    Yields:
+        A plan for every shot; unless it is a dry run, the start, an end for every frame, the end.
+
+    Raises:
+        RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
+            after the last event: nothing more can be written.
+    """
+    opened = open_single_sets(request.in_folder, read_options(request))
+    jobs = [plan_extrapolation(name, source, request, systems) for name, source in opened]
+    check_selection(request.selection, [job.plan.inputs for job, _ in jobs])
+    for job, details in jobs:
+        yield job.plan.announcement(details)
+    if not request.dry_run:
+        yield from run_shots([job for job, _ in jobs], request)
+
+
+def plan_extrapolation(
+    name: str, source: PairSource, request: ExtrapolateRequest, systems: SystemTable
+) -> tuple[PairJob, dict[str, object]]:
+    """Check one shot; return its job, and what is told of it.
+
+    Raises:
+        RtsrError: an input is missing or wrong, an output is in the way.
+    """
+    numbers = source.reader.numbers
+    rendered = request.cadence.list_rendered(numbers, source.reader.step)
+    predicted = frozenset(numbers) - rendered
+    _check_cadence(source, rendered, predicted)
+    system = choose_extrapolator(request, source, systems)
+    device = resolve_device(request.device)
+    loaded = load_network(system, 1, device)
+    reading = read_without_radiance(source, system, request, predicted, loaded.config)
+    frames = max(system.history_frames, measure_reach(numbers, rendered))
+    plan = plan_shot(
+        reading.of_shot(name),
+        reading.plan_outputs(
+            request.out_folder / name,
+            COMMAND,
+            pictures=(PREVIEW_SUFFIX,) if request.previews else (),
+            debug=request.debug_buffers,
+        ),
+        settings=[
+            system.name,
+            to_plain(loaded.config),
+            asdict(system.derivation(loaded.config)),
+            loaded.digest if loaded.weights else "",
+            sorted(rendered),
+            request.on_nonfinite,
+        ],
+        selection=request.selection,
+        overwrite=request.overwrite,
+        history=HistoryReach(frames=frames),
+        outputs_of=numbers if request.keep_rendered else predicted,
+    )
+    run = NetworkRun(system=system, network=loaded.network, device=device, tile=0)
+    work = Extrapolation(
+        run, source, predicted, previews=request.previews, debug=request.debug_buffers
+    )
+    height, width = source.lr_size
+    details: dict[str, object] = {
+        "system": system.name,
+        "size": [width, height],
+        "rendered": len(rendered),
+        "predicted": len(predicted),
+    }
+    return PairJob(plan, reading, work, history_frames=frames, device=device), details
+
+
+def read_without_radiance(
+    source: PairSource,
+    system: System,
+    request: ExtrapolateRequest,
+    predicted: frozenset[int],
+    config: object,
+) -> PairReading:
+    """Say what is read of rendered frames, and of the others, whose radiance never is.
+
+    Raises:
+        FrameFolderError: a buffer is missing.
+    """
+    inputs = resolve_system_inputs(system, request.on_nonfinite, config)
+    unshaded = resolve_unshaded_inputs(system, request.on_nonfinite, config)
+    reads = f"system '{system.name}'"
+    for wanted in (inputs, unshaded):
+        check_inputs(reads, source, wanted, remedy=", or choose another --system")
+    return PairReading(
+        source=source, inputs=inputs, unshaded=dict.fromkeys(sorted(predicted), unshaded)
+    )
+
+
+def choose_extrapolator(
+    request: ExtrapolateRequest, source: PairSource, systems: SystemTable
+) -> System:
+    """Return the system asked for, or the first preferred one that can run."""
+    if request.system is not None:
+        return systems.load(request.system)
+    preferred = [systems.load(name) for name in systems.preferred]
+    for system in preferred:
+        inputs = resolve_system_inputs(system, request.on_nonfinite)
+        unshaded = resolve_unshaded_inputs(system, request.on_nonfinite)
+        if not (*source.missing(inputs), *source.missing(unshaded)):
+            return system
+    return preferred[-1]
+
+
+def _check_cadence(source: PairSource, rendered: frozenset[int], predicted: frozenset[int]) -> None:
+    """Raise where nothing is to predict, or nothing to predict from.
+
+    Raises:
+        FrameFolderError: names the folder, and what to say instead.
+    """
+    root = source.reader.frames.root
+    if not rendered:
+        raise FrameFolderError(
+            f"{root}: none of its frames is among those that --rendered names; name frames that "
+            "hold radiance"
+        )
+    if not predicted:
+        raise FrameFolderError(
+            f"{root}: all of its frames are rendered, none is left to predict; give the G-buffers "
+            "of the time steps between them, and --every or --rendered"
+        )

@@ -1,0 +1,80 @@
+"""What extrapolation does with a frame: predict it, or hand on what was rendered."""
+
+from __future__ import annotations
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.provenance import PREDICTED, name_color_space
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.run.frame_pairs import FrameInTurn
+from rtsr_cli.core.run.loop import Product
+from rtsr_cli.core.run.outputs import OutputFrame
+from rtsr_cli.core.run.prediction import NetworkRun, Predictor
+from rtsr_cli.core.system import Prediction
+
+
+class Extrapolation:
+    """Predicts a shot's frames that were not rendered, and writes what is wanted."""
+
+    def __init__(
+        self,
+        run: NetworkRun,
+        source: PairSource,
+        predicted: frozenset[int],
+        *,
+        previews: bool,
+        debug: bool,
+    ) -> None:
+        """Start a shot.
+
+        Args:
+            run: how the system is run.
+            source: of the frames.
+            predicted: numbers of those that were not rendered.
+            previews: a PNG beside each EXR.
+            debug: an EXR of what the system saw and decided.
+        """
+        self._predictor, self._system = Predictor(run), run.system
+        self._predicted = predicted
+        self._colorspace = source.reader.conventions.colorspace
+        self._tag = name_color_space(source.reader.conventions)
+        self._previews, self._debug = previews, debug
+
+    def __call__(self, moment: FrameInTurn) -> Product | None:
+        """Return what writes a frame; None where it is only history."""
+        if not moment.wanted:
+            return None
+        if moment.number not in self._predicted:
+            color = moment.window.current.gbuffer[Buffer.COLOR]
+            return self._write(moment, Prediction(image=color), predicted=False)
+        if not any(Buffer.COLOR in past.gbuffer for past in moment.window.lr[1:]):
+            raise FrameFolderError(
+                f"{moment.source}: no rendered frame of the same shot lies before it (it is at the "
+                "start, after a cut or after a gap); render it, and name it with --rendered"
+            )
+        return self._write(moment, self._predictor.predict(moment), predicted=True)
+
+    def _write(self, moment: FrameInTurn, made: Prediction, *, predicted: bool) -> Product:
+        """Return the product of a picture.
+
+        Raises:
+            FrameFolderError: there is none, or one that is not finite.
+        """
+        name = f"system '{self._system.name}'"
+        if made.image is None:
+            raise FrameFolderError(f"{moment.source}: {name} gave no image")
+        largest = moment.check_output(made.image, name)
+        stamp = {PREDICTED: 1, "rtsr:system": self._system.name} if predicted else {}
+        picture = OutputFrame(
+            path=moment.path,
+            color=made.image,
+            alpha=None,
+            as_float=largest > MAX_HALF,
+            attributes={**moment.attributes, **moment.provenance({**stamp, **self._tag})},
+            windows=moment.windows,
+            colorspace=self._colorspace,
+            previews=self._previews,
+            debug=made.debug if self._debug else None,
+        )
+        return moment.product(picture.write, as_float=picture.as_float)

@@ -1,0 +1,50 @@
+"""What `extrapolate` is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rtsr_cli.core.errors import RequestError
+from rtsr_cli.core.frames.cadence import FIRST_EVERY, Cadence
+from rtsr_cli.core.run.request import FramesRequest
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtrapolateRequest(FramesRequest):
+    """Predict the frames of IN that were not rendered, from those before them and their G-buffers.
+
+    Attributes:
+        system: name; None = the best that the inputs allow.
+        every: the first frame is rendered, and every so many after it; None = 2.
+        rendered: numbers of the rendered frames, in place of `every`.
+        keep_rendered: also write the rendered frames, so that OUT is the whole sequence.
+        previews: a PNG beside each EXR.
+        device: torch device; auto = cuda where there is one.
+        debug_buffers: also write what the system saw and decided.
+    """
+
+    system: str | None = None
+    every: int | None = None
+    rendered: frozenset[int] | None = None
+    keep_rendered: bool = False
+    previews: bool = False
+    device: str = "auto"
+    debug_buffers: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what goes together.
+
+        Raises:
+            RequestError: every frame would be rendered, or both ways to say which are given.
+        """
+        super().__post_init__()
+        if self.every is not None and self.rendered is not None:
+            raise RequestError("--every and --rendered both say which frames are rendered")
+        _ = self.cadence
+
+    @property
+    def cadence(self) -> Cadence:
+        """Which frames are rendered."""
+        return Cadence(
+            every=self.every if self.every is not None else FIRST_EVERY, rendered=self.rendered
+        )

@@ -1,0 +1,57 @@
+"""Which frames of a sequence are rendered, where the others are to be predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from rtsr_cli.core.errors import RequestError
+
+FIRST_EVERY = 2
+"""Least distance of rendered frames: with 1 there would be nothing to predict."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cadence:
+    """Which frames are rendered.
+
+    Attributes:
+        every: the first is, and every so many after it.
+        rendered: numbers that are, in place of `every`.
+    """
+
+    every: int = FIRST_EVERY
+    rendered: frozenset[int] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the distance.
+
+        Raises:
+            RequestError: every frame is rendered.
+        """
+        if self.every < FIRST_EVERY:
+            raise RequestError(
+                f"--every {self.every}: every frame would be rendered, and none left to predict; "
+                f"give {FIRST_EVERY} or more"
+            )
+
+    def list_rendered(self, numbers: Sequence[int], step: int) -> frozenset[int]:
+        """Return those of a sequence's frames that are rendered.
+
+        Counted by number, so that a gap shifts none.
+
+        Args:
+            numbers: of the frames, ascending.
+            step: difference of two successive ones.
+        """
+        if self.rendered is not None:
+            return self.rendered.intersection(numbers)
+        return frozenset(n for n in numbers if (n - numbers[0]) // step % self.every == 0)
+
+
+def measure_reach(numbers: Sequence[int], rendered: frozenset[int]) -> int:
+    """Return how many frames a predicted one looks back at most to reach a rendered one."""
+    places = [place for place, number in enumerate(numbers) if number in rendered]
+    ends = [*places, len(numbers)]
+    return max((after - before - 1 for before, after in pairwise(ends)), default=0)

@@ -1,0 +1,149 @@
+"""What tells the surfaces of a shot's frames apart: how they face, where they lie, what they are.
+
+    likeness(p, q) = exp(-a (1 - f(p).f(q)) - |n(p).(P(q) - P(p))| / (c(p) z(p)))   of one kind
+                   = 0                                                              else
+
+f is the normal n with a fourth component that is 1 on sky alone; P lies in one space for all
+frames, so that a static surface keeps its plane; z is the depth. Edge-stopping functions as in
+Dammertz et al., "Edge-Avoiding A-Trous Wavelet Transform", HPG 2010, with the distance from p's
+plane in place of that of the positions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.camera import ray_axes
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane, Vector3
+
+FACING = 32.0
+"""a: neighbours whose normals are 12 degrees apart count half."""
+
+PLANE_SHARE = 0.02
+"""c: distance from the plane, as a share of the depth, that takes off a factor of e."""
+
+MOVING_SHARE = 0.1
+"""c of what moves: it need not stay in its plane."""
+
+STATIC_PX = 0.25
+"""How far motion may differ from that of the camera on what stands still."""
+
+MIN_DEPTH = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surfaces:
+    """Surfaces of a frame.
+
+    Attributes:
+        facing: n 4 h w, the normal (0 on sky), and 1 on sky.
+        position: n 3 h w, in the space of all frames; where no camera is known, (0, 0, -depth).
+        plane: n 3 h w, the normal in the space of the positions.
+        tolerance: n 1 h w, c z: distance from the plane that takes off a factor of e.
+        kind: n 1 h w, whole numbers: pixels of different ones are never alike.
+    """
+
+    facing: Image
+    position: Vector3
+    plane: Vector3
+    tolerance: Plane
+    kind: Plane
+
+    def pack(self) -> Image:
+        """Return what another pixel is held against, n 8 h w: facing, position, kind."""
+        return torch.cat([self.facing, self.position, self.kind], dim=1)
+
+    def widen(self, moving: Mask) -> Surfaces:
+        """Return the same with the tolerance of what moves where `moving` is 1."""
+        factor = 1.0 + (MOVING_SHARE / PLANE_SHARE - 1.0) * moving
+        return replace(self, tolerance=self.tolerance * factor)
+
+
+def describe_surfaces(frame: Frame, divided: Mask) -> Surfaces:
+    """Describe a frame's surfaces.
+
+    Args:
+        frame: holds normal and depth; object ids, positions and a camera where they are there.
+        divided: 1 where radiance is divided by a material; such pixels and others are no kin.
+    """
+    gbuffer = frame.gbuffer
+    normal, depth = gbuffer[Buffer.NORMAL], gbuffer[Buffer.DEPTH]
+    sky = (depth >= SKY_DEPTH_M).to(normal)
+    position = _locate(frame)
+    plane = normal * (1.0 - sky)
+    if position is None:
+        position = torch.cat([torch.zeros_like(normal[:, :2]), -depth], dim=1)
+        plane = torch.cat([torch.zeros_like(plane[:, :2]), 1.0 - sky], dim=1)
+    numbers = gbuffer.buffers.get(Buffer.OBJECT_ID)
+    kind = divided if numbers is None else 2.0 * numbers.to(normal) * (1.0 - sky) + divided
+    return Surfaces(
+        facing=torch.cat([normal * (1.0 - sky), sky], dim=1),
+        # where sky lies says nothing, and its depth would spoil sums
+        position=position * (1.0 - sky),
+        plane=plane,
+        tolerance=PLANE_SHARE * depth.clamp(min=MIN_DEPTH, max=SKY_DEPTH_M),
+        kind=kind,
+    )
+
+
+def _locate(frame: Frame) -> Vector3 | None:
+    """World positions: stored, or from depth and camera; None where neither is there.
+
+    P = (x z, y z, -z, 1) . inverse(worldToCamera)
+    """
+    gbuffer, camera = frame.gbuffer, frame.camera
+    if Buffer.POSITION in gbuffer:
+        return gbuffer[Buffer.POSITION]
+    axes = ray_axes(camera, frame.view, frame.size, jitter_px=camera.jitter_px)
+    if axes is None or camera.world_to_camera is None:
+        return None
+    depth = gbuffer[Buffer.DEPTH].clamp(max=SKY_DEPTH_M)
+    x, y = (axis.to(depth) for axis in axes)
+    to_world = torch.linalg.inv(camera.world_to_camera).to(depth)
+    right, up, back, origin = (to_world[i, :3].view(1, 3, 1, 1) for i in range(4))
+    position: Vector3 = (x * depth) * right + (y * depth) * up - depth * back + origin
+    return position
+
+
+def find_moving(surfaces: Surfaces, motion_px: MotionPx, before: Frame) -> Mask:
+    """1 where motion is not that of the camera; everywhere where no camera is known.
+
+    Args:
+        surfaces: of the current frame.
+        motion_px: from its samples to those of the frame before.
+        before: the frame before.
+    """
+    matrix = before.camera.world_to_ndc
+    if matrix is None:
+        return torch.ones_like(motion_px[:, :1])
+    p, m = surfaces.position, matrix.to(surfaces.position)
+    x, y, w = (torch.einsum("nchw,c->nhw", p, m[:3, i]).unsqueeze(1) + m[3, i] for i in (0, 1, 3))
+    height, width = before.view.display
+    jitter_x, jitter_y = before.camera.jitter_px
+    columns = (x / w * 0.5 + 0.5) * width - before.view.left - jitter_x - 0.5
+    rows = (0.5 - 0.5 * y / w) * height - before.view.top - jitter_y - 0.5
+    own_columns = torch.arange(motion_px.shape[3], device=p.device).view(1, 1, 1, -1)
+    own_rows = torch.arange(motion_px.shape[2], device=p.device).view(1, 1, -1, 1)
+    camera_px = torch.cat([columns - own_columns, rows - own_rows], dim=1)
+    differs = (camera_px - motion_px).abs().amax(1, keepdim=True) > STATIC_PX
+    on_sky = surfaces.facing[:, 3:] > 0.5
+    return (differs & ~on_sky).to(motion_px)
+
+
+def weigh_likeness(own: Surfaces, packed: Tensor) -> Plane:
+    """Return how much pixels are of the surface of each pixel, 0..1.
+
+    Args:
+        own: surfaces, n . h w.
+        packed: `Surfaces.pack` of the pixel that each is held against, n 8 h w.
+    """
+    facing, position, kind = packed[:, :4], packed[:, 4:7], packed[:, 7:8]
+    turned = 1.0 - (own.facing * facing).sum(1, keepdim=True)
+    apart = (own.plane * (position - own.position)).sum(1, keepdim=True).abs_()
+    likeness = turned.mul_(-FACING).sub_(apart.div_(own.tolerance)).exp_()
+    return likeness.mul_(kind == own.kind)

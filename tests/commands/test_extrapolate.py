@@ -1,0 +1,214 @@
+"""`rtsr extrapolate` as a user runs it: what is predicted, from what, and what is refused."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from numpy.typing import NDArray
+
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+
+Run = Callable[..., Result]
+Planes = dict[str, NDArray[Any]]
+
+PREDICTED = (2, 4, 6)
+
+
+def load(path: Path) -> NDArray[np.float32]:
+    planes = read_channels(path, {"R", "G", "B"})
+    return np.stack([planes[c].astype(np.float32) for c in "RGB"])
+
+
+def score(test: NDArray[np.float32], reference: NDArray[np.float32]) -> float:
+    difference = test / (1 + test) - reference / (1 + reference)
+    return float(-10 * np.log10(np.mean(difference.astype(np.float64) ** 2)))
+
+
+def change(source: Path, target: Path, edit: Callable[[Planes, int], None]) -> Path:
+    """Copy frames with other pixels."""
+    for path in sorted(source.glob("*.exr")):
+        header = read_header(path)
+        planes = read_channels(path, header.channels)
+        edit(planes, int(path.stem.split(".")[-1]))
+        write_exr(target / path.name, planes, attributes=header.attributes)
+    return target
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir() if p.suffix == ".exr")
+
+
+@pytest.fixture(scope="module")
+def sequence(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six frames with radiance and G-buffer, of one size."""
+    shot = tmp_path_factory.mktemp("sequence") / "shot"
+    shutil.copytree(sample_root / "lr", shot)
+    return shot
+
+
+def test_every_second_frame_is_predicted_and_says_so(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    result = rtsr("extrapolate", sequence, tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "3 rendered, 3 to predict, system warp-guided" in result.output
+    assert names_in(tmp_path / "out") == [f"frame.{n:04d}.exr" for n in PREDICTED]
+    attributes = read_header(tmp_path / "out" / "frame.0004.exr").attributes
+    assert int(attributes["rtsr:predicted"]) == 1
+    assert attributes["rtsr:system"] == "warp-guided"
+
+
+def test_lighting_on_surfaces_beats_moved_radiance(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    for system in ("warp", "warp-guided"):
+        assert rtsr("extrapolate", sequence, tmp_path / system, "--system", system).exit_code == 0
+    gains = []
+    for number in PREDICTED:
+        name = f"frame.{number:04d}.exr"
+        guided, plain = (
+            score(load(tmp_path / s / name), load(sequence / name)) for s in ("warp-guided", "warp")
+        )
+        gains.append(guided - plain)
+    assert min(gains) > 1.5
+    assert np.mean(gains) > 2.8
+
+
+def test_radiance_of_predicted_frames_is_never_read(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    random = np.random.default_rng(1)
+
+    def spoil(planes: Planes, number: int) -> None:
+        if number in PREDICTED:
+            for channel in "RGB":
+                planes[channel] = random.uniform(0, 9, planes[channel].shape).astype(np.float16)
+
+    noisy = change(sequence, tmp_path / "noisy", spoil)
+    rtsr("extrapolate", sequence, tmp_path / "a")
+    assert rtsr("extrapolate", noisy, tmp_path / "b").exit_code == 0
+    for name in names_in(tmp_path / "a"):
+        assert np.array_equal(load(tmp_path / "a" / name), load(tmp_path / "b" / name))
+
+
+def test_the_whole_sequence_is_written_where_that_is_asked_for(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    assert rtsr("extrapolate", sequence, tmp_path / "out", "--keep-rendered").exit_code == 0
+    assert names_in(tmp_path / "out") == names_in(sequence)
+    assert np.array_equal(
+        load(tmp_path / "out" / "frame.0003.exr"), load(sequence / "frame.0003.exr")
+    )
+    assert "rtsr:predicted" not in read_header(tmp_path / "out" / "frame.0003.exr").attributes
+
+
+@pytest.mark.parametrize(
+    ("options", "numbers"),
+    [
+        (("--every", "3"), [2, 3, 5, 6]),
+        (("--rendered", "1,4"), [2, 3, 5, 6]),
+        (("--rendered", "1-5"), [6]),
+        (("--frames", "4-6"), [4, 6]),
+    ],
+)
+def test_other_frames_can_be_the_rendered_ones(
+    rtsr: Run, sequence: Path, tmp_path: Path, options: tuple[str, ...], numbers: list[int]
+) -> None:
+    result = rtsr("extrapolate", sequence, tmp_path / "out", *options)
+    assert result.exit_code == 0, result.output
+    assert names_in(tmp_path / "out") == [f"frame.{n:04d}.exr" for n in numbers]
+
+
+def test_a_second_run_keeps_what_is_there(rtsr: Run, sequence: Path, tmp_path: Path) -> None:
+    rtsr("extrapolate", sequence, tmp_path / "out")
+    (tmp_path / "out" / "frame.0004.exr").unlink()
+    result = rtsr("extrapolate", sequence, tmp_path / "out")
+    assert "1 written, 2 kept" in result.output
+    # another cadence is another sequence
+    assert rtsr("extrapolate", sequence, tmp_path / "out", "--every", "3").exit_code == 3
+
+
+def test_shards_write_what_the_whole_run_writes(rtsr: Run, sequence: Path, tmp_path: Path) -> None:
+    rtsr("extrapolate", sequence, tmp_path / "whole")
+    for part in ("1/2", "2/2"):
+        assert rtsr("extrapolate", sequence, tmp_path / "parts", "--shard", part).exit_code == 0
+    assert names_in(tmp_path / "parts") == names_in(tmp_path / "whole")
+    for name in names_in(tmp_path / "whole"):
+        assert np.array_equal(load(tmp_path / "whole" / name), load(tmp_path / "parts" / name))
+
+
+def test_a_frame_that_no_rendered_one_precedes_fails_alone(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    result = rtsr("extrapolate", sequence, tmp_path / "out", "--rendered", "3,5")
+    assert result.exit_code == 1
+    assert "frame.0001.exr: no rendered frame" in result.output
+    assert names_in(tmp_path / "out") == ["frame.0004.exr", "frame.0006.exr"]
+
+
+def test_a_cut_leaves_no_past_to_predict_from(rtsr: Run, sequence: Path, tmp_path: Path) -> None:
+    shot = tmp_path / "shot"
+    shutil.copytree(sequence, shot)
+    (shot / "capture.toml").write_text("camera_cuts = [4]\n")
+    result = rtsr("extrapolate", shot, tmp_path / "out")
+    assert result.exit_code == 1
+    assert "frame.0004.exr: no rendered frame" in result.output
+    assert names_in(tmp_path / "out") == ["frame.0002.exr", "frame.0006.exr"]
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (("--every", "1"), 2, "none left to predict"),
+        (("--every", "2", "--rendered", "1,3"), 2, "--every and --rendered"),
+        (("--rendered", "1-6"), 3, "none is left to predict"),
+        (("--rendered", "77"), 3, "none of its frames"),
+        (("--system", "fusesr"), 2, "fusesr"),
+    ],
+)
+def test_what_leaves_nothing_to_do_is_refused(
+    rtsr: Run, sequence: Path, tmp_path: Path, options: tuple[str, ...], code: int, said: str
+) -> None:
+    result = rtsr("extrapolate", sequence, tmp_path / "out", *options)
+    assert result.exit_code == code, result.output
+    assert said in result.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_motion_nothing_is_predicted(rtsr: Run, sequence: Path, tmp_path: Path) -> None:
+    def drop(planes: Planes, number: int) -> None:
+        del number
+        for channel in ("motion.X", "motion.Y"):
+            planes.pop(channel)
+
+    still = change(sequence, tmp_path / "still", drop)
+    result = rtsr("extrapolate", still, tmp_path / "out")
+    assert result.exit_code == 3
+    assert "motion" in result.output
+
+
+def test_surfaces_without_material_keep_their_radiance(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    """A material of 0 carries no lighting: what was seen there is moved, and never black."""
+
+    def blacken(planes: Planes, number: int) -> None:
+        del number
+        for channel in "RGB":
+            planes[f"material.{channel}"] = np.zeros_like(planes[channel])
+
+    black = change(sequence, tmp_path / "black", blacken)
+    for system in ("warp", "warp-guided"):
+        assert rtsr("extrapolate", black, tmp_path / system, "--system", system).exit_code == 0
+    for number in PREDICTED:
+        name = f"frame.{number:04d}.exr"
+        truth = load(sequence / name)
+        guided, plain = (load(tmp_path / system / name) for system in ("warp-guided", "warp"))
+        assert score(guided, truth) > score(plain, truth)
+        assert guided.min() > 0.0
