@@ -11,6 +11,7 @@ from rtsr_cli.commands.exit_codes import FAILED, REFUSED
 from rtsr_cli.commands.log import LOG, show
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.readiness_text import list_readiness_lines
+from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
@@ -106,9 +107,9 @@ def _format_value(capture: CaptureWritten) -> str:
 
 def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
     """Everything about a shot."""
-    yield from _list_set_lines(inspection.main)
+    yield from _list_set_lines(inspection.main, inspection.capture)
     if inspection.hr is not None:
-        yield from _list_set_lines(inspection.hr)
+        yield from _list_set_lines(inspection.hr, inspection.capture)
     for label, text in list_readiness_lines(inspection):
         yield _format_line(label, text)
     yield from _list_next_steps(inspection)
@@ -119,15 +120,11 @@ def _format_line(label: str, text: str) -> str:
     return f"  {label:<{LABEL}}{text}"
 
 
-def _list_set_lines(frame_set: SetInspection) -> Iterator[str]:
+def _list_set_lines(frame_set: SetInspection, declared: CaptureDeclaration) -> Iterator[str]:
     yield str(frame_set.root)
     reader = frame_set.reader
     if reader is None:
-        yield _format_line("layout", "not understood")
-        for key, names in frame_set.channels.items():
-            yield _format_line("channels", f"{key + ': ' if key else ''}{' '.join(names)}")
-        if frame_set.layers:
-            yield _format_line("layers", f"{', '.join(frame_set.layers)} (none is read)")
+        yield from _list_unread_lines(frame_set)
         yield from _list_guess_lines(frame_set)
         yield from _list_problem_lines(frame_set)
         return
@@ -143,8 +140,21 @@ def _list_set_lines(frame_set: SetInspection) -> Iterator[str]:
     yield from _list_guess_lines(frame_set)
     yield _format_line("camera", _describe_camera(reader, frame_set.settled))
     if frame_set.settled is not None:
-        yield from _list_convention_lines(frame_set, reader, frame_set.settled)
+        yield from _list_convention_lines(frame_set.settled)
+        yield from _list_roughness_lines(frame_set, reader, declared)
+        for note in frame_set.settled.notes:
+            yield _format_line("note", note)
     yield from _list_problem_lines(frame_set)
+
+
+def _list_unread_lines(frame_set: SetInspection) -> Iterator[str]:
+    """Channels of frames that cannot be read; the layers where only one has to be chosen."""
+    if frame_set.layers:
+        yield _format_line("layers", f"{', '.join(frame_set.layers)} (none is read: choose one)")
+        return
+    yield _format_line("layout", "not understood")
+    for key, names in frame_set.channels.items():
+        yield _format_line("channels", f"{key + ': ' if key else ''}{' '.join(names)}")
 
 
 def _describe_layout(reader: FrameReader) -> str:
@@ -223,9 +233,8 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     return f"verified by {', '.join(found.proofs)}{but}"
 
 
-def _list_convention_lines(
-    frame_set: SetInspection, reader: FrameReader, settled: MeasuredReader
-) -> Iterator[str]:
+def _list_convention_lines(settled: MeasuredReader) -> Iterator[str]:
+    reader = settled.reader
     if {Buffer.MOTION, Buffer.FORWARD} & reader.stored:
         how = "not read; presumed as" if reader.motion_undecided else "read as"
         yield _format_line("motion", f"{how} {reader.conventions.motion}")
@@ -245,10 +254,6 @@ def _list_convention_lines(
         known = ", measured" if proof is not None and proof.space is not None else ""
         packed = "packed (n + 1) / 2" if normal.packed else "-1..1"
         yield _format_line("normals", f"{normal.space} space, {packed}{known}")
-    if Buffer.ROUGHNESS in reader.stored:
-        yield _format_line("roughness", _describe_roughness(frame_set, reader))
-    for note in settled.notes:
-        yield _format_line("note", note)
 
 
 def _list_motion_lines(settled: MeasuredReader) -> Iterator[str]:
@@ -298,7 +303,17 @@ def _describe_depth_proof(settled: MeasuredReader) -> str:
     )
 
 
-def _describe_roughness(frame_set: SetInspection, reader: FrameReader) -> str:
+def _list_roughness_lines(
+    frame_set: SetInspection, reader: FrameReader, declared: CaptureDeclaration
+) -> Iterator[str]:
+    if Buffer.ROUGHNESS in reader.stored:
+        kind = reader.conventions.roughness
+        known = f"{kind}, declared" if declared.roughness == kind else ""
+        yield _format_line("roughness", known or _doubt_roughness(frame_set, reader))
+
+
+def _doubt_roughness(frame_set: SetInspection, reader: FrameReader) -> str:
+    """Say how roughness is read that nobody declares, and what speaks against it."""
     kind = reader.conventions.roughness
     names = " ".join(c.channel + c.stream for c in reader.binding[Buffer.ROUGHNESS]).lower()
     if kind != "smoothness" and any(word in names for word in ("smooth", "gloss")):

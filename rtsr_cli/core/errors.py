@@ -24,15 +24,17 @@ class FrameFolderError(RtsrError):
 class LayerChoiceError(FrameFolderError):
     """Files that hold one buffer in several layers or views, of which the user has to choose."""
 
-    def __init__(self, message: str, layers: Iterable[str]) -> None:
+    def __init__(self, message: str, layers: Iterable[str], buffer: str) -> None:
         """Remember the choices.
 
         Args:
             message: for the user; names them.
             layers: names of the layers.
+            buffer: that they hold.
         """
         super().__init__(message)
         self.layers = tuple(layers)
+        self.buffer = buffer
 
 
 class InputChangedError(FrameFolderError):

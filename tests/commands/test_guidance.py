@@ -181,6 +181,21 @@ def test_a_wrong_guess_is_never_offered(
     assert not any(name in line for line in lines for name in renamed.values() if not right)
 
 
+def test_roughness_that_is_declared_is_not_doubted(rtsr: Run, capture: Copy) -> None:
+    folder = capture()
+    for path in sorted(folder.glob("*.exr")):
+        header = read_header(path)
+        planes = dict(read_channels(path, header.channels))
+        planes["roughness"] = planes["roughness"] * 0.01
+        write_exr(path, planes, attributes=header.attributes)
+    assert "GGX alpha, perhaps?" in rtsr("inspect", folder).output
+    declared = folder / "capture.toml"
+    declared.write_text(f'roughness = "perceptual"\n{declared.read_text()}')
+    said = rtsr("inspect", folder).output
+    assert "perhaps?" not in said
+    assert "perceptual, declared" in said
+
+
 def test_two_colours_are_offered_as_material(
     rtsr: Run, small_capture: Path, tmp_path: Path
 ) -> None:

@@ -169,6 +169,9 @@ def test_inspect_says_which_layers_there_are_and_which_is_read(
     facts = json.loads(refused.stdout)
     assert (set(facts["layers"]), facts["layer"]) == ({first, second}, None)
     assert facts["systems"]["bicubic"]["missing"] == ["a choice of layer"]
+    # what a channel is depends on the layout that is known, not on its name
+    assert facts["guesses"] == {}
+    assert "not understood" not in rtsr("inspect", tmp_path / "in").output
     facts = json.loads(rtsr("inspect", tmp_path / "in", "--layer", second, "--json").stdout)
     assert (set(facts["layers"]), facts["layer"]) == ({first, second}, second)
     assert facts["buffers"]["color"]["max"] == SECOND
@@ -324,6 +327,18 @@ def test_a_layer_and_a_view_are_chosen_together(
     (tmp_path / "in" / "capture.toml").write_text(text)
     facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
     assert facts["buffers"]["depth"]["max"] == depth
+
+
+def test_layers_and_views_are_named_together_where_both_are_to_be_chosen(
+    rtsr: Run, tmp_path: Path
+) -> None:
+    write_layers_of_two_views(tmp_path / "in" / "f.0001.exr")
+    facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
+    choices = {f"{layer}.{view}" for layer in ("fg", "ViewLayer") for view in ("left", "right")}
+    assert set(facts["layers"]) == choices
+    for name in choices:
+        (tmp_path / "in" / "capture.toml").write_text(f'layer = "{name}"\n')
+        assert json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)["layer"] == name
 
 
 @pytest.mark.parametrize(

@@ -40,8 +40,17 @@ KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
 OF_LIGHT = ("light", "direct", "illum", "irrad", "shad", "bounce")
 """In names of channels that hold light, whatever surface it comes from."""
 
-SURFACE = frozenset({Buffer.ALBEDO, Buffer.SPECULAR})
+OF_LOBES = ("glossy",)
+"""In names of channels that hold the light or the colour of mirrors, no glossiness."""
+
+OF_DENOISERS = ("denois",)
+"""In names of what guides a denoiser: through mirrors, surfaces are those that they show."""
+
+SURFACE = frozenset({Buffer.ALBEDO, Buffer.SPECULAR, Buffer.ROUGHNESS, Buffer.METALLIC})
 """Buffers that hold no light."""
+
+NUMBERS = frozenset({Buffer.ROUGHNESS, Buffer.METALLIC})
+"""Buffers of one number, which no colour is."""
 
 WHOLE, BEGINNING = 2, 3
 """Words of so many letters must be a whole word of the name, or begin one: they are in many."""
@@ -166,11 +175,18 @@ def _strip_component(channel: str) -> str:
 def _list_candidates(name: str, count: int) -> Iterator[Buffer]:
     """Buffers whose keyword the name contains and that need no more channels, the likely first."""
     parts = [part.lower() for part in WORD.findall(name)]
+    if _has_any(OF_DENOISERS, name):
+        return
     for buffer, words in KEYWORDS.items():
-        lit = buffer in SURFACE and any(word in name.lower() for word in OF_LIGHT)
-        enough = count >= BUFFER_SPECS[buffer].channels and not lit
+        lit = buffer in SURFACE and _has_any(OF_LIGHT, name)
+        shared = buffer in NUMBERS and _has_any(OF_LOBES, name)
+        enough = count >= BUFFER_SPECS[buffer].channels and not lit and not shared
         if enough and any(_contains_keyword(word, name.lower(), parts) for word in words):
             yield buffer
+
+
+def _has_any(words: tuple[str, ...], name: str) -> bool:
+    return any(word in name.lower() for word in words)
 
 
 def _contains_keyword(word: str, name: str, parts: Collection[str]) -> bool:

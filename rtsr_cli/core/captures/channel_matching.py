@@ -366,6 +366,7 @@ def make_layer_error(rivals: Mapping[Buffer, Sequence[str]], where: str = "") ->
         f"({', '.join(map(repr, layers))}); choose one with --layer NAME (capture.toml: "
         'layer = "NAME"), or say which channels in [buffers] of capture.toml',
         names,
+        buffer,
     )
 
 

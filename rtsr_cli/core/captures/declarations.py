@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import takewhile
@@ -16,7 +16,7 @@ from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.layout_files import list_declared_buffers, load_layout
 from rtsr_cli.core.captures.layouts import SCOPE, Component, Layout
 from rtsr_cli.core.captures.presets import LAYOUTS
-from rtsr_cli.core.captures.shots import Shot
+from rtsr_cli.core.captures.shots import SHOT_PARTS, TARGET_FOLDERS, Shot
 from rtsr_cli.core.documents import shorten_value
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.files.folders import is_file
@@ -56,6 +56,8 @@ class DeclarationFiles:
             capture: file in place of each shot's capture.toml, or None.
         """
         self._root = root
+        self._name = root.absolute().name
+        self._beside = _find_shot_folder(root, self._name)
         self._layout_name = layout
         self._capture_file = capture
         self._capture = cache(read_capture)
@@ -65,7 +67,8 @@ class DeclarationFiles:
     def resolve_for(self, shot: Shot) -> Declarations:
         """Resolve what is declared about a shot.
 
-        The nearest capture.toml from the shot's folder up to IN; `--capture` in place of all.
+        The nearest capture.toml from the shot's folder up to IN, and beside IN where that is a
+        folder of a shot (`shot/hr`); `--capture` in place of all.
 
         Raises:
             ConfigError: a file is not valid.
@@ -81,6 +84,8 @@ class DeclarationFiles:
         if cameras is not None:
             side_car = self._side_car(cameras)
             capture, rows = add_depth_sense(capture, side_car), side_car.rows
+        if path is not None and path.parent == self._beside and self._name in TARGET_FOLDERS:
+            capture, rows = _leave_out_lr(capture, rows)
         named = self._layout_name or capture.layout
         name = named or shot.layout
         layout = None if name is None else self._layout(name)
@@ -95,9 +100,17 @@ class DeclarationFiles:
         )
 
     def _list_capture_files(self, folder: Path) -> list[Path]:
-        """What is named capture.toml from a folder up to IN, the nearest first."""
+        """What is named capture.toml from a folder up to IN or its shot, the nearest first."""
         above = [folder, *(p for p in folder.parents if p.is_relative_to(self._root))]
+        above += [] if self._beside is None else [self._beside]
         return [p / CAPTURE_FILE for p in above if os.path.lexists(p / CAPTURE_FILE)]
+
+    def _read_own(self, folder: Path) -> CaptureDeclaration:
+        """What a folder's own capture.toml says; of IN also the one of the shot it is part of."""
+        shot = [self._beside] if folder == self._root and self._beside is not None else []
+        files = (p / CAPTURE_FILE for p in (folder, *shot))
+        path = next(filter(is_file, files), None)
+        return CaptureDeclaration() if path is None else self._capture(path)
 
     def _place_side_car(self, capture: Path, name: str) -> Path:
         """Say where a side-car lies that a capture.toml names.
@@ -120,10 +133,8 @@ class DeclarationFiles:
         Raises:
             RtsrError: a layout or capture.toml is not valid.
         """
-        path = self._capture_file or folder / CAPTURE_FILE
-        capture = (
-            self._capture(path) if self._capture_file or is_file(path) else CaptureDeclaration()
-        )
+        given = self._capture_file
+        capture = self._read_own(folder) if given is None else self._capture(given)
         name = self._layout_name or capture.layout
         return tuple(LAYOUTS.values()) if name is None else (self._layout(name),)
 
@@ -133,10 +144,7 @@ class DeclarationFiles:
         Raises:
             RtsrError: a layout or capture.toml is not valid.
         """
-        path = folder / CAPTURE_FILE
-        if not is_file(path):
-            return ()
-        capture = self._capture(path)
+        capture = self._read_own(folder)
         own = Layout(
             name="", description="", buffers=build_components(capture.buffers), folders=True
         )
@@ -144,15 +152,19 @@ class DeclarationFiles:
         return list_folder_patterns((own, *named))
 
 
-def find_declaring_folder(shot: Shot, root: Path, parts: Collection[str]) -> Path:
-    """Return the folder up to which declarations about a shot are looked for.
+def _find_shot_folder(root: Path, name: str) -> Path | None:
+    """Return the folder of the shot that IN, of some name, is a part of; None if it is none."""
+    if name not in SHOT_PARTS:
+        return None
+    return root.parent if root.name == name else root / os.pardir
 
-    Args:
-        shot: below IN, or IN itself.
-        root: IN.
-        parts: names of folders that belong to the shot that their parent is.
-    """
-    return root.parent if shot.root == root and root.name in parts else root
+
+def _leave_out_lr(
+    capture: CaptureDeclaration, rows: Mapping[int, CameraRow]
+) -> tuple[CaptureDeclaration, Mapping[int, CameraRow]]:
+    """Leave out what a shot declares of its LR frames, where frames of the target size are IN."""
+    still = {number: row.model_copy(update={"jitter_px": None}) for number, row in rows.items()}
+    return capture.model_copy(update={"jitter_px": None, "scale": None}), still
 
 
 def _describe_no_file(path: Path) -> str:

@@ -292,7 +292,7 @@ def _bind_the_only_view(
         except FrameFolderError as error:
             errors.append(error)
     if not bound:
-        raise errors[0]
+        raise _name_views(errors[0], views, where)
     rivals: dict[Buffer, Sequence[str]] = dict(_list_rival_views(bound))
     if rivals:
         raise make_layer_error(rivals, where)
@@ -301,6 +301,14 @@ def _bind_the_only_view(
         raise _make_unknown_error(layer, views, where)
     merged = {b: parts for one in bound.values() for b, parts in one.binding.items()}
     return replace(most, binding=merged, layers=tuple(views), layer=layer or "")
+
+
+def _name_views(error: FrameFolderError, views: Sequence[str], where: str) -> FrameFolderError:
+    """Return what is wrong with every view; of layers to choose from, each with each view."""
+    if not isinstance(error, LayerChoiceError):
+        return error
+    choices = [f"{layer}.{view}" for layer in error.layers for view in views]
+    return make_layer_error({Buffer(error.buffer): choices}, where)
 
 
 def _list_rival_views(bound: Mapping[str, BoundLayers]) -> Iterator[tuple[Buffer, Sequence[str]]]:

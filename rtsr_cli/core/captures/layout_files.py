@@ -119,7 +119,7 @@ def choose_layout(
     try:
         binding = bind_layout(layout, streams, layer)
     except LayerChoiceError as error:
-        raise LayerChoiceError(f"{where}: {error}", error.layers) from error
+        raise LayerChoiceError(f"{where}: {error}", error.layers, error.buffer) from error
     except FrameFolderError as error:
         raise FrameFolderError(f"{where}: {error}") from error
     if not any(map(len, binding.values())):

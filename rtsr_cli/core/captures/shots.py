@@ -17,6 +17,15 @@ from rtsr_cli.core.files.folders import find_real_path, is_file, is_folder, list
 LR_FOLDER, HR_FOLDER = "lr", "hr"
 """Names of a shot's two resolutions."""
 
+REFERENCE_FOLDER = "reference"
+"""Beside `lr` and `hr`: radiance at the target size, as `rtsr synth --scale` writes it."""
+
+TARGET_FOLDERS = frozenset({HR_FOLDER, REFERENCE_FOLDER})
+"""Folders of a shot that hold frames of the target size, which no LR jitter moves."""
+
+SHOT_PARTS = TARGET_FOLDERS | {LR_FOLDER}
+"""Folders of one shot, which declares what they hold."""
+
 SCALE = re.compile(r"\d+(_\d+)?")
 """A ratio of resolutions as folders write it: 2, 1_5."""
 

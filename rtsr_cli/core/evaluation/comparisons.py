@@ -12,12 +12,17 @@ from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
-from rtsr_cli.core.captures.declarations import find_declaring_folder
 from rtsr_cli.core.captures.header_files import HeaderFiles
 from rtsr_cli.core.captures.lent_motion import lend_motion
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import check_origins
-from rtsr_cli.core.captures.shots import LR_FOLDER, Shot, collect_frame_set
+from rtsr_cli.core.captures.shots import (
+    HR_FOLDER,
+    LR_FOLDER,
+    REFERENCE_FOLDER,
+    Shot,
+    collect_frame_set,
+)
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.files.folders import is_folder
@@ -28,14 +33,11 @@ from rtsr_cli.core.frames.selection import Selection, format_ranges
 from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, open_set, open_shot, survey_set
 from rtsr_cli.core.shapes import Size
 
-REFERENCE_FOLDERS = ("reference", "hr", "")
+REFERENCE_FOLDERS = (REFERENCE_FOLDER, HR_FOLDER, "")
 """Where below a shot of REF the pictures may lie, in the order they are looked for."""
 
-GBUFFER_FOLDERS = ("hr", "")
+GBUFFER_FOLDERS = (HR_FOLDER, "")
 """Where below a shot the buffers of the output resolution may lie."""
-
-SHOT_PARTS = frozenset({*REFERENCE_FOLDERS, LR_FOLDER}) - {""}
-"""Folders of one shot, which declares what they hold."""
 
 DEBUG_FOLDER = "debug"
 """Subfolder of outputs that holds no result."""
@@ -164,8 +166,7 @@ def _open_comparison(
     headers = HeaderFiles()
     tests = {m: _open_radiance(shot, shot.root, options.read, headers) for m, shot in shots.items()}
     truth_shot = _find_shot(reference, name, REFERENCE_FOLDERS)
-    declared = find_declaring_folder(truth_shot, reference, SHOT_PARTS)
-    truth = _open_radiance(truth_shot, declared, options.read, headers)
+    truth = _open_radiance(truth_shot, reference, options.read, headers)
     gbuffer = _open_gbuffer(name, reference, truth, options, headers)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
@@ -246,8 +247,7 @@ def _open_gbuffer(
         return None
     if options.gbuffer is None and not _has_surface(shot, headers):
         return None
-    declared = find_declaring_folder(shot, root, SHOT_PARTS)
-    opened = open_shot(shot, declared, options.read, headers=headers)
+    opened = open_shot(shot, root, options.read, headers=headers)
     reader = open_set(shot.frames, opened, jittered=False)
     if reader.size != truth.size:
         if options.gbuffer is None:

@@ -19,7 +19,7 @@ from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.captures.shots import FrameSet, Shot
+from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import LayerChoiceError, RtsrError
 from rtsr_cli.core.files.folders import is_folder
@@ -51,7 +51,6 @@ from rtsr_cli.core.pairs.opening import (
     open_shot,
 )
 from rtsr_cli.core.pairs.sources import NAMED_LAYOUT
-from rtsr_cli.core.training.data_folders import REFERENCE_FOLDER
 
 MOST_FRAMES = 64
 """Frames whose pixels are looked at, evenly spaced, unless all are asked for."""
@@ -284,8 +283,7 @@ def _inspect_set(
         settled = measure_set(surveyed.readable, opened, jittered=lr, headers=headers)
     except LayerChoiceError as error:
         problem = _make_problem(error, "a choice of layer")
-        unread = replace(inspection, layers=error.layers, problems=(*problems, problem))
-        return _guess_unread(unread, surveyed)
+        return replace(inspection, layers=error.layers, problems=(*problems, problem))
     except RtsrError as error:
         problem = _make_problem(error, "a known layout")
         return _guess_unread(replace(inspection, problems=(*problems, problem)), surveyed)

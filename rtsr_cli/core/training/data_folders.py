@@ -12,7 +12,7 @@ from typing import cast
 from rtsr_cli import __version__
 from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.captures.shots import FrameSet, Shot, collect_frame_set
+from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot, collect_frame_set
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.documents import DocumentError, read_json
 from rtsr_cli.core.errors import FrameFolderError
@@ -40,9 +40,6 @@ from rtsr_cli.core.training.config import DataConfig
 
 MANIFEST = "manifest.json"
 """A data set's list of sequences with their split, beside its scenes."""
-
-REFERENCE_FOLDER = "reference"
-"""Beside `lr` and `hr`: radiance at the target size, as `rtsr synth --scale` writes it."""
 
 HELD_OUT = 8
 """One of so many shots is judged on where nothing says which."""

@@ -39,6 +39,30 @@ def test_short_words_inside_of_others_mean_nothing(name: str) -> None:
     assert guess_buffers({"shot": name.split()}) == {}
 
 
+BLENDER_PASSES = (
+    "Denoising Albedo",
+    "Denoising Normal",
+    "Glossy Direct",
+    "Glossy Indirect",
+    "Glossy Color",
+    "Transmission Direct",
+    "Shadow Catcher",
+)
+
+
+@pytest.mark.parametrize("name", BLENDER_PASSES)
+def test_passes_of_light_and_of_denoisers_are_no_surface(name: str) -> None:
+    channels = [f"ViewLayer.{name}.{c}" for c in "RGB"]
+    assert not {Buffer.ALBEDO, Buffer.NORMAL, Buffer.ROUGHNESS, Buffer.METALLIC} & set(
+        guess_buffers({"shot": channels})
+    )
+
+
+def test_roughness_of_a_lobe_is_roughness() -> None:
+    found = guess_buffers({"shot": ["specular_roughness"]})
+    assert found == {Buffer.ROUGHNESS: ("specular_roughness",)}
+
+
 def test_the_name_of_the_files_tells_what_their_plain_channels_are() -> None:
     found = guess_buffers({"beauty": ["R", "G", "B"], "mv": ["R", "G"], "zdepth": ["R"]})
     assert found[Buffer.COLOR] == ("beauty:R", "beauty:G", "beauty:B")

@@ -7,6 +7,7 @@ when capture.toml names it and declares its motion.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -41,6 +42,9 @@ WIDE_DEPTH_MARGIN = 0.5
 """A reading of depth is contradicted where another one has less than half its error."""
 
 
+UNIT_ROUNDING = 1e-3
+"""Units whose ratio differs from 1 by no more are one."""
+
 CLEAR = 0.75
 """Among frames that repeat, a reading holds whose error is this share of taking all for still."""
 
@@ -72,7 +76,7 @@ def measure_and_decide(
         _decide_depth,
         check_depth_size,
         _decide_sky,
-        _check_position,
+        check_position,
         _decide_normal,
     ):
         if motion or step not in {_decide_motion, _check_repeats}:
@@ -404,11 +408,11 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
     return take_measurement(settled, "sky", note, depth=depth)
 
 
-def _check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+def check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
     """Positions only stand in for missing cameras, so that a contradiction is no more than said."""
     unit = settled.measured.position_unit_m
     conventions = settled.reader.conventions
-    if unit is None or unit == conventions.metres_per_position:
+    if unit is None or math.isclose(unit, conventions.metres_per_position, rel_tol=UNIT_ROUNDING):
         return settled
     if capture.position.unit is not None:
         return add_warning(
