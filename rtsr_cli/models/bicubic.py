@@ -24,6 +24,7 @@ from rtsr_cli.core.imaging.enlargement import (
     enlarge_log_lighting,
     enlarge_masked_radiance,
     enlarge_radiance,
+    hold_lighting,
 )
 from rtsr_cli.core.imaging.resampling import BICUBIC_SUPPORT_PX
 from rtsr_cli.core.lighting.radiance import HALO_PX, add_undivided
@@ -66,14 +67,11 @@ def predict_demod_bicubic(network: nn.Module, window: FrameWindow, state: State)
     if hr is None:
         raise MissingBufferError(f"{frame.gbuffer.where}: demod-bicubic needs HR material")
     jitter_px = frame.camera.jitter_px
+    samples, mask = frame.gbuffer[Buffer.LIGHTING], frame.gbuffer[Buffer.LIGHTING_MASK]
     encoded = enlarge_log_lighting(
-        encode_log(frame.gbuffer[Buffer.LIGHTING], frame.lighting_scale),
-        frame.gbuffer[Buffer.LIGHTING_MASK],
-        scale,
-        jitter_px,
-        grow_px=config.grow_px,
+        encode_log(samples, frame.lighting_scale), mask, scale, jitter_px, grow_px=config.grow_px
     )
-    lighting = decode_log(encoded, frame.lighting_scale)
+    lighting = hold_lighting(decode_log(encoded, frame.lighting_scale), samples, mask, scale)
     emission = hr.gbuffer.buffers.get(Buffer.EMISSION)
     surface = remodulate(lighting, hr.gbuffer[Buffer.MATERIAL], emission)
     hr_sky = hr.gbuffer[Buffer.SKY] > 0.5

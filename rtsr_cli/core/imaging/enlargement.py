@@ -35,6 +35,12 @@ HIGHLIGHT = 0.5
 AVERAGE_LOG_LIGHTING = math.log(2.0)
 """log(1 + lighting / k) of lighting that is k, the frame's mean."""
 
+LEAST_SHARE = 0.0625
+"""Of the darkest sample around, below which no lighting is believed."""
+
+SKY_REACH_PX = 4
+"""Small pixels that radiance of a mask is carried to where the cubic kernel finds none of it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ToneCurve:
@@ -119,10 +125,29 @@ def enlarge_log_lighting(
     return torch.where(supported > 0, smooth, nearest)
 
 
+def hold_lighting(enlarged: Color, lighting: Color, mask: Mask, scale: int) -> Color:
+    """Hold enlarged lighting above a share of the darkest divided one of the 3x3 samples around.
+
+    Beside a highlight the kernel undershoots, and networks may, to black pixels among bright ones.
+
+    Args:
+        enlarged: lighting at the target size.
+        lighting: that of the samples.
+        mask: 1 = divided.
+        scale: output pixels per LR pixel.
+    """
+    darkest = -F.max_pool2d((-lighting).masked_fill(mask <= 0.5, -math.inf), 3, 1, 1)
+    # with no divided sample around there is nothing to hold it at
+    darkest = darkest.masked_fill(~torch.isfinite(darkest), 0.0).clamp_(min=0.0)
+    return torch.maximum(enlarged, upsample_nearest(LEAST_SHARE * darkest, scale))
+
+
 def enlarge_masked_radiance(
     color: Color, mask: Mask, scale: int, jitter_px: Jitter, *, wanted: Mask | None = None
 ) -> Color:
-    """Enlarge the radiance of some pixels only; where none is near, plain bicubic.
+    """Enlarge the radiance of some pixels only; beyond the kernel, the nearest of them.
+
+    Where none is near, plain bicubic.
 
     Args:
         color: linear radiance.
@@ -136,5 +161,8 @@ def enlarge_masked_radiance(
     own, supported = upsample_masked_bicubic(encoded, mask.to(encoded), scale, jitter_px)
     missing = supported <= 0
     if bool((missing if wanted is None else missing & (wanted > 0)).any()):
-        own = torch.where(missing, upsample_bicubic(encoded, scale, jitter_px), own)
+        grown, reached = grow_valid(encoded, mask.to(encoded), SKY_REACH_PX)
+        nearest, near = (upsample_nearest(image, scale) for image in (grown, reached))
+        other = torch.where(near > 0, nearest, upsample_bicubic(encoded, scale, jitter_px))
+        own = torch.where(missing, other, own)
     return curve.decode(bound_highlights(own, encoded, scale, curve.highlight))
