@@ -38,10 +38,9 @@ class MetricList(click.ParamType[tuple[MetricName, ...]]):
         names = [name.strip().lower() for name in str(value).split(",") if name.strip()]
         if not names:
             self.fail("name at least one metric", param, ctx)
-        if names == [EVERY]:
-            return tuple(MetricName)
         known = opt.NamedMember("metric", MetricName)
-        return tuple(dict.fromkeys(known.convert(name, param, ctx) for name in names))
+        chosen = [known.convert(name, param, ctx) for name in names if name != EVERY]
+        return tuple(MetricName) if EVERY in names else tuple(dict.fromkeys(chosen))
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
@@ -88,6 +87,7 @@ class ResultFile(click.ParamType[Path]):
 @click.option(
     "--metric",
     "metrics",
+    cls=opt.ListOption,
     type=MetricList(),
     show_default=True,
     help=f"Any of {', '.join(MetricName)}; or {EVERY}.",
@@ -136,6 +136,7 @@ class ResultFile(click.ParamType[Path]):
 )
 @click.option(
     "--fail-under",
+    cls=opt.ListOption,
     metavar="LIST",
     help="Demands on means, like 'psnr>30,flip<0.1'; exit 1 where a test misses one.",
 )
@@ -154,6 +155,7 @@ class ResultFile(click.ParamType[Path]):
 @opt.capture
 @click.option(
     "--frames",
+    cls=opt.ListOption,
     type=opt.Frames(),
     help="Judge these frames only; temporal metrics still read the others.",
 )

@@ -224,6 +224,20 @@ class PixelsPerDegree(click.ParamType[float]):
         return FiniteRange(1.0, 1000.0).convert(value, param, ctx)
 
 
+class ListOption(click.Option):
+    """An option whose value is a list with commas; of one that is repeated, the lists add up."""
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Collect every value, where click would keep the last."""
+        del ctx
+        parser.add_option(obj=self, opts=self.opts, dest=self.name, action="append")
+
+    def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
+        """Convert the values as the one list that they make."""
+        joined = ",".join(value) if isinstance(value, list) else value
+        return super().type_cast_value(ctx, joined)
+
+
 FOLDER = click.Path(path_type=Path)
 
 RATE_TILE = RateTile()
@@ -233,7 +247,10 @@ input_folder = click.argument("in_folder", metavar="IN", type=FOLDER)
 output_folder = click.argument("out_folder", metavar="OUT", type=FOLDER)
 
 frames = click.option(
-    "--frames", type=Frames(), help="Write these frames only; history still reads the others."
+    "--frames",
+    cls=ListOption,
+    type=Frames(),
+    help="Write these frames only; history still reads the others.",
 )
 shard = click.option("--shard", type=ShardOf(), help="Write part I of N of each shot.")
 layout = click.option(

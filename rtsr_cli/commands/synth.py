@@ -41,7 +41,13 @@ class PixelSize(click.ParamType[tuple[int, int]]):
 @click.command("synth")
 @opt.output_folder
 @click.option("--size", type=PixelSize(), show_default=True, help="Of the output.")
-@click.option("--frames", type=opt.Frames(), show_default=True, help="Frames to write.")
+@click.option(
+    "--frames",
+    cls=opt.ListOption,
+    type=opt.Frames(),
+    show_default=True,
+    help="Frames to write.",
+)
 @click.option("--seed", type=click.IntRange(min=0), show_default=True, help="Which scene.")
 @click.option(
     "--shots",

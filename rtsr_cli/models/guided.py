@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from torch import nn
 
-from rtsr_cli.core.imaging.guided_enlargement import REACH
 from rtsr_cli.core.lighting.lighting import (
+    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LOG_LIGHTING,
@@ -24,11 +24,8 @@ from rtsr_cli.core.lighting.lighting import (
     build_lighting_inputs,
     compose_lighting,
 )
-from rtsr_cli.core.lighting.radiance import GUIDES
+from rtsr_cli.core.lighting.radiance import HALO_PX
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
-
-HALO_PX = REACH + 2
-"""The samples around, one for the depth's gradient, and one for a jitter."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,13 +27,16 @@ from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.demodulation import remodulate
 from rtsr_cli.core.imaging.enlargement import enlarge_log_lighting, hold_lighting
 from rtsr_cli.core.imaging.guided_enlargement import SurfaceGuides, upsample_guided
-from rtsr_cli.core.lighting.radiance import GUIDES, add_radiance
+from rtsr_cli.core.lighting.radiance import add_radiance
 from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane, Vector3
 from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
 
 MAX_LIGHTING = 64.0
 """Bound of lighting in a network's input: quotients over dark materials have none."""
+
+GUIDES = (Buffer.NORMAL, Buffer.DEPTH)
+"""What tells surfaces apart, where both sizes have it."""
 
 LR_BUFFERS = (Buffer.COLOR, Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY)
 LR_OPTIONAL = (Buffer.EMISSION,)

@@ -1,60 +1,36 @@
 """Radiance that no lighting explains: the sky, and surfaces whose material cannot carry it.
 
-    image(p) = enlarged(p) + emission(p)        where p is sky, or undivided
+    image(p) = enlarged sky(p)                      where p is sky
+    image(p) = bicubic(p)                           where p is undivided
     image(p) = lighting(p) material(p) + emission(p)        elsewhere
 
-An HR pixel is undivided where its material is not above epsilon in every channel, or where the LR
-samples of its surface gave no lighting (their material is not, or is no number). Its radiance, less
-the emission that the HR buffer adds, is what `bicubic` makes of it, held within what the LR samples
-of its surface span: where the truth lies in there, that is never further from it, and light from
-beyond the surface's border does not bleed in.
+An HR pixel is undivided where its material is not above epsilon in every channel, or where LR
+samples around it gave no lighting though its material is right (theirs is not, or is no number).
+It is the very pixel that `bicubic` writes, so that it is never further from the truth than that;
+only where a lamp shines, and next to nothing else does, is it the HR emission, with what little
+other radiance there is enlarged.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import product
-
 import torch
 import torch.nn.functional as F
-from torch import Tensor
 
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image
 from rtsr_cli.core.imaging.enlargement import enlarge_masked_radiance, enlarge_radiance
-from rtsr_cli.core.imaging.guided_enlargement import (
-    DEPTH_SHARE,
-    FACING,
-    MAX_DEPTH,
-    MIN_DEPTH,
-    REACH,
-    SPREAD,
-)
+from rtsr_cli.core.imaging.guided_enlargement import REACH
 from rtsr_cli.core.imaging.resampling import sample_at_lr, upsample_nearest
 from rtsr_cli.core.shapes import Color, Mask, Plane
 from rtsr_cli.core.system import FrameWindow
-
-GUIDES = (Buffer.NORMAL, Buffer.DEPTH)
-"""What tells surfaces apart, where both sizes have it."""
 
 SKY_MARGIN_PX = 6
 """LR rows around the sky that its enlargement sees: cubic 2 and jitter 1, highlights 2, and one."""
 
 FAINT = 4.0
 """Material of so many times epsilon carries no radiance where samples beside it are undivided."""
-
-LOST_SHARE = 0.01
-"""Share of samples without lighting, by weight, from which a pixel of their surface has none."""
-
-LEAST_WEIGHT = 1e-4
-"""Of a sample on another surface, which counts where there is none on the pixel's own."""
-
-SAME_DEPTH = 0.1
-"""Samples whose depth differs by more than this share lie on other surfaces."""
 
 EMISSION_SHARE = 0.5
 """Where emission is less of the enlarged radiance, it is enlarged with the rest of it: surfaces
@@ -63,20 +39,11 @@ beside a lamp are bright, though they do not shine."""
 LIT_SHARE = 0.1
 """Other light of undivided samples, as a share of emission, up to which that is all there is."""
 
-LEAST_SAMPLES = 8
-"""Fewer samples of a surface say nothing about what radiance it has."""
+LOST_REACH = 2 * REACH
+"""LR pixels to each side in which a sample without lighting makes an HR pixel undivided."""
 
-SLACK = 1.0
-"""Share of what a surface's samples span that its radiance may lie beyond it."""
-
-UNGUIDED_REACH = 2 * REACH
-"""LR pixels to each side in which samples tell what has no lighting, where nothing guides."""
-
-HALO_PX = UNGUIDED_REACH + 3
+HALO_PX = LOST_REACH + 3
 """LR pixels that undivided radiance depends on: those samples, HR material around them, jitter."""
-
-PIXELS_AT_A_TIME = 1 << 18
-"""Whose samples are gathered."""
 
 
 def add_radiance(window: FrameWindow, image: Color) -> Color:
@@ -111,16 +78,14 @@ def add_undivided(window: FrameWindow, image: Color) -> Color:
     whole = enlarge_radiance(color, scale, jitter_px)
     emission = window.require_hr().gbuffer.buffers.get(Buffer.EMISSION)
     if emission is None:
-        return torch.where(undivided, _hold_in_span(window, undivided, color, whole), image)
+        return torch.where(undivided, whole, image)
     reflected, added = _part_emission(window, emission)
     shines = (emission > EMISSION_SHARE * whole).any(1, keepdim=True)
     shines = undivided & (shines | _find_lamps(window, reflected, added))
-    image = torch.where(undivided, _hold_in_span(window, undivided & ~shines, color, whole), image)
+    image = torch.where(undivided, whole, image)
     if not bool(shines.any()):
         return image
-    enlarged = enlarge_radiance(reflected, scale, jitter_px)
-    held = _hold_in_span(window, shines, reflected, enlarged)
-    return torch.where(shines, held + emission, image)
+    return torch.where(shines, enlarge_radiance(reflected, scale, jitter_px) + emission, image)
 
 
 def _sampling(window: FrameWindow) -> tuple[int, Jitter]:
@@ -158,7 +123,7 @@ def find_undivided(window: FrameWindow) -> Mask | None:
 
 
 def _find_lost(window: FrameWindow, faintest: Plane, unlit: Mask) -> Mask | None:
-    """True where HR material carries radiance, but the samples of the surface gave no lighting.
+    """True where HR material carries radiance, but samples around gave no lighting.
 
     A sample counts for that if HR material is right all around it: else it lies on a surface that
     has none at either size, and those beside it have samples of their own. Beside faint material
@@ -168,21 +133,8 @@ def _find_lost(window: FrameWindow, faintest: Plane, unlit: Mask) -> Mask | None
     usable = surface & (faintest > MATERIAL_EPSILON)
     wrong = unlit & ~_at_samples(window, _spread(surface & ~usable, 1))
     faint = usable & (faintest <= FAINT * MATERIAL_EPSILON)
-    guided = all(b in window.current.gbuffer for b in GUIDES)
-    reach = REACH if guided else UNGUIDED_REACH
-    beside = upsample_nearest(_spread(wrong, reach), window.scale)
-    candidates = usable & (beside | (upsample_nearest(_spread(unlit, REACH), window.scale) & faint))
-    lit = window.current.gbuffer[Buffer.LIGHTING_MASK] > 0.5
-    # without guides, whatever is near such samples may lie on their surface
-    lost = torch.zeros_like(candidates) if guided else usable & beside
-    for pixels in _list_pixels(candidates):
-        bad, good = torch.zeros(2, len(pixels.row), device=lost.device)
-        always = pixels.pick(faint)[0]
-        for sample in _visit_samples(window, pixels):
-            weight = sample.weigh()
-            bad += weight * (sample.pick(wrong)[0] | (always & sample.pick(unlit)[0]))
-            good += weight * sample.pick(lit)[0]
-        lost[0, 0, pixels.row, pixels.column] |= bad > LOST_SHARE * (bad + good)
+    lost = usable & upsample_nearest(_spread(wrong, LOST_REACH), window.scale)
+    lost |= faint & upsample_nearest(_spread(unlit, REACH), window.scale)
     return lost if bool(lost.any()) else None
 
 
@@ -218,115 +170,3 @@ def _find_lamps(window: FrameWindow, reflected: Color, emission: Color) -> Mask:
         for light in (reflected, emission)
     )
     return upsample_nearest((own > 0.0) & (other <= LIT_SHARE * own), window.scale)
-
-
-def _hold_in_span(window: FrameWindow, wanted: Mask, samples: Color, enlarged: Color) -> Color:
-    """Hold enlarged radiance within what samples of its surface span, with slack."""
-    frame = window.current.gbuffer
-    lit = frame[Buffer.LIGHTING_MASK] > 0.5
-    unlit = ~lit & (frame[Buffer.SKY] < 0.5)
-    empty = window.require_hr().gbuffer[Buffer.MATERIAL].amin(1, keepdim=True) <= MATERIAL_EPSILON
-    disputed = lit & _at_samples(window, empty)
-    held = enlarged.clone()
-    for pixels in _list_pixels(wanted):
-        shape = (samples.shape[1], len(pixels.row))
-        least, most = samples.new_full(shape, math.inf), samples.new_full(shape, -math.inf)
-        count = torch.zeros(len(pixels.row), device=held.device)
-        for sample in _visit_samples(window, pixels):
-            own = sample.is_near_in_depth() & sample.pick(unlit)[0]
-            value = sample.pick(samples)
-            least = torch.where(own, torch.minimum(least, value), least)
-            most = torch.where(own, torch.maximum(most, value), most)
-            count += torch.where(sample.pick(disputed)[0], -math.inf, own.float())
-        slack = SLACK * (most - least)
-        value = pixels.pick(enlarged)
-        bounded = torch.minimum(torch.maximum(value, least - slack), most + slack)
-        bounded = torch.where(count >= LEAST_SAMPLES, bounded, value)
-        held[0, :, pixels.row, pixels.column] = bounded
-    return held
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Pixels:
-    """Some HR pixels.
-
-    Attributes:
-        row, column: of each.
-    """
-
-    row: Tensor
-    column: Tensor
-
-    def pick(self, image: Tensor) -> Tensor:
-        """Values of an image there, c x pixels."""
-        return image[0, :, self.row, self.column]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Sample(_Pixels):
-    """One LR sample beside each of some HR pixels.
-
-    Attributes:
-        squared: of the distance, small pixels.
-        normals: of pixel and sample, 3 x pixels each; None where there are none.
-        depths: the same, pixels each.
-    """
-
-    squared: Tensor
-    normals: tuple[Tensor, Tensor] | None
-    depths: tuple[Tensor, Tensor] | None
-
-    def weigh(self) -> Tensor:
-        """Nearness times likeness of the surfaces, as `guided_enlargement` has it."""
-        apart = torch.zeros_like(self.squared)
-        if self.normals is not None:
-            apart = FACING * (1.0 - (self.normals[0] * self.normals[1]).sum(0))
-        if self.depths is not None:
-            apart = apart + self._compare_depths() / DEPTH_SHARE
-        nearness = (self.squared / (-2.0 * SPREAD**2)).exp()
-        return nearness * ((-apart).exp() + LEAST_WEIGHT)
-
-    def is_near_in_depth(self) -> Tensor:
-        """Tell where the sample may lie on the pixel's surface."""
-        if self.depths is None:
-            return torch.ones_like(self.squared, dtype=torch.bool)
-        return self._compare_depths() <= SAME_DEPTH
-
-    def _compare_depths(self) -> Tensor:
-        assert self.depths is not None
-        own, other = self.depths
-        return (own - other).abs() / torch.minimum(own, other)
-
-
-def _list_pixels(mask: Mask) -> Iterator[_Pixels]:
-    """Pixels of a mask, so many at a time that their samples fit into memory."""
-    _, _, rows, columns = mask.nonzero(as_tuple=True)
-    for first in range(0, len(rows), PIXELS_AT_A_TIME):
-        some = slice(first, first + PIXELS_AT_A_TIME)
-        yield _Pixels(row=rows[some], column=columns[some])
-
-
-def _visit_samples(window: FrameWindow, pixels: _Pixels) -> Iterator[_Sample]:
-    """Visit the samples around, borders replicated."""
-    small, large = window.current.gbuffer.buffers, window.require_hr().gbuffer.buffers
-    (height, width), scale = window.current.size, window.scale
-    jitter_x, jitter_y = window.current.camera.jitter_px
-    y, x = ((at + 0.5) / scale for at in (pixels.row, pixels.column))
-    guides = {b: pixels.pick(large[b]) for b in GUIDES if b in small and b in large}
-    for down, across in product(range(-REACH, REACH + 1), repeat=2):
-        row = (pixels.row // scale + down).clamp_(0, height - 1)
-        column = (pixels.column // scale + across).clamp_(0, width - 1)
-        squared = (y - row - 0.5 - jitter_y).square() + (x - column - 0.5 - jitter_x).square()
-        there = _Pixels(row=row, column=column)
-        pairs = {b: (own, there.pick(small[b])) for b, own in guides.items()}
-        depths = pairs.get(Buffer.DEPTH)
-        if depths is not None:
-            near, far = (z[0].clamp(MIN_DEPTH, MAX_DEPTH) for z in depths)
-            depths = near, far
-        yield _Sample(
-            row=row,
-            column=column,
-            squared=squared,
-            normals=pairs.get(Buffer.NORMAL),
-            depths=depths,
-        )

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.lighting.lighting import (
+    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LR_BUFFERS,
@@ -25,7 +26,6 @@ from rtsr_cli.core.lighting.lighting import (
     REFERENCE_BUFFERS,
     compose_lighting,
 )
-from rtsr_cli.core.lighting.radiance import GUIDES
 from rtsr_cli.core.system import (
     FrameWindow,
     Prediction,

@@ -23,6 +23,7 @@ from dataclasses import replace
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.lighting.lighting import (
+    GUIDES,
     HR_BUFFERS,
     HR_OPTIONAL,
     LR_BUFFERS,
@@ -31,7 +32,6 @@ from rtsr_cli.core.lighting.lighting import (
     compose_lighting,
     unalign_image,
 )
-from rtsr_cli.core.lighting.radiance import GUIDES
 from rtsr_cli.core.system import (
     FrameWindow,
     Prediction,

@@ -125,14 +125,21 @@ def test_a_surface_whose_material_is_0_is_never_worse_than_bicubic(
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_light_from_beyond_the_border_does_not_bleed_in(name: str) -> None:
+@pytest.mark.parametrize("value", [0.0, float("nan")])
+@pytest.mark.parametrize("size", ["both", "hr", "lr"])
+def test_undivided_pixels_are_those_that_bicubic_writes(name: str, value: float, size: str) -> None:
+    """Highlights that no sample saw, and dark surfaces around: nothing else is never worse."""
     known = scene()
     disc = known[Buffer.OBJECT_ID] == 1
-    gone = zero(known[Buffer.MATERIAL], disc)
-    seen = window(name, known, hr=gone, lr=gone)
-    truth = known[Buffer.COLOR]
-    ours, plain = (squared_error(i, truth, disc) for i in (predict(name, seen), bicubic(seen)))
-    assert ours < 0.5 * plain
+    known[Buffer.COLOR][..., 1::16, 1::16] = 40.0
+    gone = torch.where(disc, torch.tensor(value), known[Buffer.MATERIAL])
+    hr, lr = (None if size == "lr" else gone), (None if size == "hr" else gone)
+    seen = window(name, known, hr=hr, lr=lr)
+    found = find_undivided(seen)
+    assert found is not None
+    assert found[disc].all()
+    where = found.expand(-1, 3, -1, -1)
+    assert torch.equal(predict(name, seen)[where], bicubic(seen)[where])
 
 
 CHANNELS = [0.0, 1e-4, float("nan")]
