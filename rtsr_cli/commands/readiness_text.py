@@ -28,7 +28,8 @@ def list_readiness_lines(inspection: ShotInspection) -> Iterator[tuple[str, str]
     label = "to paste"
     for fix in inspection.fixes:
         note = f", {fix.note}" if fix.note else ""
-        yield label, f"{fix.line:<{LINE}} {fix.where}: for {fix.missing}{note}"
+        # a comment, so that the whole line may be pasted
+        yield label, f"{fix.line:<{LINE}} # {fix.where}: for {fix.missing}{note}"
         label = ""
 
 

@@ -120,6 +120,25 @@ def test_the_report_has_the_same_and_the_lines_to_paste(rtsr: Run, capture: Copy
     assert any(line.startswith("roughness = 0.5  ") for line in lines)
 
 
+def test_lines_to_paste_are_toml_with_their_notes(rtsr: Run, capture: Copy) -> None:
+    lines = [line.strip() for line in rtsr("inspect", capture(SURFACE)).output.splitlines()]
+    shown = [line.removeprefix("to paste").strip() for line in lines if "# [buffers]" in line]
+    assert tomllib.loads("\n".join(shown)) == {"metallic": 0.0, "roughness": 0.5}
+
+
+@pytest.mark.parametrize("line", ["metallic = 0.0", "roughness = 0.5", 'depth = "Z"'])
+def test_a_line_of_buffers_above_its_table_is_told_where_it_belongs(
+    rtsr: Run, capture: Copy, line: str
+) -> None:
+    folder = capture(())
+    path = folder / "capture.toml"
+    path.write_text(f"{line}\n")
+    result = rtsr("upscale", folder, folder.parent / "out", "--simulate-lr", 4, "--dry-run")
+    assert result.exit_code == 3
+    name = line.partition(" ")[0]
+    assert f"{name}: what a buffer is made of belongs below a line [buffers]" in result.stderr
+
+
 def paste(folder: Path, fixes: list[dict[str, Any]]) -> None:
     """Put lines where they say that they belong."""
     path = folder / "capture.toml"

@@ -351,9 +351,20 @@ def _describe_error(item: Mapping[str, Any], kind: Any) -> str:
     place = ".".join(shorten_value(str(part)) for part in loc)
     if "[key]" in item["loc"] and item["type"] == "enum":
         return f"{place}: no such buffer{did_you_mean(str(loc[-1]), [b.value for b in Buffer])}"
+    if _is_misplaced_buffer(item, loc):
+        return f"{place}: what a buffer is made of belongs below a line [buffers]"
     if item["type"] != "extra_forbidden":
         return f"{place}: {describe_field_error(item)}"
     return f"{place}: no such field{did_you_mean(str(loc[-1]), _list_known_names(kind, loc[:-1]))}"
+
+
+def _is_misplaced_buffer(item: Mapping[str, Any], loc: Sequence[object]) -> bool:
+    """Tell whether a line of [buffers] stands above every table, where other fields are."""
+    if len(loc) != 1 or loc[0] not in {buffer.value for buffer in Buffer}:
+        return False
+    return item["type"] == "extra_forbidden" or not (
+        item["type"] in {"enum", "literal_error"} and isinstance(item["input"], str)
+    )
 
 
 def _list_known_names(kind: Any, parents: Sequence[object]) -> list[str]:

@@ -12,7 +12,7 @@ from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.sources import HR_FRAMES, PairSource
 from rtsr_cli.core.run.system_inputs import SystemTable, resolve_system_inputs
 from rtsr_cli.core.system import System
-from rtsr_cli.core.wording import join_names
+from rtsr_cli.core.wording import join_names, say_count
 
 NETWORKS = "networks"
 """What trained systems are called together."""
@@ -95,7 +95,7 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> st
         return ""
     trained = {one.system.name for one in passed if one.system.learning is not None}
     texts = [_describe_group(members, trained) for members in groups.values()]
-    return f"{len(source.reader.stored)} buffers found; {'; '.join(texts)}"
+    return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}"
 
 
 def _describe_group(members: Sequence[PassedOver], trained: set[str]) -> str:
@@ -145,4 +145,6 @@ def suggest_remedy(lacks: Iterable[str]) -> str:
         return "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
     if any(name.startswith(CAMERA) for name in names):
         return "give the cameras (headers, or a side-car in capture.toml)"
-    return "declare material" if names <= SURFACE else "render or declare them"
+    if names <= SURFACE:
+        return "declare material"
+    return f"render or declare {'it' if len(names) == 1 else 'them'}"
