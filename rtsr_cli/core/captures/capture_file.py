@@ -362,9 +362,9 @@ def _is_misplaced_buffer(item: Mapping[str, Any], loc: Sequence[object]) -> bool
     """Tell whether a line of [buffers] stands above every table, where other fields are."""
     if len(loc) != 1 or loc[0] not in {buffer.value for buffer in Buffer}:
         return False
-    return item["type"] == "extra_forbidden" or not (
-        item["type"] in {"enum", "literal_error"} and isinstance(item["input"], str)
-    )
+    # a number in place of a word, or a word in place of a table
+    is_word, wants_word = isinstance(item["input"], str), item["type"] in {"enum", "literal_error"}
+    return item["type"] == "extra_forbidden" or (is_word is not wants_word)
 
 
 def _list_known_names(kind: Any, parents: Sequence[object]) -> list[str]:
