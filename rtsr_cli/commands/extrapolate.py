@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--rendered",
+    cls=opt.ListOption,
     type=opt.Frames(),
     metavar="RANGE",
     help="Numbers of the rendered frames, in place of --every.",
