@@ -232,15 +232,21 @@ def unify_names(row: Mapping[Any, Any]) -> dict[Any, Any]:
 def _join_cells(row: Mapping[Any, Any]) -> dict[Any, Any]:
     """Columns NAME_0 .. NAME_15, or NAME_00 .. NAME_33 (row, column), as one of NAME."""
     joined = dict(row)
-    for name, column in KNOWN_NAMES.items():
-        if column not in MATRIX_COLUMNS:
-            continue
-        for cells in (_INDICES, _PLACES):
-            names = [f"{name}_{cell}" for cell in cells]
-            if all(cell in joined for cell in names):
-                joined[name] = [joined.pop(cell) for cell in names]
+    # most rows have none, and there may be thousands of rows
+    for first in joined.keys() & _SPREAD_MATRICES.keys():
+        name, cells = _SPREAD_MATRICES[first]
+        if all(cell in joined for cell in cells):
+            joined[name] = [joined.pop(cell) for cell in cells]
     return joined
 
 
 _INDICES = tuple(str(i) for i in range(CELLS))
 _PLACES = tuple(f"{i}{j}" for i, j in product(range(ROW), repeat=2))
+
+_SPREAD_MATRICES = {
+    f"{name}_{cells[0]}": (name, [f"{name}_{cell}" for cell in cells])
+    for name, column in KNOWN_NAMES.items()
+    if column in MATRIX_COLUMNS
+    for cells in (_INDICES, _PLACES)
+}
+"""First column of a matrix in sixteen -> the matrix' name, and all of them."""
