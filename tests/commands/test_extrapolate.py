@@ -193,6 +193,43 @@ def test_without_motion_nothing_is_predicted(rtsr: Run, sequence: Path, tmp_path
     assert "motion" in result.output
 
 
+def test_coverage_goes_along_with_rendered_and_predicted_frames(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    def cover(planes: Planes, number: int) -> None:
+        del number
+        planes["A"] = np.full_like(planes["R"], 0.5)
+
+    covered = change(sequence, tmp_path / "covered", cover)
+    assert rtsr("extrapolate", covered, tmp_path / "out", "--keep-rendered").exit_code == 0
+    for name in names_in(covered):
+        alpha = read_channels(tmp_path / "out" / name, {"A"})["A"]
+        assert np.allclose(alpha, 0.5, atol=1e-3)
+
+
+@pytest.mark.parametrize("system", ["warp", "warp-guided"])
+def test_debug_pictures_of_every_frame_make_it_done(
+    rtsr: Run, sequence: Path, tmp_path: Path, system: str
+) -> None:
+    run = ("extrapolate", sequence, tmp_path / "out", "--keep-rendered", "--debug-buffers")
+    assert "6 written" in rtsr(*run, "--system", system).output
+    assert "0 written, 6 kept" in rtsr(*run, "--system", system).output
+
+
+def test_why_the_better_system_cannot_run_is_said(
+    rtsr: Run, sequence: Path, tmp_path: Path
+) -> None:
+    def drop(planes: Planes, number: int) -> None:
+        del number
+        planes.pop("depth.Z")
+
+    flat = change(sequence, tmp_path / "flat", drop)
+    result = rtsr("extrapolate", flat, tmp_path / "out")
+    assert result.exit_code == 0
+    assert "system warp;" in result.output
+    assert "warp-guided needs depth" in result.output
+
+
 def test_surfaces_without_material_keep_their_radiance(
     rtsr: Run, sequence: Path, tmp_path: Path
 ) -> None:

@@ -13,7 +13,8 @@ from rtsr_cli.core.frames.cadence import measure_reach
 from rtsr_cli.core.network.load import load_network
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.sources import PairSource
-from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.default_system import choose_default, describe_passed_over
+from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.run.plan import check_selection, plan_shot
@@ -69,7 +70,7 @@ def plan_extrapolation(
     rendered = request.cadence.list_rendered(numbers, source.reader.step)
     predicted = frozenset(numbers) - rendered
     _check_cadence(source, rendered, predicted)
-    system = choose_extrapolator(request, source, systems)
+    system, better = choose_extrapolator(request, source, systems)
     device = resolve_device(request.device)
     loaded = load_network(system, 1, device)
     reading = read_without_radiance(source, system, request, predicted, loaded.config)
@@ -105,6 +106,7 @@ def plan_extrapolation(
         "size": [width, height],
         "rendered": len(rendered),
         "predicted": len(predicted),
+        BETTER: better,
     }
     return PairJob(plan, reading, work, history_frames=frames, device=device), details
 
@@ -133,17 +135,12 @@ def read_without_radiance(
 
 def choose_extrapolator(
     request: ExtrapolateRequest, source: PairSource, systems: SystemTable
-) -> System:
-    """Return the system asked for, or the first preferred one that can run."""
+) -> tuple[System, str]:
+    """Return the system asked for, or the first preferred one that can run; and why no better."""
     if request.system is not None:
-        return systems.load(request.system)
-    preferred = [systems.load(name) for name in systems.preferred]
-    for system in preferred:
-        inputs = resolve_system_inputs(system, request.on_nonfinite)
-        unshaded = resolve_unshaded_inputs(system, request.on_nonfinite)
-        if not (*source.missing(inputs), *source.missing(unshaded)):
-            return system
-    return preferred[-1]
+        return systems.load(request.system), ""
+    system, passed_over = choose_default(source, systems, request.on_nonfinite)
+    return system, describe_passed_over(source, passed_over)
 
 
 def _check_cadence(source: PairSource, rendered: frozenset[int], predicted: frozenset[int]) -> None:

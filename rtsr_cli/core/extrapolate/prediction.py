@@ -6,12 +6,16 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import PREDICTED, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.imaging.frame_motion import chain_motion
+from rtsr_cli.core.imaging.warping import backward_warp
+from rtsr_cli.core.lighting.past_lighting import find_rendered
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.run.outputs import OutputFrame
-from rtsr_cli.core.run.prediction import NetworkRun, Predictor
-from rtsr_cli.core.system import Prediction
+from rtsr_cli.core.run.prediction import NetworkRun, Predictor, list_debug_pictures
+from rtsr_cli.core.shapes import Image
+from rtsr_cli.core.system import FrameWindow, Prediction
 
 
 class Extrapolation:
@@ -46,16 +50,20 @@ class Extrapolation:
         if not moment.wanted:
             return None
         if moment.number not in self._predicted:
-            color = moment.window.current.gbuffer[Buffer.COLOR]
-            return self._write(moment, Prediction(image=color), predicted=False)
+            buffers = moment.window.current.gbuffer.buffers
+            made = Prediction(image=buffers[Buffer.COLOR])
+            return self._write(moment, made, buffers.get(Buffer.ALPHA), predicted=False)
         if not any(Buffer.COLOR in past.gbuffer for past in moment.window.lr[1:]):
             raise FrameFolderError(
                 f"{moment.source}: no rendered frame of the same shot lies before it (it is at the "
                 "start, after a cut or after a gap); render it, and name it with --rendered"
             )
-        return self._write(moment, self._predictor.predict(moment), predicted=True)
+        made, alpha = self._predictor.predict(moment), carry_alpha(moment.window)
+        return self._write(moment, made, alpha, predicted=True)
 
-    def _write(self, moment: FrameInTurn, made: Prediction, *, predicted: bool) -> Product:
+    def _write(
+        self, moment: FrameInTurn, made: Prediction, alpha: Image | None, *, predicted: bool
+    ) -> Product:
         """Return the product of a picture.
 
         Raises:
@@ -69,12 +77,22 @@ class Extrapolation:
         picture = OutputFrame(
             path=moment.path,
             color=made.image,
-            alpha=None,
+            alpha=alpha,
             as_float=largest > MAX_HALF,
             attributes={**moment.attributes, **moment.provenance({**stamp, **self._tag})},
             windows=moment.windows,
             colorspace=self._colorspace,
             previews=self._previews,
-            debug=made.debug if self._debug else None,
+            debug=list_debug_pictures(moment, made) if self._debug else None,
         )
         return moment.product(picture.write, as_float=picture.as_float)
+
+
+def carry_alpha(window: FrameWindow) -> Image | None:
+    """Coverage of the last rendered frame along the vectors; None where the frames hold none."""
+    place = find_rendered(window)
+    alpha = window.lr[place].gbuffer.buffers.get(Buffer.ALPHA)
+    if alpha is None:
+        return None
+    moved, _ = backward_warp(alpha, chain_motion(window.lr[: place + 1]))
+    return moved

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -11,6 +12,7 @@ from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.network.precision import DTYPES
 from rtsr_cli.core.network.tiling import choose_tile_side, predict_in_tiles
 from rtsr_cli.core.run.frame_pairs import FrameInTurn
+from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import Prediction, State, System
 
 
@@ -58,3 +60,8 @@ class Predictor:
         """Predict a frame that is wanted, or whose state the next one may go on with."""
         due = moment.wanted or self._run.system.carries_history
         return self.predict(moment) if due else None
+
+
+def list_debug_pictures(moment: FrameInTurn, prediction: Prediction) -> Mapping[str, Image]:
+    """Pictures for `--debug-buffers`: the system's; of one that has none, what it saw."""
+    return prediction.debug or {b.value: image for b, image in moment.pair.lr.gbuffer.items()}

@@ -17,6 +17,11 @@ from rtsr_cli.core.pairs.opening import open_pairs
 from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.run.default_system import (
+    PassedOver,
+    choose_default,
+    describe_passed_over,
+)
 from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
@@ -31,11 +36,6 @@ from rtsr_cli.core.run.system_inputs import (
 )
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.core.system import System
-from rtsr_cli.core.upscale.default_system import (
-    PassedOver,
-    choose_default,
-    describe_passed_over,
-)
 from rtsr_cli.core.upscale.reconstruction import Reconstruction
 from rtsr_cli.core.upscale.request import UpscaleRequest
 

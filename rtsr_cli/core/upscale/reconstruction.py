@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
@@ -15,7 +13,7 @@ from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.run.outputs import OutputFrame
-from rtsr_cli.core.run.prediction import NetworkRun, Predictor
+from rtsr_cli.core.run.prediction import NetworkRun, Predictor, list_debug_pictures
 from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import Prediction
 
@@ -96,8 +94,3 @@ def enlarge_alpha(moment: FrameInTurn) -> Image | None:
     if alpha is None:
         return None
     return upsample_bicubic(alpha, moment.window.scale, frame.camera.jitter_px).clamp(0.0, 1.0)
-
-
-def list_debug_pictures(moment: FrameInTurn, prediction: Prediction) -> Mapping[str, Image]:
-    """Pictures for `--debug-buffers`: the system's; of one that has none, what it saw."""
-    return prediction.debug or {b.value: image for b, image in moment.pair.lr.gbuffer.items()}

@@ -1,4 +1,4 @@
-"""Which system upscales where none is named, and why those above it in preference cannot."""
+"""Which system a command uses where none is named, and why those above it in preference cannot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.sources import HR_FRAMES, PairSource
-from rtsr_cli.core.run.system_inputs import SystemTable, resolve_system_inputs
+from rtsr_cli.core.run.system_inputs import (
+    SystemTable,
+    resolve_system_inputs,
+    resolve_unshaded_inputs,
+)
 from rtsr_cli.core.system import System
 from rtsr_cli.core.wording import join_names, say_count
 
@@ -76,6 +80,9 @@ def judge_preferred(
     if system.scales and scale not in system.scales:
         return PassedOver(system=system, reason=f"not made for {scale}x")
     missing = source.missing(resolve_system_inputs(system, policy))
+    if system.unshaded_inputs:
+        unshaded = source.missing(resolve_unshaded_inputs(system, policy))
+        missing = tuple(dict.fromkeys((*missing, *unshaded)))
     if missing:
         return PassedOver(system=system, missing=missing)
     if not has_weights(system, scale):

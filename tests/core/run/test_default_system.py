@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rtsr_cli.core.upscale.default_system import name_together, suggest_remedy
+from rtsr_cli.core.run.default_system import name_together, suggest_remedy
 from rtsr_cli.models import load_system
 
 TRAINED = {"fusesr", "fusesr-fast"}
