@@ -24,7 +24,6 @@ from rtsr_cli.core.imaging.enlargement import (
     enlarge_log_lighting,
     enlarge_masked_radiance,
     enlarge_radiance,
-    hold_lighting,
 )
 from rtsr_cli.core.imaging.resampling import BICUBIC_SUPPORT_PX
 from rtsr_cli.core.lighting.radiance import HALO_PX, add_undivided
@@ -71,7 +70,7 @@ def predict_demod_bicubic(network: nn.Module, window: FrameWindow, state: State)
     encoded = enlarge_log_lighting(
         encode_log(samples, frame.lighting_scale), mask, scale, jitter_px, grow_px=config.grow_px
     )
-    lighting = hold_lighting(decode_log(encoded, frame.lighting_scale), samples, mask, scale)
+    lighting = decode_log(encoded, frame.lighting_scale)
     emission = hr.gbuffer.buffers.get(Buffer.EMISSION)
     surface = remodulate(lighting, hr.gbuffer[Buffer.MATERIAL], emission)
     hr_sky = hr.gbuffer[Buffer.SKY] > 0.5

@@ -35,9 +35,6 @@ HIGHLIGHT = 0.5
 AVERAGE_LOG_LIGHTING = math.log(2.0)
 """log(1 + lighting / k) of lighting that is k, the frame's mean."""
 
-LEAST_SHARE = 0.0625
-"""Of the darkest sample around, below which no lighting is believed."""
-
 SKY_REACH_PX = 4
 """Small pixels that radiance of a mask is carried to where the cubic kernel finds none of it."""
 
@@ -123,23 +120,6 @@ def enlarge_log_lighting(
     average = torch.full_like(encoded, AVERAGE_LOG_LIGHTING)
     nearest = upsample_nearest(torch.where(reached > 0, grown, average), scale)
     return torch.where(supported > 0, smooth, nearest)
-
-
-def hold_lighting(enlarged: Color, lighting: Color, mask: Mask, scale: int) -> Color:
-    """Hold enlarged lighting above a share of the darkest divided one of the 3x3 samples around.
-
-    Beside a highlight the kernel undershoots, and networks may, to black pixels among bright ones.
-
-    Args:
-        enlarged: lighting at the target size.
-        lighting: that of the samples.
-        mask: 1 = divided.
-        scale: output pixels per LR pixel.
-    """
-    darkest = -F.max_pool2d((-lighting).masked_fill(mask <= 0.5, -math.inf), 3, 1, 1)
-    # with no divided sample around there is nothing to hold it at
-    darkest = darkest.masked_fill(~torch.isfinite(darkest), 0.0).clamp_(min=0.0)
-    return torch.maximum(enlarged, upsample_nearest(LEAST_SHARE * darkest, scale))
 
 
 def enlarge_masked_radiance(

@@ -25,7 +25,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitter
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.demodulation import remodulate
-from rtsr_cli.core.imaging.enlargement import enlarge_log_lighting, hold_lighting
+from rtsr_cli.core.imaging.enlargement import enlarge_log_lighting
 from rtsr_cli.core.imaging.guided_enlargement import SurfaceGuides, upsample_guided
 from rtsr_cli.core.lighting.radiance import add_radiance
 from rtsr_cli.core.settings import check_numbers
@@ -240,16 +240,8 @@ def recompose_prediction(predicted: Color, inputs: Tensors, surroundings: Surrou
 def compose_lighting(
     surroundings: Surroundings, window: FrameWindow, inputs: Tensors, predicted: Color
 ) -> Prediction:
-    """Multiply by HR material, add emission, and finish: put in the sky.
-
-    What corrects an enlargement is held above black where samples around are not, as that is.
-    """
+    """Multiply by HR material, add emission, and finish: put in sky and undivided surfaces."""
     lighting = surroundings.decode(predicted.float(), inputs["lighting_scale"])
-    if surroundings.corrects_base:
-        small = window.current.gbuffer
-        lighting = hold_lighting(
-            lighting, small[Buffer.LIGHTING], small[Buffer.LIGHTING_MASK], window.scale
-        )
     image = unalign_image(window, multiply_material(lighting, inputs)).clamp(min=0.0)
     return Prediction(
         image=surroundings.finish(window, image),

@@ -8,14 +8,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.imaging.color import decode_log, encode_log, encode_reinhard
+from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.enlargement import (
     AVERAGE_LOG_LIGHTING,
     bound_highlights,
     enlarge_log_lighting,
     enlarge_masked_radiance,
     enlarge_radiance,
-    hold_lighting,
 )
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
 
@@ -97,33 +96,6 @@ def test_sky_behind_a_lamp_is_the_nearest_sky() -> None:
     large = enlarge_masked_radiance(color, sky, 4, MIDDLE)
     # no pixel of the picture takes the lamp's light, whatever a guide at the target size asks for
     assert torch.allclose(large, torch.tensor(0.3), atol=1e-4)
-
-
-def test_lighting_beside_a_highlight_is_not_black() -> None:
-    lighting, mask = torch.full((1, 3, 12, 12), 0.2), torch.ones(1, 1, 12, 12)
-    lighting[..., 5:7, 5:7] = 40.0
-    undershot = decode_log(enlarge_log_lighting(encode_log(lighting, 1.0), mask, 4, MIDDLE), 1.0)
-    assert float(undershot.min()) == 0.0
-    held = hold_lighting(undershot, lighting, mask, 4)
-    # a sixteenth of the darkest sample
-    assert float(held.min()) == pytest.approx(0.0125)
-    changed = held != undershot
-    assert (undershot[changed] < 0.2).all()
-
-
-def test_no_lighting_is_made_up_where_no_sample_was_divided() -> None:
-    lighting, mask = torch.full((1, 3, 6, 6), 0.8), torch.zeros(1, 1, 6, 6)
-    mask[..., 4:, :] = 1.0
-    held = hold_lighting(torch.zeros(1, 3, 24, 24), lighting, mask, 4)
-    assert torch.equal(held[..., 12:, :], torch.full((1, 3, 12, 24), 0.05))
-    assert torch.equal(held[..., :12, :], torch.zeros(1, 3, 12, 24))
-
-
-def test_lighting_above_what_is_believable_is_kept_bit_by_bit() -> None:
-    torch.manual_seed(3)
-    lighting, mask = 0.1 + torch.rand(1, 3, 6, 6), torch.ones(1, 1, 6, 6)
-    enlarged = 1.1 + torch.rand(1, 3, 24, 24)
-    assert torch.equal(hold_lighting(enlarged, lighting, mask, 4), enlarged)
 
 
 def test_where_no_sky_is_near_the_plain_enlargement_stands_in() -> None:
