@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.training import training
 from rtsr_cli.core.training.events import TrainEvent
 from rtsr_cli.core.training.request import TrainRequest
 from rtsr_cli.models import load_system
 
+BASELINES = {SystemTask.EXTRAPOLATE: "warp-guided"}
 BASELINE = "demod-bicubic"
-"""What pictures and validation show beside the network."""
+"""What pictures and validation show beside the network, for a task and for the others."""
 
 
 def train(request: TrainRequest) -> Iterator[TrainEvent]:
@@ -21,4 +23,5 @@ def train(request: TrainRequest) -> Iterator[TrainEvent]:
             finite, or nothing can be written.
     """
     system = load_system(request.system)
-    yield from training.train(request, system, lambda: load_system(BASELINE))
+    baseline = BASELINES.get(system.task, BASELINE)
+    yield from training.train(request, system, lambda: load_system(baseline))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtsr_cli.commands import options as opt
+from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
 from rtsr_cli.models import list_extrapolator_names
 
@@ -22,6 +23,13 @@ if TYPE_CHECKING:
     "--system",
     type=opt.Named("system", list_extrapolator_names()),
     help="Default: the best that the inputs allow.",
+)
+@click.option(
+    "--weights",
+    "weights_file",
+    type=opt.FOLDER,
+    metavar="FILE",
+    help="Of rtsr train; those that come with rtsr by default.",
 )
 @click.option(
     "--every",
@@ -43,6 +51,12 @@ if TYPE_CHECKING:
 )
 @click.option("--preview", "previews", is_flag=True, help="A PNG beside each EXR.")
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@click.option(
+    "--precision",
+    type=opt.Member(Precision),
+    show_default=True,
+    help="Number format of network layers; auto: bf16 where the device computes in it.",
+)
 @click.option("--debug-buffers", is_flag=True, help="Also write what the system saw and decided.")
 @opt.overwrite
 @opt.frame_options

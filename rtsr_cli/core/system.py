@@ -5,8 +5,10 @@ A system is a module or folder of `models/`. Core runs any `System` and knows no
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import torch
@@ -74,12 +76,14 @@ class Prediction:
         tiles: one value a tile and rate (variable-rate shading).
         state: carried to the next frame.
         debug: named pictures of what the system saw and decided.
+        seconds: that its parts took, by name.
     """
 
     image: Color | None = None
     tiles: TileMap | None = None
     state: State = None
     debug: Mapping[str, Image] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 Predict = Callable[[nn.Module, FrameWindow, State], Prediction]
@@ -111,6 +115,22 @@ class FrameJudge:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WholeFrames:
+    """Of a system that only whole frames can be prepared for, as its pixels come from far away.
+
+    Frames are prepared once, as captured; samples are crops of what was prepared.
+
+    Attributes:
+        change: (config, inputs, goal, choices, NumPy's generator) -> inputs and goal of a crop as
+            another renderer could have given them: turned, relit.
+        sought: name of the input, n 1 h w, around whose ones half of the crops are drawn.
+    """
+
+    change: Callable[[Any, Tensors, Tensors, Any, Any], tuple[Tensors, Tensors]]
+    sought: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrainingRecipe:
     """How a system is trained.
 
@@ -127,6 +147,7 @@ class TrainingRecipe:
         measured: statistics of the network that are of its labels: weights to start from may have
             been trained on others, so that these begin anew.
         keep_goals: keep the goals of samples that come again unchanged: small, and slow to make.
+        whole: of a system that only whole frames can be prepared for; None prepares crops.
         defaults: settings of the training that differ from `TrainingConfig`'s.
     """
 
@@ -139,7 +160,12 @@ class TrainingRecipe:
     judge: FrameJudge | None = None
     measured: tuple[str, ...] = ()
     keep_goals: bool = False
+    whole: WholeFrames | None = None
     defaults: Mapping[str, Any] = field(default_factory=dict)
+
+
+STAGES = ("prepare", "network", "compose")
+"""Parts of a network's prediction; on a GPU, which computes behind, the later ones wait for it."""
 
 
 def neural_predict(prepare: Prepare, compose: Compose) -> Predict:
@@ -150,10 +176,16 @@ def neural_predict(prepare: Prepare, compose: Compose) -> Predict:
 
     def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
         config = network.config
+        times = [time.perf_counter()]
         inputs = prepare(config, window)
+        times.append(time.perf_counter())
         outputs, kept = network(inputs, state)
+        times.append(time.perf_counter())
         with torch.autocast(window.current.gbuffer.device.type, enabled=False):
-            return replace(compose(config, window, inputs, outputs), state=kept)
+            made = compose(config, window, inputs, outputs)
+        times.append(time.perf_counter())
+        took = [after - before for before, after in pairwise(times)]
+        return replace(made, state=kept, seconds=dict(zip(STAGES, took, strict=True)))
 
     return predict
 
@@ -179,6 +211,8 @@ class System:
         unshaded_inputs: buffers of frames that were not rendered, radiance not among them; the
             newest of the window is the one to predict.
         unshaded_optional: the same, optional.
+        rendered_every: of a system that extrapolates, the one distance of rendered frames that it
+            was made for; 0 = any.
         hr_inputs: buffers of the current frame at the target size.
         hr_optional: the same, optional.
         scales: factors it was made for; empty = any whole factor.
@@ -206,6 +240,7 @@ class System:
     lr_optional: tuple[Buffer, ...] = ()
     unshaded_inputs: tuple[Buffer, ...] = ()
     unshaded_optional: tuple[Buffer, ...] = ()
+    rendered_every: int = 0
     hr_inputs: tuple[Buffer, ...] = ()
     hr_optional: tuple[Buffer, ...] = ()
     scales: tuple[int, ...] = ()
@@ -221,6 +256,16 @@ class System:
     learning: TrainingRecipe | None = None
     tiles: Any = None
     weights: str | None = None
+
+    def is_rendered(self, age: int) -> bool:
+        """Tell whether the frame so many before the current one holds radiance.
+
+        Of a system that extrapolates the current one does not, the one before it does, and so do
+        those that lie a multiple of `rendered_every` before that.
+        """
+        if not self.unshaded_inputs:
+            return True
+        return age > 0 and (age - 1) % (self.rendered_every or 1) == 0
 
     @property
     def carries_history(self) -> bool:

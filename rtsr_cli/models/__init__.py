@@ -54,8 +54,15 @@ ROWS = (
     SystemRow(name="fusesr-fast", module="fusesr", trainable=True, rank=2),
     SystemRow(name="fusesr-direct", module="fusesr", trainable=True),
     SystemRow(name="nsrd", module="nsrd", trainable=True),
-    SystemRow(name="warp", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=2),
-    SystemRow(name="warp-guided", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=1),
+    SystemRow(name="warp", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=3),
+    SystemRow(name="warp-guided", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=2),
+    SystemRow(
+        name="extranet",
+        module="extranet",
+        task=SystemTask.EXTRAPOLATE,
+        trainable=True,
+        rank=1,
+    ),
     SystemRow(
         name="rt-percept",
         module="rt_percept",

@@ -227,7 +227,7 @@ def test_why_the_better_system_cannot_run_is_said(
     result = rtsr("extrapolate", flat, tmp_path / "out")
     assert result.exit_code == 0
     assert "system warp;" in result.output
-    assert "warp-guided needs depth" in result.output
+    assert "extranet and warp-guided need depth: render or declare it" in result.output
 
 
 def test_surfaces_without_material_keep_their_radiance(

@@ -68,10 +68,6 @@ def stored_frame(number: int, height: int, width: int, jitter_px: tuple[float, f
     return Frame(number=number, gbuffer=gbuffer, camera=camera, view=View(display=gbuffer.size))
 
 
-def _last(frames: list[Frame], count: int) -> list[Frame]:
-    return frames[max(0, len(frames) - count) :]
-
-
 @pytest.fixture
 def make_windows() -> Callable[..., list[FrameWindow]]:
     """Windows of successive frames as the loop hands them over, with the declared inputs only."""
@@ -100,15 +96,18 @@ def make_windows() -> Callable[..., list[FrameWindow]]:
         # what extrapolates always has a rendered frame before the one that it predicts
         earlier = 1 if unshaded else 0
         lr = make_frames(lr_inputs, 1 - earlier, 1)
-        newest = make_frames(unshaded, 1, 1) if unshaded else lr
+        others = make_frames(unshaded, 1 - earlier, 1) if unshaded else lr
         hr = make_frames(hr_inputs, 1, scale)
-        return [
-            FrameWindow(
-                lr=(newest[i], *reversed(_last(lr[: i + earlier], system.history_frames))),
-                hr=hr[i] if hr_inputs else None,
-                scale=scale,
-            )
-            for i in range(count)
-        ]
+
+        def make_window(target: int) -> FrameWindow:
+            reach = min(target, system.history_frames)
+            frames = [
+                (lr if system.is_rendered(age) else others)[target - age]
+                for age in range(reach + 1)
+            ]
+            at = target - earlier
+            return FrameWindow(lr=tuple(frames), hr=hr[at] if hr_inputs else None, scale=scale)
+
+        return [make_window(earlier + i) for i in range(count)]
 
     return make

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+
+import torch
 
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import FrameFolderError
@@ -11,6 +13,8 @@ from rtsr_cli.core.extrapolate.prediction import Extrapolation
 from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
 from rtsr_cli.core.frames.cadence import measure_reach
 from rtsr_cli.core.network.load import load_network
+from rtsr_cli.core.network.precision import resolve_precision
+from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.default_system import choose_default, describe_passed_over
@@ -70,9 +74,14 @@ def plan_extrapolation(
     rendered = request.cadence.list_rendered(numbers, source.reader.step)
     predicted = frozenset(numbers) - rendered
     _check_cadence(source, rendered, predicted)
-    system, better = choose_extrapolator(request, source, systems)
+
+    def refuse(system: System) -> str:
+        return describe_other_cadence(system, numbers, rendered)
+
+    system, better = choose_extrapolator(request, source, systems, refuse)
     device = resolve_device(request.device)
-    loaded = load_network(system, 1, device)
+    precision = resolve_precision(request.precision, torch.device(device))
+    loaded = load_network(system, 1, device, request.weights_file)
     reading = read_without_radiance(source, system, request, predicted, loaded.config)
     frames = max(system.history_frames, measure_reach(numbers, rendered))
     plan = plan_shot(
@@ -87,7 +96,7 @@ def plan_extrapolation(
             system.name,
             to_plain(loaded.config),
             asdict(system.derivation(loaded.config)),
-            loaded.digest if loaded.weights else "",
+            [loaded.digest, precision.value] if loaded.weights else [],
             sorted(rendered),
             request.on_nonfinite,
         ],
@@ -96,7 +105,9 @@ def plan_extrapolation(
         history=HistoryReach(frames=frames),
         outputs_of=numbers if request.keep_rendered else predicted,
     )
-    run = NetworkRun(system=system, network=loaded.network, device=device, tile=0)
+    run = NetworkRun(
+        system=system, network=loaded.network, device=device, precision=precision, tile=0
+    )
     work = Extrapolation(
         run, source, predicted, previews=request.previews, debug=request.debug_buffers
     )
@@ -134,13 +145,39 @@ def read_without_radiance(
 
 
 def choose_extrapolator(
-    request: ExtrapolateRequest, source: PairSource, systems: SystemTable
+    request: ExtrapolateRequest,
+    source: PairSource,
+    systems: SystemTable,
+    refuse: Callable[[System], str],
 ) -> tuple[System, str]:
-    """Return the system asked for, or the first preferred one that can run; and why no better."""
-    if request.system is not None:
-        return systems.load(request.system), ""
-    system, passed_over = choose_default(source, systems, request.on_nonfinite)
-    return system, describe_passed_over(source, passed_over)
+    """Return the system asked for, that of the weights, or the first preferred one that can run.
+
+    Beside it stands why it is no better one.
+
+    Raises:
+        FrameFolderError: it was not made for such frames.
+    """
+    name = request.system
+    if name is None and request.weights_file is not None:
+        name = read_weights(request.weights_file).system
+    if name is None:
+        system, passed_over = choose_default(source, systems, request.on_nonfinite, refuse=refuse)
+        return system, describe_passed_over(source, passed_over)
+    system = systems.load(name)
+    if unfit := refuse(system):
+        raise FrameFolderError(
+            f"{source.reader.frames.root}: system '{system.name}' is {unfit}; leave --system out "
+            "for one that takes them"
+        )
+    return system, ""
+
+
+def describe_other_cadence(system: System, numbers: Sequence[int], rendered: frozenset[int]) -> str:
+    """Say that frames are rendered in other distances than a system was made for; empty if not."""
+    every = system.rendered_every
+    if not every or measure_reach(numbers, rendered) < every:
+        return ""
+    return f"made for frames of which one in {every} is rendered"
 
 
 def _check_cadence(source: PairSource, rendered: frozenset[int], predicted: frozenset[int]) -> None:

@@ -85,7 +85,7 @@ class Extrapolation:
             previews=self._previews,
             debug=list_debug_pictures(moment, made) if self._debug else None,
         )
-        return moment.product(picture.write, as_float=picture.as_float)
+        return moment.product(picture.write, as_float=picture.as_float, stages=made.seconds)
 
 
 def carry_alpha(window: FrameWindow) -> Image | None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
+from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.errors import RequestError
 from rtsr_cli.core.frames.cadence import FIRST_EVERY, Cadence
 from rtsr_cli.core.run.request import FramesRequest
@@ -14,21 +16,25 @@ class ExtrapolateRequest(FramesRequest):
     """Predict the frames of IN that were not rendered, from those before them and their G-buffers.
 
     Attributes:
-        system: name; None = the best that the inputs allow.
+        system: name; None = that of the weights, else the best that the inputs allow.
+        weights_file: None = those that come with rtsr.
         every: the first frame is rendered, and every so many after it; None = 2.
         rendered: numbers of the rendered frames, in place of `every`.
         keep_rendered: also write the rendered frames, so that OUT is the whole sequence.
         previews: a PNG beside each EXR.
         device: torch device; auto = cuda where there is one.
+        precision: number format of network layers.
         debug_buffers: also write what the system saw and decided.
     """
 
     system: str | None = None
+    weights_file: Path | None = None
     every: int | None = None
     rendered: frozenset[int] | None = None
     keep_rendered: bool = False
     previews: bool = False
     device: str = "auto"
+    precision: Precision = Precision.AUTO
     debug_buffers: bool = False
 
     def __post_init__(self) -> None:

@@ -66,9 +66,13 @@ def _make_counter(counted: list[int]) -> Callable[[nn.Conv2d, Any, Tensor], None
 def make_uniform_window(system: System, scale: int, lr_size: Size) -> FrameWindow:
     """Return a full window of the buffers that a system declares, all of them one."""
     hr_size = (lr_size[0] * scale, lr_size[1] * scale)
-    past = range(system.history_frames + 1)
+
+    def make_lr(age: int) -> Frame:
+        buffers = system.lr_inputs if system.is_rendered(age) else system.unshaded_inputs
+        return _make_uniform_frame(-age, buffers, lr_size)
+
     return FrameWindow(
-        lr=tuple(_make_uniform_frame(-age, system.lr_inputs, lr_size) for age in past),
+        lr=tuple(make_lr(age) for age in range(system.history_frames + 1)),
         hr=_make_uniform_frame(0, system.hr_inputs, hr_size) if system.hr_inputs else None,
         scale=scale,
     )

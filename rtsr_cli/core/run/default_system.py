@@ -56,16 +56,31 @@ def _strip_size(missing: str) -> str:
 
 
 def choose_default(
-    source: PairSource, systems: SystemTable, policy: NonfinitePolicy
+    source: PairSource,
+    systems: SystemTable,
+    policy: NonfinitePolicy,
+    *,
+    refuse: Callable[[System], str] = lambda system: "",
 ) -> tuple[System, list[PassedOver]]:
     """Return the first preferred system that can run, and those that are passed over for it.
 
     Where none can, it is the last one, whose refusal asks for least.
+
+    Args:
+        source: the shot's pairs.
+        systems: to choose from.
+        policy: for NaN and Inf.
+        refuse: what keeps a system back for this run, behind its name; empty if nothing does.
     """
     passed: list[PassedOver] = []
     for name in systems.preferred:
         system = systems.load(name)
-        found = judge_preferred(system, source, systems, policy)
+        unfit = refuse(system)
+        found = (
+            PassedOver(system=system, reason=unfit)
+            if unfit
+            else judge_preferred(system, source, systems, policy)
+        )
         if found is None:
             return system, passed
         passed.append(found)

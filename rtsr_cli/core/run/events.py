@@ -98,6 +98,7 @@ class FrameDone:
         negative: values of radiance below 0 in its inputs.
         as_float: True if it is written as float, since half cannot hold its radiance.
         no_material: share of its pixels whose material carries no radiance: theirs is enlarged.
+        stages: seconds of a prediction's parts, by name; empty where nothing was predicted.
         stops: True if no other frame could be written either, so that the run ended.
     """
 
@@ -111,6 +112,7 @@ class FrameDone:
     negative: int = 0
     as_float: bool = False
     no_material: float = 0.0
+    stages: Mapping[str, float] = field(default_factory=dict)
     stops: bool = False
 
     @property

@@ -27,7 +27,14 @@ from rtsr_cli.core.run.outputs import FLOAT_BYTES, HALF_BYTES, HEADER_BYTES, che
 from rtsr_cli.core.run.plan import FrameOutputs, ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 from rtsr_cli.core.run.shot_inputs import ShotInputs
-from rtsr_cli.core.run.shot_runs import AS_FLOAT, NEGATIVE, NO_MATERIAL, NONFINITE, ShotJob
+from rtsr_cli.core.run.shot_runs import (
+    AS_FLOAT,
+    NEGATIVE,
+    NO_MATERIAL,
+    NONFINITE,
+    STAGES,
+    ShotJob,
+)
 from rtsr_cli.core.run.sliding_window import SlidingWindow
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import FrameWindow
@@ -157,7 +164,12 @@ class FrameInTurn:
         )
 
     def product(
-        self, write: Callable[[], None], *, as_float: bool = False, no_material: float = 0.0
+        self,
+        write: Callable[[], None],
+        *,
+        as_float: bool = False,
+        no_material: float = 0.0,
+        stages: Mapping[str, float] | None = None,
     ) -> Product:
         """What was made of the frame.
 
@@ -165,12 +177,14 @@ class FrameInTurn:
             write: writes it.
             as_float: whether it is float.
             no_material: share of its pixels whose radiance was enlarged for want of a material.
+            stages: seconds of a prediction's parts.
         """
         facts = {
             NONFINITE: self.pair.fixed,
             NEGATIVE: self.pair.negative,
             AS_FLOAT: as_float,
             NO_MATERIAL: no_material,
+            STAGES: {name: round(seconds, 4) for name, seconds in (stages or {}).items()},
         }
         return Product(write=write, facts=facts)
 

@@ -18,9 +18,10 @@ from rtsr_cli.core.run.plan import ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 
 NONFINITE, NEGATIVE, AS_FLOAT = "nonfinite", "negative", "as_float"
-NO_MATERIAL = "no_material"
+NO_MATERIAL, STAGES = "no_material", "stages"
 """Facts of a product: NaN and Inf that were repaired in its inputs, values of radiance below 0
-there, whether it is float since half cannot hold it, and the share of its pixels without material.
+there, whether it is float since half cannot hold it, the share of its pixels without material, and
+the seconds of a prediction's parts.
 """
 
 
@@ -151,7 +152,9 @@ def describe_outcome(plan: ShotPlan, outcome: Outcome[int]) -> dict[str, Any]:
     """Return what `FrameDone` says of an outcome."""
     error = outcome.error
     failed = error is not None
-    found: dict[str, Any] = {NONFINITE: 0, NEGATIVE: 0, AS_FLOAT: False, NO_MATERIAL: 0.0}
+    found: dict[str, Any] = {
+        NONFINITE: 0, NEGATIVE: 0, AS_FLOAT: False, NO_MATERIAL: 0.0, STAGES: {},
+    }  # fmt: skip
     if isinstance(error, NonfiniteError):
         found[NONFINITE] = error.count
     elif not failed:

@@ -46,6 +46,9 @@ from rtsr_cli.core.training.clips import (
     write_clips,
 )
 
+RECORDING = "clips-2"
+"""What recordings hold; another one is made anew. 2: cameras."""
+
 CLIP_BYTES = 256 << 20
 """Planes of one clip in memory while it is recorded."""
 
@@ -93,9 +96,9 @@ def list_recorded_inputs(system: System, config: object, scale: int) -> Recorded
         raise FrameFolderError(f"system '{system.name}' has nothing to train")
     reference = system.learning.reference
     return RecordedInputs(
-        lr=system.lr_inputs,
+        lr=tuple(dict.fromkeys((*system.lr_inputs, *system.unshaded_inputs))),
         hr=tuple(dict.fromkeys((*system.hr_inputs, *reference))),
-        lr_optional=system.lr_optional,
+        lr_optional=tuple(dict.fromkeys((*system.lr_optional, *system.unshaded_optional))),
         hr_optional=tuple(dict.fromkeys((*system.hr_optional, Buffer.ALBEDO))),
         derivation=system.derivation(config),
         scale=scale,
@@ -218,7 +221,7 @@ def _hash_recording(shot: CapturedShot, wanted: RecordedInputs, policy: Nonfinit
     if plain.pop("straight") and any(Buffer.ALPHA in reader.stored for reader in shot.readers):
         declarations.append("straight")
     return digest_values(
-        digest_config("clips", plain, policy.value, declarations),
+        digest_config(RECORDING, plain, policy.value, declarations),
         FileDigests().of_all(tuple(files)),
     )
 
@@ -280,8 +283,20 @@ def _record_clip(
         lighting_scales=tuple(_measure_scale(frame, wanted.derivation) for frame in lr_frames),
         pre_exposures=tuple(frame.camera.pre_exposure for frame in lr_frames),
         captured=hr_reader.size,
+        cameras=_list_cameras(hr_frames),
     )
     return leave_out_zeros(Clip(facts, planes, lr_planes))
+
+
+def _list_cameras(frames: Sequence[Frame]) -> tuple[tuple[float, ...], ...]:
+    """Return the matrices of every frame, row by row; nothing where one has none."""
+    cameras = []
+    for frame in frames:
+        to_camera, to_ndc = frame.camera.world_to_camera, frame.camera.world_to_ndc
+        if to_camera is None or to_ndc is None:
+            return ()
+        cameras.append((*to_camera.flatten().tolist(), *to_ndc.flatten().tolist()))
+    return tuple(cameras)
 
 
 def _read_frame(

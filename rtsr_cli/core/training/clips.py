@@ -35,6 +35,9 @@ DERIVED = frozenset({Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY})
 DOUBTS = "doubts"
 """Of what a file is about: what is to be said of its radiance, each time that it is used."""
 
+CAMERA_NUMBERS = 32
+"""Numbers of a frame's two matrices."""
+
 LARGEST_COUNT = 1 << 31
 """Pixels and frames of a clip."""
 
@@ -60,6 +63,7 @@ class ClipFacts:
         group: samples are drawn from each group alike.
         captured: (height, width) of the frames that the region is of; None = of the display.
         zeros: `hr.<buffer>` and `lr.<buffer>` that the files hold, left out because all is 0.
+        cameras: of each frame worldToCamera and worldToNDC, 32 numbers; empty = not all known.
     """
 
     name: str
@@ -76,6 +80,7 @@ class ClipFacts:
     group: int = 0
     captured: Size | None = None
     zeros: tuple[str, ...] = ()
+    cameras: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -214,7 +219,9 @@ def _read_facts(stored: Mapping[str, object]) -> ClipFacts:
     """
     values = {key: tuple(v) if isinstance(v, list) else v for key, v in stored.items()}
     jitters = tuple(tuple(j) for j in values["jitters_px"])  # type: ignore[attr-defined]
-    facts = ClipFacts(**{**values, "jitters_px": jitters})  # type: ignore[arg-type]
+    cameras = tuple(tuple(c) for c in values.get("cameras", ()))  # type: ignore[attr-defined]
+    rows = {"jitters_px": jitters, "cameras": cameras}
+    facts = ClipFacts(**{**values, **rows})  # type: ignore[arg-type]
     wrong = [name for name, holds in _check_facts(facts).items() if not holds]
     if wrong:
         raise ValueError(f"its facts are damaged: {', '.join(wrong)}")
@@ -237,6 +244,8 @@ def _check_facts(facts: ClipFacts) -> dict[str, bool]:
         and all(len(j) == 2 and all(map(_is_number, j)) for j in facts.jitters_px),
         "lighting_scales": _are_numbers(facts.lighting_scales, frames),
         "pre_exposures": _are_numbers(facts.pre_exposures, frames),
+        "cameras": len(facts.cameras) in (0, frames)
+        and all(len(c) == CAMERA_NUMBERS and all(map(_is_number, c)) for c in facts.cameras),
         "validation": isinstance(facts.validation, bool),
         "zeros": isinstance(facts.zeros, tuple) and all(isinstance(z, str) for z in facts.zeros),
     }

@@ -6,7 +6,7 @@ follows. An LR frame's samples are picked first, as all of that treats every pix
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import torch
@@ -31,7 +31,12 @@ from rtsr_cli.core.pairs.window import (
     select_hr,
 )
 from rtsr_cli.core.shapes import Color, Size
-from rtsr_cli.core.training.augmentation import SWAP_PLANES, relight_planes, swap_albedo
+from rtsr_cli.core.training.augmentation import (
+    SWAP_PLANES,
+    PictureTurn,
+    relight_planes,
+    swap_albedo,
+)
 from rtsr_cli.core.training.clips import MATERIAL_GAIN, Clip
 from rtsr_cli.core.training.samples import (
     SampleChoices,
@@ -59,6 +64,8 @@ class Cut:
         simulation: how LR frames are made.
         derivation: what divides radiance.
         lr, hr, reference: what the system's frames, and the one it is held against, are made of.
+        unshaded: what LR frames are made of that were not rendered, where a system has such.
+        is_rendered: tells whether the frame so many before the target was rendered.
         beside: names of further radiance of the reference.
     """
 
@@ -70,7 +77,14 @@ class Cut:
     lr: Reads
     hr: Reads
     reference: Reads
+    unshaded: Reads
+    is_rendered: Callable[[int], bool]
     beside: frozenset[str]
+
+    def reads_of(self, position: int) -> Reads:
+        """Return what an LR frame is made of."""
+        age = self.region.position - position
+        return self.lr if self.is_rendered(age) else self.unshaded
 
 
 def plan_cut(clip: Clip, region: SampleRegion, choices: SampleChoices, task: SampleTask) -> Cut:
@@ -96,11 +110,14 @@ def plan_cut(clip: Clip, region: SampleRegion, choices: SampleChoices, task: Sam
         simulation=choose_simulation(clip, task, choices),
         derivation=derivation,
         lr=resolve(_lr_size(clip), system.lr_inputs, system.lr_optional),
+        unshaded=resolve(_lr_size(clip), system.unshaded_inputs, system.unshaded_optional),
+        is_rendered=system.is_rendered,
         hr=resolve("hr", system.hr_inputs, system.hr_optional),
         reference=resolve("hr", task.learning.reference, ()),
         beside=beside,
     )
-    missing = dict.fromkeys((*cut.lr.missing, *cut.hr.missing, *cut.reference.missing))
+    reads = (cut.lr, cut.unshaded, cut.hr, cut.reference)
+    missing = dict.fromkeys(name for part in reads for name in part.missing)
     if missing:
         raise FrameFolderError(
             f"{clip.facts.name}: clips hold no {', '.join(missing)}, which system '{system.name}' "
@@ -124,12 +141,13 @@ def _lr_size(clip: Clip) -> str:
 def make_lr_frame(cut: Cut, position: int) -> Frame:
     """Make the LR frame of a crop."""
     pick = _cut_rendered if cut.clip.facts.lr_scale else _sample_capture
-    planes = _change_planes(cut, pick(cut, position, _list_names(cut, cut.lr)))
+    reads = cut.reads_of(position)
+    planes = _change_planes(cut, pick(cut, position, _list_names(cut, reads)))
     view = shrink_view(_view(cut), cut.simulation.block)
-    frame = _make_frame(cut, position, planes, cut.lr, view)
+    frame = _make_frame(cut, position, planes, reads, view)
     frame = replace(frame, camera=replace(frame.camera, jitter_px=_jitter(cut, position)))
     return build_lr(
-        frame, cut.lr, cut.derivation, lighting_scale=measure_lighting_scale(cut, position)
+        frame, reads, cut.derivation, lighting_scale=measure_lighting_scale(cut, position)
     )
 
 
@@ -291,8 +309,16 @@ def _make_frame(cut: Cut, position: int, planes: Planes, reads: Reads, view: Vie
     return Frame(
         number=facts.numbers[position],
         gbuffer=GBuffer(buffers, f"{facts.name}, frame {facts.numbers[position]}"),
-        camera=CameraMetadata(
-            pre_exposure=facts.pre_exposures[position] if facts.pre_exposures else 1.0
-        ),
+        camera=_make_camera(cut, position),
         view=view,
     )
+
+
+def _make_camera(cut: Cut, position: int) -> CameraMetadata:
+    """Exposure, and the matrices; none where the picture was turned, and the world with it."""
+    facts = cut.clip.facts
+    exposure = facts.pre_exposures[position] if facts.pre_exposures else 1.0
+    if not facts.cameras or cut.choices.turn != PictureTurn():
+        return CameraMetadata(pre_exposure=exposure)
+    to_camera, to_ndc = torch.tensor(facts.cameras[position], dtype=torch.float64).view(2, 4, 4)
+    return CameraMetadata(world_to_camera=to_camera, world_to_ndc=to_ndc, pre_exposure=exposure)

@@ -34,7 +34,12 @@ from rtsr_cli.core.pairs.opening import (
 )
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
-from rtsr_cli.core.training.clip_recording import CapturedShot, RecordedInputs, record_clips_of
+from rtsr_cli.core.training.clip_recording import (
+    RECORDING,
+    CapturedShot,
+    RecordedInputs,
+    record_clips_of,
+)
 from rtsr_cli.core.training.clips import DOUBTS, Clip, read_clips
 from rtsr_cli.core.training.config import DataConfig
 
@@ -291,7 +296,7 @@ def _hash_shot(opened: OpenedShot, how: ClipSources) -> str:
     samples = () if how.samples_per_pixel == 1 else (how.samples_per_pixel,)
     return digest_values(
         digest_config(
-            "shot", __version__, asdict(how.wanted), how.policy.value, how.options, *samples
+            RECORDING, __version__, asdict(how.wanted), how.policy.value, how.options, *samples
         ),
         str(opened.declarations),
         [_list_files(frames) for frames in sets],

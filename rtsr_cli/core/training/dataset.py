@@ -12,7 +12,7 @@ from rtsr_cli.core.training.config import DataConfig
 from rtsr_cli.core.training.events import ClipsGathered, DataEvent
 from rtsr_cli.core.training.ranks import ProcessRanks
 from rtsr_cli.core.training.request import TrainRequest
-from rtsr_cli.core.training.samples import SampleTask
+from rtsr_cli.core.training.samples import SampleTask, leave_out_starts
 
 
 def gather_clips(
@@ -37,6 +37,7 @@ def gather_clips(
         from rtsr_cli.core.training.folders import record_folders
 
         clips += yield from record_folders(folders, request, task, data, ranks)
+    clips = leave_out_starts(clips, task)
     held_out = count_frames(c for c in clips if c.facts.validation) > 0
     if not held_out:
         clips += validate_as_trained(clips)

@@ -47,12 +47,11 @@ def pack_crops(
     for index in range(crops):
         rng = np.random.default_rng([config.seed, index, 1])
         clip = sampler.draw(rng)
-        region = draw_region(
-            clip, (side, side), block=choose_block(clip, task), unroll=task.learning.unroll, rng=rng
-        )
-        packed.append(
-            cut_clip(clip, region, choose_block(clip, task), history, task.learning.unroll)
-        )
+        block, unroll = choose_block(clip, task), task.learning.unroll
+        region = draw_region(clip, (side, side), block=block, unroll=unroll, rng=rng)
+        if task.learning.whole is not None:
+            region = cover_frame(clip, region.position, block)
+        packed.append(cut_clip(clip, region, block, history, unroll))
     for clip, position in choose_validation_frames(clips, config.validation_frames):
         whole = cover_frame(clip, position, choose_block(clip, task))
         before = position if task.system.recurrent else history
@@ -90,6 +89,7 @@ def cut_clip(clip: Clip, region: SampleRegion, block: int, history: int, unroll:
             jitters_px=facts.jitters_px[first:last],
             lighting_scales=facts.lighting_scales[first:last],
             pre_exposures=facts.pre_exposures[first:last],
+            cameras=facts.cameras[first:last],
         ),
         hr,
         lr,

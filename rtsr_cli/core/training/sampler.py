@@ -12,7 +12,7 @@ from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.streaming import prefetch
 from rtsr_cli.core.shapes import Size
-from rtsr_cli.core.system import Tensors
+from rtsr_cli.core.system import Tensors, WholeFrames
 from rtsr_cli.core.threads import worker_pool
 from rtsr_cli.core.training.clips import Clip
 from rtsr_cli.core.training.config import TrainingConfig
@@ -26,7 +26,9 @@ from rtsr_cli.core.training.samples import (
     draw_choices,
     draw_jitter,
     draw_region,
+    leave_out_starts,
 )
+from rtsr_cli.core.training.whole_frames import PreparedFrames, crop_prepared, draw_crop
 
 UNCHANGED = SampleChoices()
 """A sample as it was captured."""
@@ -75,7 +77,7 @@ class SampleDrawer:
         self._task, self._config, self._ranks = task, config, ranks
         unroll = task.learning.unroll
         groups: dict[int, list[Clip]] = {}
-        for clip in clips:
+        for clip in leave_out_starts(clips, task):
             if not clip.facts.validation and len(clip.target_positions) >= unroll:
                 groups.setdefault(clip.facts.group, []).append(clip)
         if not groups:
@@ -87,6 +89,7 @@ class SampleDrawer:
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
         self._crop = choose_crop(clips, task, config)
         self._goals: dict[tuple[int, SampleRegion, JitterMode], list[Tensors]] = {}
+        self._prepared = PreparedFrames(task)
         self._shares = [counts / counts.sum() for counts in frames]
 
     def draw(self, rng: np.random.Generator) -> Clip:
@@ -101,6 +104,8 @@ class SampleDrawer:
         rng = np.random.default_rng([config.seed, index])
         clip = self.draw(rng)
         choices = draw_choices(config.augmentation, rng)
+        if task.learning.whole is not None:
+            return self._crop_whole_frame(index, clip, choices, task.learning.whole, rng)
         region = draw_region(
             clip,
             self._crop,
@@ -117,6 +122,22 @@ class SampleDrawer:
         if task.learning.keep_goals and comes_again:
             self._goals[key] = [step.goal for step in steps]
         return TrainingSample(index, clip, region, choices, steps)
+
+    def _crop_whole_frame(
+        self,
+        index: int,
+        clip: Clip,
+        choices: SampleChoices,
+        whole: WholeFrames,
+        rng: np.random.Generator,
+    ) -> TrainingSample:
+        """Make a sample of a frame that was prepared as a whole."""
+        position = int(rng.choice(clip.target_positions))
+        made = self._prepared.prepare(clip, position)
+        sought = made.inputs[whole.sought]
+        region = draw_crop(sought, position, self._crop, rng)
+        step = crop_prepared(made, region, whole=whole, choices=choices, task=self._task, rng=rng)
+        return TrainingSample(index, clip, region, choices, [step])
 
     def batches(
         self, first_step: int, workers: int, *, overlap: bool

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -106,6 +107,20 @@ def make_task(system: System, config: object, training: TrainingConfig) -> Sampl
         samples_per_pixel=training.samples_per_pixel,
         jitter=training.jitter,
     )
+
+
+def leave_out_starts(clips: Sequence[Clip], task: SampleTask) -> list[Clip]:
+    """Clips without the targets that a system cannot predict: one that extrapolates, from nothing.
+
+    Those that have no other targets are left out.
+    """
+    if not task.system.rendered_every:
+        return list(clips)
+    later = [
+        replace(clip, facts=replace(clip.facts, targets=max(1, clip.facts.targets)))
+        for clip in clips
+    ]
+    return [clip for clip in later if clip.target_positions]
 
 
 def choose_simulation(clip: Clip, task: SampleTask, choices: SampleChoices) -> Simulation:

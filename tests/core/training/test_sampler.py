@@ -38,7 +38,8 @@ def fast() -> SampleTask:
 def test_the_defaults_of_every_system_take_frames_of_any_shape(clip: Clip, name: str) -> None:
     settings = resolve_sources(load_system(name), [])
     task = make_task(settings.system, settings.network, settings.training)
-    seen = {**clip.hr, "view_normal": clip.hr["normal"], "roughness": 0.5 + 0 * clip.hr["depth"]}
+    half = 0.5 + 0 * clip.hr["depth"]
+    seen = {**clip.hr, "view_normal": clip.hr["normal"], "roughness": half, "metallic": half}
     whole = replace(clip, hr=seen)
     clips = [whole, cut(whole, 48, 36), cut(whole, 32, 64)]
     drawer = SampleDrawer(clips, task, replace(settings.training, seed=5))

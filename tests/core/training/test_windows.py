@@ -19,12 +19,14 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame, FrameSequence
+from rtsr_cli.core.frames.storage import round_to_half
 from rtsr_cli.core.pairs.opening import ReadOptions, open_pairs
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.run.frame_pairs import PairReading
 from rtsr_cli.core.run.sliding_window import SlidingWindow
-from rtsr_cli.core.run.system_inputs import resolve_system_inputs
+from rtsr_cli.core.run.system_inputs import resolve_system_inputs, resolve_unshaded_inputs
 from rtsr_cli.core.system import FrameWindow
 from rtsr_cli.core.training.augmentation import PictureTurn
 from rtsr_cli.core.training.clip_recording import (
@@ -44,8 +46,10 @@ from rtsr_cli.core.training.samples import (
     SampleTask,
     cover_frame,
     draw_jitter,
+    leave_out_starts,
     make_task,
 )
+from rtsr_cli.core.training.whole_frames import PreparedFrames
 from rtsr_cli.models import list_trainable_names, load_system
 
 Planes = Mapping[str, NDArray[Any]]
@@ -63,6 +67,9 @@ direction = "previous-minus-current"
 y_axis = "down"
 jittered = false
 """
+
+UPSCALERS = [n for n in list_trainable_names() if not load_system(n).rendered_every]
+EXTRAPOLATORS = [n for n in list_trainable_names() if load_system(n).rendered_every]
 
 JITTERS = [SampleJitter.NONE, SampleJitter.HALTON]
 
@@ -213,7 +220,7 @@ def within_halves(one: torch.Tensor, other: torch.Tensor) -> bool:
 
 @pytest.mark.parametrize("samples", [1, 2])
 @pytest.mark.parametrize("jitter", JITTERS)
-@pytest.mark.parametrize("name", list_trainable_names())
+@pytest.mark.parametrize("name", UPSCALERS)
 def test_training_sees_the_windows_that_upscaling_sees(
     capture: Path, tmp_path: Path, name: str, jitter: SampleJitter, samples: int
 ) -> None:
@@ -231,6 +238,43 @@ def test_training_sees_the_windows_that_upscaling_sees(
         step = build_steps(clip, cover_frame(clip, position, block), choices, task)[0]
         expected = task.learning.prepare(task.config, theirs)
         assert all(torch.equal(step.inputs[key], tensor) for key, tensor in expected.items())
+
+
+def extrapolated(source: PairSource, task: SampleTask, target: int) -> FrameWindow:
+    """Window of a frame as `extrapolate` makes it, where the frame before it is rendered."""
+    numbers = source.reader.numbers
+    inputs = resolve_system_inputs(task.system, NonfinitePolicy.ERROR, task.config)
+    unshaded = resolve_unshaded_inputs(task.system, NonfinitePolicy.ERROR, task.config)
+    every = task.system.rendered_every
+    predicted = [n for n in numbers if (target - 1 - n) % every]
+    reading = PairReading(source=source, inputs=inputs, unshaded=dict.fromkeys(predicted, unshaded))
+    sequence = FrameSequence(numbers=numbers, step=source.reader.step, cuts=source.reader.resets)
+    window = SlidingWindow(sequence, history_frames=task.system.history_frames, scale=1)
+    seen = (window.slide(source.load(n, reading.inputs_of(n))) for n in numbers)
+    return next(w for w in seen if w.current.number == target)
+
+
+@pytest.mark.parametrize("name", EXTRAPOLATORS)
+def test_training_sees_the_windows_that_extrapolation_sees(
+    capture: Path, tmp_path: Path, name: str
+) -> None:
+    task = task_of(name)
+    source = source_of(capture, simulation_of(task))
+    (clip,) = leave_out_starts([recorded(source, task, tmp_path)], task)
+    assert list(clip.target_positions) == [1, 2, 3]
+    prepared = PreparedFrames(task)
+    for position in clip.target_positions:
+        theirs = extrapolated(source, task, NUMBERS[position])
+        ours, reference = build_whole_window(clip, position, task)
+        compare(ours, theirs, torch.equal)
+        assert all(Buffer.COLOR not in frame.gbuffer for frame in ours.lr[::2])
+        for one, other in zip(ours.lr, theirs.lr, strict=True):
+            assert one.camera.has_matrices
+            assert torch.equal(one.camera.world_to_ndc, other.camera.world_to_ndc)
+        expected = task.learning.prepare(task.config, theirs)
+        seen = prepared.prepare(clip, position).inputs
+        assert all(torch.equal(seen[k], round_to_half(t)) for k, t in expected.items())
+        assert Buffer.COLOR in reference.gbuffer
 
 
 @pytest.mark.parametrize("samples", [1, 2])

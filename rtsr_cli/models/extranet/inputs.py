@@ -1,0 +1,141 @@
+"""What ExtraNet sees: past lighting brought to the predicted frame, and that frame's G-buffer.
+
+    current  18   base e 3, occlusion-filled e 3, both times the mask of what is known 6,
+                  normal 3, 1 / (1 + depth) 1, roughness 1, metallic 1
+    history  12   of t-5, t-3, t-1: moved e 3, mask 1; all 0 where there is no such frame
+
+e = log(1 + q / k) of `past_lighting`, k that of the last rendered frame for all of them. A frame's
+radiance is k (exp(e) - 1) * material + emission = (exp(e) - 1) * gain + emission.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.frame_motion import exposure_ratio, find_dual_motion, sample_motion
+from rtsr_cli.core.imaging.surface_history import warp_along_surfaces
+from rtsr_cli.core.imaging.surfaces import describe_surfaces, find_moving
+from rtsr_cli.core.imaging.warping import backward_warp, compose_motion, inside_frame
+from rtsr_cli.core.lighting.lighting import (
+    encode_lighting,
+    inverse_depth,
+    lighting_scale_of,
+    network_normal,
+)
+from rtsr_cli.core.lighting.past_lighting import (
+    LEAST_WEIGHT,
+    PastLighting,
+    carry_lighting,
+    find_divided,
+    take_emission_out,
+)
+from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
+from rtsr_cli.core.system import FrameWindow, Tensors
+from rtsr_cli.models.extranet.config import RENDERED_FRAMES, ExtraNetConfig, PredictionBase
+
+PICTURES = tuple(slice(first, first + 3) for first in (0, 3, 6, 9))
+NORMAL = slice(12, 15)
+"""Channels of `current`."""
+
+HISTORY_PARTS = tuple(slice(first, first + 3) for first in (0, 4, 8))
+"""Channels of `history` that are pictures."""
+
+
+def prepare(config: ExtraNetConfig, window: FrameWindow) -> Tensors:
+    """`current`, `history`; `hole_mask` 1, `gain` 3 and `emission` 3, to make radiance of e."""
+    past = carry_lighting(window)
+    known = 1.0 - past.holes
+    moved = move_history(window, past)
+    warped = moved[-1][0]
+    base = past.filled if config.base is PredictionBase.GUIDED else warped
+    occluded = fill_by_occlusion(window, past) if config.occlusion else past.carried.values * known
+    pictures = torch.cat([base, occluded], dim=1)
+    return {
+        "current": torch.cat([pictures, pictures * known, show_surfaces(window.current)], dim=1),
+        "history": torch.cat([part for pair in moved for part in pair], dim=1),
+        "hole_mask": past.holes,
+        "gain": measure_gain(window, past),
+        "emission": take_emission(window.current),
+    }
+
+
+def show_surfaces(frame: Frame) -> Image:
+    """Normal 3, inverse depth 1, roughness 1, metallic 1."""
+    gbuffer = frame.gbuffer
+    parts = (
+        network_normal(frame),
+        inverse_depth(gbuffer[Buffer.DEPTH]),
+        gbuffer[Buffer.ROUGHNESS],
+        gbuffer[Buffer.METALLIC],
+    )
+    return torch.cat(parts, dim=1)
+
+
+def take_emission(frame: Frame) -> Color:
+    """Emission of a frame, 0 where it has none."""
+    emission = frame.gbuffer.buffers.get(Buffer.EMISSION)
+    return torch.zeros_like(frame.gbuffer[Buffer.MATERIAL]) if emission is None else emission
+
+
+def measure_gain(window: FrameWindow, past: PastLighting) -> Color:
+    """Radiance less emission over exp(e) - 1: k, at the current exposure, times the material.
+
+    Where nothing is divided there is no material: 1.
+    """
+    now = window.current
+    divided = find_divided(now)
+    material = torch.where(divided > 0.5, now.gbuffer[Buffer.MATERIAL], 1.0)
+    return material * lighting_scale_of(past.rendered) * exposure_ratio(now, past.rendered)
+
+
+def encode_past(frame: Frame, rendered: Frame) -> Image:
+    """e of a past frame with the k and the exposure of the last rendered one."""
+    divided = frame.gbuffer[Buffer.LIGHTING_MASK] > 0.5
+    quantity = torch.where(divided, frame.gbuffer[Buffer.LIGHTING], take_emission_out(frame))
+    return encode_lighting(quantity * exposure_ratio(rendered, frame), lighting_scale_of(rendered))
+
+
+def move_history(window: FrameWindow, past: PastLighting) -> list[tuple[Image, Mask]]:
+    """e of the last rendered frames where each pixel was, and 1 where it is of its surface.
+
+    Oldest first; 0 and 0 for those that are not there.
+    """
+    now = window.current
+    own = describe_surfaces(now, find_divided(now))
+    empty = (torch.zeros_like(past.filled), torch.zeros_like(past.holes))
+    moved: list[tuple[Image, Mask]] = []
+    for place, motion in enumerate(chain_motions(window.lr), start=1):
+        then = window.lr[place]
+        if Buffer.COLOR not in then.gbuffer:
+            continue
+        encoded = encode_past(then, past.rendered)
+        image, _ = backward_warp(encoded, motion)
+        if then is past.rendered:
+            mask = 1.0 - past.holes
+        else:
+            surfaces = describe_surfaces(then, then.gbuffer[Buffer.LIGHTING_MASK])
+            wide = own.widen(find_moving(own, motion, then))
+            weight = warp_along_surfaces(encoded, motion, wide, surfaces).weight
+            mask = (weight >= LEAST_WEIGHT).to(weight)
+        moved.append((image * inside_frame(motion), mask))
+    return [*[empty] * (RENDERED_FRAMES - len(moved)), *reversed(moved[:RENDERED_FRAMES])]
+
+
+def chain_motions(frames: Sequence[Frame]) -> list[MotionPx]:
+    """Motion between the samples of the first frame and those of each of the others."""
+    motions = [sample_motion(frames[0], frames[1])]
+    for now, before in pairwise(frames[1:]):
+        motions.append(compose_motion(motions[-1], sample_motion(now, before))[0])
+    return motions
+
+
+def fill_by_occlusion(window: FrameWindow, past: PastLighting) -> Image:
+    """Carried e, and in holes what lay beside the surface that hid them   [Zeng et al. 2021]."""
+    encoded = encode_past(past.rendered, past.rendered)
+    beside, _ = backward_warp(encoded, find_dual_motion(window.lr[0], window.lr[1]).dual_px)
+    return torch.where(past.holes > 0.5, beside, past.carried.values)
