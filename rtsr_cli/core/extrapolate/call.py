@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from rtsr_cli.core.devices import resolve_device
-from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.extrapolate.prediction import Extrapolation
 from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
 from rtsr_cli.core.frames.cadence import measure_reach
@@ -19,6 +18,7 @@ from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.run.plan import check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun
+from rtsr_cli.core.run.rendered_frames import split_by_cadence
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.run.shot_runs import run_shots
 from rtsr_cli.core.run.system_inputs import (
@@ -67,9 +67,7 @@ def plan_extrapolation(
         RtsrError: an input is missing or wrong, an output is in the way.
     """
     numbers = source.reader.numbers
-    rendered = request.cadence.list_rendered(numbers, source.reader.step)
-    predicted = frozenset(numbers) - rendered
-    _check_cadence(source, rendered, predicted)
+    rendered, predicted = split_by_cadence(source.reader, request.cadence)
     system, better = choose_extrapolator(request, source, systems)
     device = resolve_device(request.device)
     loaded = load_network(system, 1, device)
@@ -141,22 +139,3 @@ def choose_extrapolator(
         return systems.load(request.system), ""
     system, passed_over = choose_default(source, systems, request.on_nonfinite)
     return system, describe_passed_over(source, passed_over)
-
-
-def _check_cadence(source: PairSource, rendered: frozenset[int], predicted: frozenset[int]) -> None:
-    """Raise where nothing is to predict, or nothing to predict from.
-
-    Raises:
-        FrameFolderError: names the folder, and what to say instead.
-    """
-    root = source.reader.frames.root
-    if not rendered:
-        raise FrameFolderError(
-            f"{root}: none of its frames is among those that --rendered names; name frames that "
-            "hold radiance"
-        )
-    if not predicted:
-        raise FrameFolderError(
-            f"{root}: all of its frames are rendered, none is left to predict; give the G-buffers "
-            "of the time steps between them, and --every or --rendered"
-        )

@@ -42,13 +42,15 @@ def find_camera_motion(position: Vector3, before: Frame) -> MotionPx | None:
         before: the frame before.
 
     Returns:
-        None where its camera is not known.
+        NaN for points behind its camera; None where the camera is not known.
     """
     matrix = before.camera.world_to_ndc
     if matrix is None:
         return None
     p, m = position, matrix.to(position)
     x, y, w = (torch.einsum("nchw,c->nhw", p, m[:3, i]).unsqueeze(1) + m[3, i] for i in (0, 1, 3))
+    # what lay behind the camera was seen nowhere
+    w = torch.where(w > 0, w, torch.nan)
     height, width = before.view.display
     jitter_x, jitter_y = before.camera.jitter_px
     columns = (x / w * 0.5 + 0.5) * width - before.view.left - jitter_x - 0.5

@@ -142,7 +142,7 @@ def _find_dual_by_splat(
     return DualMotion(motion_px, torch.where(seen < IN_FRONT * depth, came, dual), known)
 
 
-def find_occlusion_motion(frames: Sequence[Frame]) -> MotionPx:
+def find_occlusion_motion(frames: Sequence[Frame], motion_px: MotionPx) -> MotionPx:
     """Occlusion motion vectors: where the background beside a hole's occluder was.
 
         y = x + m(x) shows the occluder, which moves on to z:   mv_occ(x) = y + (x - z) - x
@@ -153,12 +153,13 @@ def find_occlusion_motion(frames: Sequence[Frame]) -> MotionPx:
 
     Args:
         frames: successive ones, newest first, two or more: the first is the frame, the last the
-            past one. All hold motion, these two depth.
+            past one, which both hold depth, and the latter motion.
+        motion_px: m, from the samples of the frame to those of the past one.
 
     Raises:
         MissingBufferError: one is not there.
     """
-    return _find_dual_by_splat(frames, chain_motion(frames), spread=True).dual_px
+    return _find_dual_by_splat(frames, motion_px, spread=True).dual_px
 
 
 def fill_by_occlusion(

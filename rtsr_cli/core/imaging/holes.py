@@ -17,6 +17,9 @@ Where something is missing, what is there takes its place, the depth at x + m:
 
 on what moves if there are no object ids or no normals, and everywhere if no camera tells what
 moves, or no position is known.
+
+m is composed, frame after frame, where something moves by itself. What stands still is where the
+camera says, so that a point that is hidden for a frame is found again in the frames before.
 """
 
 from __future__ import annotations
@@ -68,8 +71,9 @@ class HoleConfig:
     """How holes are found.
 
     Attributes:
-        paper: every test on every pixel, and T_d alone, as the paper has it; else normals where
-            something moves by itself, positions where it does not, as its code.
+        paper: every test on every pixel, T_d alone, and composed motion everywhere, as the paper
+            has it; else normals where something moves by itself, positions where it does not, as
+            its code.
         compat: vectors of several frames are composed in the published code's order.
     """
 
@@ -124,7 +128,8 @@ def find_holes(frames: Sequence[Frame], config: HoleConfig = _DEFAULT) -> Holes:
         ShapeMismatchError: sizes differ.
     """
     now, then = frames[0], frames[-1]
-    motion = (chain_motion_as_published if config.compat else chain_motion)(frames)
+    follows = _follow_camera(now, frames[1])
+    motion = _find_past_motion(frames, follows, config)
     thresholds = DisocclusionThresholds(
         depth_relative=DEPTH_PER_FRAME * (len(frames) - 1),
         position_slope_px=0.0 if config.paper else 1.0,
@@ -135,12 +140,12 @@ def find_holes(frames: Sequence[Frame], config: HoleConfig = _DEFAULT) -> Holes:
         previous=_read_surfaces(then),
         thresholds=thresholds,
     )
-    dynamic = find_dynamic(now, frames[1])
     sky, sky_then = (sky_mask(frame.gbuffer[Buffer.DEPTH]) for frame in (now, then))
+    dynamic = None if follows is None else (1.0 - follows) * (1.0 - sky)
     tests = _share_tests(differ, dynamic, paper=config.paper)
     tests = {test: marked & (sky == 0) for test, marked in tests.items()}
     other_kind = fetch_nearest(sky_then, motion) != sky
-    tests[HoleTest.STENCIL] = tests.get(HoleTest.STENCIL, other_kind) | other_kind
+    tests[HoleTest.STENCIL] = tests[HoleTest.STENCIL] | other_kind
     return Holes(
         motion_px=motion,
         outside=differ.outside.to(motion),
@@ -149,14 +154,27 @@ def find_holes(frames: Sequence[Frame], config: HoleConfig = _DEFAULT) -> Holes:
     )
 
 
-def find_dynamic(now: Frame, before: Frame) -> Mask | None:
-    """1 where something moves by itself, sky never; None where no camera or position tells."""
+def _follow_camera(now: Frame, before: Frame) -> Mask | None:
+    """1 where vectors are those of the camera; None where no camera or position tells."""
     position = locate_points(now)
     camera_px = None if position is None else find_camera_motion(position, before)
     if camera_px is None:
         return None
-    moving = differs_from_camera(sample_motion(now, before), camera_px)
-    return moving * (1.0 - sky_mask(now.gbuffer[Buffer.DEPTH]))
+    return 1.0 - differs_from_camera(sample_motion(now, before), camera_px)
+
+
+def _find_past_motion(
+    frames: Sequence[Frame], follows: Mask | None, config: HoleConfig
+) -> MotionPx:
+    """Motion from the samples of the first frame to those of the last."""
+    if config.compat:
+        return chain_motion_as_published(frames)
+    motion = chain_motion(frames)
+    if config.paper or follows is None or len(frames) == 2:
+        return motion
+    position = locate_points(frames[0])
+    camera_px = None if position is None else find_camera_motion(position, frames[-1])
+    return motion if camera_px is None else torch.where(follows > 0, camera_px, motion)
 
 
 def _read_surfaces(frame: Frame) -> SurfaceBuffers:
@@ -178,23 +196,54 @@ def _read_surfaces(frame: Frame) -> SurfaceBuffers:
     )
 
 
+def list_tests(
+    *, ids: bool, normals: bool, positions: bool, tells_motion: bool, paper: bool
+) -> tuple[HoleTest, ...]:
+    """Return the tests that can be made of frames.
+
+    Args:
+        ids, normals, positions: what is known of both frames; positions stored, or by camera.
+        tells_motion: whether positions and a camera tell what moves by itself.
+        paper: as in `HoleConfig`.
+    """
+    tests = [HoleTest.STENCIL]
+    if normals:
+        tests.append(HoleTest.NORMAL)
+    if positions and (paper or tells_motion):
+        tests.append(HoleTest.POSITION)
+    moving_is_told = not tells_motion or (ids and normals)
+    if HoleTest.POSITION not in tests or not moving_is_told:
+        tests.append(HoleTest.DEPTH)
+    return tuple(tests)
+
+
 def _share_tests(
     differ: SurfaceDifferences, dynamic: Mask | None, *, paper: bool
 ) -> dict[HoleTest, Tensor]:
     """What each test marks where it is the one to ask; the depth stands in for what is missing."""
-    depth, normal, position = differ.depth, differ.normal, differ.position
-    assert depth is not None
-    tests: dict[HoleTest, Tensor] = {}
-    if differ.object_id is not None:
-        tests[HoleTest.STENCIL] = differ.object_id
-    if normal is not None:
-        tests[HoleTest.NORMAL] = normal if paper or dynamic is None else normal & (dynamic > 0)
-    if position is not None and paper:
-        tests[HoleTest.POSITION] = position
-    elif position is not None and dynamic is not None:
-        tests[HoleTest.POSITION] = position & (dynamic == 0)
-    if HoleTest.POSITION not in tests:
-        tests[HoleTest.DEPTH] = depth
-    elif dynamic is not None and {HoleTest.STENCIL, HoleTest.NORMAL} - set(tests):
-        tests[HoleTest.DEPTH] = depth & (dynamic > 0)
-    return tests
+    ids, normal, position = differ.object_id, differ.normal, differ.position
+    everywhere = torch.ones_like(differ.outside)
+    moves = everywhere if dynamic is None else dynamic > 0
+    where = {
+        HoleTest.STENCIL: everywhere,
+        HoleTest.NORMAL: everywhere if paper else moves,
+        HoleTest.POSITION: everywhere if paper else ~moves,
+        HoleTest.DEPTH: everywhere if position is None else moves,
+    }
+    marked = {
+        HoleTest.STENCIL: ids,
+        HoleTest.NORMAL: normal,
+        HoleTest.POSITION: position,
+        HoleTest.DEPTH: differ.depth,
+    }
+    made = list_tests(
+        ids=ids is not None,
+        normals=normal is not None,
+        positions=position is not None,
+        tells_motion=dynamic is not None,
+        paper=paper,
+    )
+    nowhere = ~everywhere
+    return {
+        test: nowhere if (found := marked[test]) is None else found & where[test] for test in made
+    }

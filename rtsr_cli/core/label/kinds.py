@@ -1,0 +1,57 @@
+"""The kinds of labels, a row each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rtsr_cli.core.choices import LabelKind
+from rtsr_cli.core.label.hole_labels import (
+    SHARES,
+    declare_hole_labels,
+    hole_config,
+    summarise_shares,
+)
+from rtsr_cli.core.label.labelling import Labelling
+from rtsr_cli.core.label.rate_errors import declare_rate_labels
+from rtsr_cli.core.label.request import LabelRequest
+from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.run.figures import Summarise
+
+
+@dataclass(frozen=True, kw_only=True)
+class FigureKind:
+    """Figures that a kind of labels keeps of its frames.
+
+    Attributes:
+        attribute: of a label's header, that holds them.
+        options: of a request, plain values, how they were come by.
+        summarise: those of frames -> those of all.
+    """
+
+    attribute: str
+    options: Callable[[LabelRequest], Any]
+    summarise: Summarise
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindRow:
+    """A kind of labels.
+
+    Attributes:
+        declare: how a shot is labelled.
+        figures: what is said of all frames in the end; None if nothing.
+    """
+
+    declare: Callable[[PairSource, LabelRequest], Labelling]
+    figures: FigureKind | None = None
+
+
+KINDS: Mapping[LabelKind, KindRow] = {
+    LabelKind.VRS: KindRow(declare=declare_rate_labels),
+    LabelKind.HOLES: KindRow(
+        declare=declare_hole_labels,
+        figures=FigureKind(attribute=SHARES, options=hole_config, summarise=summarise_shares),
+    ),
+}
