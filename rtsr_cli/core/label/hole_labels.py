@@ -121,6 +121,11 @@ def hole_config(request: LabelRequest) -> HoleConfig:
     return HoleConfig(paper=request.paper, compat=request.compat)
 
 
+def describe_config(request: LabelRequest) -> dict[str, bool]:
+    """Return the same as plain values."""
+    return asdict(hole_config(request))
+
+
 def declare_hole_labels(source: PairSource, request: LabelRequest) -> Labelling:
     """Return how the holes of a shot are labelled.
 
@@ -175,7 +180,7 @@ def choose_tests(
 
 def measure_shares(parts: Mapping[str, Mask]) -> dict[str, float]:
     """Share of the pixels that each mask marks."""
-    return {name: float(mask.mean()) for name, mask in parts.items()}
+    return {name: round(float(mask.mean()), 6) for name, mask in parts.items()}
 
 
 def summarise_shares(frames: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

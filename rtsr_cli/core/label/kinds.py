@@ -10,7 +10,7 @@ from rtsr_cli.core.choices import LabelKind
 from rtsr_cli.core.label.hole_labels import (
     SHARES,
     declare_hole_labels,
-    hole_config,
+    describe_config,
     summarise_shares,
 )
 from rtsr_cli.core.label.labelling import Labelling
@@ -52,6 +52,6 @@ KINDS: Mapping[LabelKind, KindRow] = {
     LabelKind.VRS: KindRow(declare=declare_rate_labels),
     LabelKind.HOLES: KindRow(
         declare=declare_hole_labels,
-        figures=FigureKind(attribute=SHARES, options=hole_config, summarise=summarise_shares),
+        figures=FigureKind(attribute=SHARES, options=describe_config, summarise=summarise_shares),
     ),
 }
