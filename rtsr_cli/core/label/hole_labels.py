@@ -37,6 +37,9 @@ STEPS = (1, 3, 5)
 OUTSIDE, ALL = "outside", "holes"
 """Channels beside those of the tests: outside of the past frame, and no valid history at all."""
 
+HOLE_BUFFERS = (Buffer.MOTION, Buffer.DEPTH)
+"""What cannot be done without."""
+
 OPTIONAL = (Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.POSITION, Buffer.NOV)
 """What is used where it is there."""
 
@@ -143,7 +146,7 @@ def declare_hole_labels(source: PairSource, request: LabelRequest) -> Labelling:
     return Labelling(
         name="label --kind holes",
         inputs=PairInputs(
-            lr=(Buffer.MOTION, Buffer.DEPTH),
+            lr=HOLE_BUFFERS,
             lr_optional=OPTIONAL,
             on_nonfinite=request.on_nonfinite,
         ),

@@ -32,6 +32,9 @@ from rtsr_cli.core.vrs.decisions import name_error_channels
 from rtsr_cli.core.vrs.rates import ShadingRate
 from rtsr_cli.core.vrs.shading_error import ErrorConfig, to_amplitude
 
+RATE_BUFFERS = (Buffer.COLOR,)
+"""What cannot be done without."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LabelConfig:
@@ -109,7 +112,7 @@ def declare_rate_labels(source: PairSource, request: LabelRequest) -> Labelling:
     return Labelling(
         name="system 'vrs-labels'",
         inputs=PairInputs(
-            lr=(Buffer.COLOR,), lr_optional=(Buffer.OBJECT_ID, Buffer.ALPHA), on_nonfinite=policy
+            lr=RATE_BUFFERS, lr_optional=(Buffer.OBJECT_ID, Buffer.ALPHA), on_nonfinite=policy
         ),
         work=RateErrors(config=config, previews=request.previews),
         settings=[asdict(config), policy],
