@@ -9,7 +9,7 @@ from rtsr_cli.core.demodulate.call import demodulate_frames
 from rtsr_cli.core.demodulate.request import DemodulateRequest
 from rtsr_cli.core.extrapolate.call import extrapolate_frames
 from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
-from rtsr_cli.core.label.call import label_frames
+from rtsr_cli.core.label.call import LabelEvent, label_frames
 from rtsr_cli.core.label.request import LabelRequest
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.system_inputs import SystemTable
@@ -46,7 +46,7 @@ def extrapolate(
     return extrapolate_frames(request, EXTRAPOLATORS)
 
 
-def label(request: LabelRequest) -> Iterator[ShotPlanned | RunStarted | FrameDone | RunDone]:
+def label(request: LabelRequest) -> Iterator[LabelEvent]:
     """Make training labels of rendered frames; see `label_frames`."""
     return label_frames(request)
 

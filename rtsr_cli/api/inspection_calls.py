@@ -16,6 +16,8 @@ from rtsr_cli.core.inspect.checked_commands import (
 )
 from rtsr_cli.core.inspect.events import InspectEvent
 from rtsr_cli.core.inspect.request import InspectRequest
+from rtsr_cli.core.label.call import COMMAND
+from rtsr_cli.core.label.kinds import KINDS
 from rtsr_cli.core.system import System
 from rtsr_cli.core.vrs.predictor import ANALYTIC_INPUTS
 from rtsr_cli.models import list_system_names, list_trainable_names, load_system
@@ -51,6 +53,11 @@ def list_checked_commands() -> tuple[CheckedCommand, ...]:
                 *list_upscale_demands(_load_systems(SystemTask.PREDICT_VRS)),
                 demand_buffers("analytic", *ANALYTIC_INPUTS),
             ),
+        ),
+        CheckedCommand(
+            name=COMMAND,
+            use=FrameUse.ALONE,
+            demands=tuple(demand_buffers(kind, *row.buffers) for kind, row in KINDS.items()),
         ),
         CheckedCommand(
             name="train",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -11,57 +10,79 @@ from rtsr_cli.commands import options as opt
 from rtsr_cli.core.choices import LabelKind, Pool, VrsMetric
 from rtsr_cli.core.label.request import LabelRequest
 
-if TYPE_CHECKING:
-    from rtsr_cli.core.run.events import ShotPlanned
-
 
 @opt.take_defaults_of(LabelRequest)
 @click.command("label")
 @opt.input_folder
 @opt.output_folder
-@click.option("--kind", type=opt.Member(LabelKind), required=True, help="Errors of shading rates.")
-@click.option("--tile", type=opt.RATE_TILE, show_default=True)
-@click.option("--metric", type=opt.Member(VrsMetric), show_default=True)
+@click.option(
+    "--kind",
+    type=opt.Member(LabelKind),
+    show_default=True,
+    help="vrs: true errors of shading rates; holes: what past frames do not show.",
+)
+@click.option("--tile", type=opt.RATE_TILE, show_default=True, help="vrs: side, pixels.")
+@click.option(
+    "--metric", type=opt.Member(VrsMetric), show_default=True, help="vrs: what errors are."
+)
 @click.option(
     "--pool",
     type=opt.Member(Pool),
     show_default=True,
-    help="Of a tile's pixels; PSNR takes the mean of its squared errors.",
+    help="vrs: of a tile's pixels; PSNR takes the mean of its squared errors.",
 )
 @click.option(
     "--env-luminance",
     type=opt.FiniteRange(0.0),
     show_default=True,
-    help="Of the surroundings, in Weber's law: JN = E / (L + l).",
+    help="vrs: of the surroundings, in Weber's law: JN = E / (L + l).",
 )
 @click.option(
     "--ppd",
     type=opt.PPD,
-    help="Pixels per degree, for FLIP; width: the published code's width pi / 180.  [default: 67]",
+    help="vrs: pixels per degree, for FLIP; width: the published code's width pi / 180.  "
+    "[default: 67]",
 )
-@click.option("--keep-edges", is_flag=True, help="Emulated rates stop at other objects.")
-@click.option("--preview", "previews", is_flag=True, help="A PNG of the errors beside each EXR.")
+@click.option("--keep-edges", is_flag=True, help="vrs: emulated rates stop at others.")
+@click.option(
+    "--every",
+    type=int,
+    metavar="N",
+    help="holes: the first frame is rendered, and every Nth after it; the others are labelled.  "
+    "[default: every frame is, against those 1, 3 and 5 before it]",
+)
+@click.option(
+    "--rendered",
+    cls=opt.ListOption,
+    type=opt.Frames(),
+    metavar="RANGE",
+    help="holes: numbers of the rendered frames, in place of --every.",
+)
+@click.option("--paper", is_flag=True, help="holes: the plain union of all tests.")
+@click.option(
+    "--compat",
+    is_flag=True,
+    help="holes: compose motion in the order of ExtraNet's published code.",
+)
+@click.option("--preview", "previews", is_flag=True, help="A PNG of the labels beside each EXR.")
 @opt.overwrite
 @opt.frame_options
 @click.pass_context
 def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
-    """Make training labels of IN's frames: error.<AxB> of every reduced rate, one pixel a tile.
+    """Make training labels of IN's frames.
 
-    Radiance at a rate is channels output_<AxB>.R, .G, .B where frames hold them; else one sample a
-    block of the frame's own radiance, repeated, and shown as the frame is.
+    vrs: error.<AxB> of every reduced rate, one pixel a tile. Radiance at a rate is channels
+    output_<AxB>.R, .G, .B where frames hold them; else one sample a block of the frame's own
+    radiance, repeated, and shown as the frame is.
+
+    holes: 1 where a past frame shows nothing of a surface, told by object ids (stencil), normals,
+    positions, or lying outside: past1.holes, past1.stencil, ... of the last past frame, and past2,
+    past3. Radiance is never read.
     """
     request = opt.request_from(LabelRequest, chosen)
     from rtsr_cli.api import label
+    from rtsr_cli.commands.label_text import describe_plan, show_figures
     from rtsr_cli.commands.progress import Progress
 
-    ctx.exit(Progress(request, as_json=as_json).follow(label(request), describe_plan(request)))
-
-
-def describe_plan(request: LabelRequest) -> Callable[[ShotPlanned], str]:
-    """Return what is said of a plan of a request."""
-
-    def describe(plan: ShotPlanned) -> str:
-        rates = opt.describe_rates(plan.details["captured_rates"])
-        return f", {request.metric}, tiles of {request.tile}, {rates}"
-
-    return describe
+    progress = Progress(request, as_json=as_json)
+    ctx.exit(progress.follow(label(request), describe_plan(request), show_figures))

@@ -14,6 +14,7 @@ from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
 from rtsr_cli.commands.plan_text import log_pixel_findings, log_plan
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
+from rtsr_cli.core.run.figures import RunFigures
 from rtsr_cli.core.run.request import FramesRequest
 
 
@@ -58,6 +59,8 @@ class Progress:
                     case RunDone():
                         self._bar.close()
                         self._show_summary(event)
+                    case RunFigures() if self._as_json:
+                        emit({"event": "figures", **event.facts})
                 if not self._as_json:
                     conclude(event)
         return self.code

@@ -123,6 +123,9 @@ class LabelKind(StrEnum):
     """What labels say of a frame."""
 
     VRS = "vrs"
+    """True errors of shading rates."""
+    HOLES = "holes"
+    """What past frames do not show."""
 
 
 class MetricName(StrEnum):

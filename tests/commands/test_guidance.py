@@ -97,7 +97,9 @@ def test_inspect_covers_every_command_that_reads_frames(
     rtsr: Run, small_shot: Path, capture: Copy
 ) -> None:
     commands = inspected(rtsr, small_shot)["commands"]
-    assert set(commands) == {"upscale", "extrapolate", "predict-vrs", "train", "evaluate"}
+    assert set(commands) == {
+        *("upscale", "extrapolate", "predict-vrs", "label", "train", "evaluate")
+    }
     assert commands["train"]["nsrd"]["ready"], "reference/ holds the radiance"
     assert commands["train"]["rt-percept"]["missing"] == ["a scale of 1x"]
     assert commands["upscale"]["fusesr-direct"]["missing"] == [
@@ -105,6 +107,7 @@ def test_inspect_covers_every_command_that_reads_frames(
     ]
     lacking = inspected(rtsr, capture(("normal.X", "normal.Y", "normal.Z")))["commands"]
     assert lacking["predict-vrs"]["analytic"] == {"ready": False, "missing": ["normal"], "how": ""}
+    assert lacking["label"]["holes"]["ready"]
     assert lacking["evaluate"]["pictures"]["ready"]
     assert lacking["evaluate"]["along motion"]["ready"]
     assert lacking["evaluate"]["by region"]["missing"] == ["normal"]

@@ -23,6 +23,7 @@ from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.run.plan import check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun
+from rtsr_cli.core.run.rendered_frames import split_by_cadence
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.run.shot_runs import run_shots
 from rtsr_cli.core.run.system_inputs import (
@@ -71,9 +72,7 @@ def plan_extrapolation(
         RtsrError: an input is missing or wrong, an output is in the way.
     """
     numbers = source.reader.numbers
-    rendered = request.cadence.list_rendered(numbers, source.reader.step)
-    predicted = frozenset(numbers) - rendered
-    _check_cadence(source, rendered, predicted)
+    rendered, predicted = split_by_cadence(source.reader, request.cadence)
 
     def refuse(system: System) -> str:
         return describe_other_cadence(system, numbers, rendered)
@@ -178,22 +177,3 @@ def describe_other_cadence(system: System, numbers: Sequence[int], rendered: fro
     if not every or measure_reach(numbers, rendered) < every:
         return ""
     return f"made for frames of which one in {every} is rendered"
-
-
-def _check_cadence(source: PairSource, rendered: frozenset[int], predicted: frozenset[int]) -> None:
-    """Raise where nothing is to predict, or nothing to predict from.
-
-    Raises:
-        FrameFolderError: names the folder, and what to say instead.
-    """
-    root = source.reader.frames.root
-    if not rendered:
-        raise FrameFolderError(
-            f"{root}: none of its frames is among those that --rendered names; name frames that "
-            "hold radiance"
-        )
-    if not predicted:
-        raise FrameFolderError(
-            f"{root}: all of its frames are rendered, none is left to predict; give the G-buffers "
-            "of the time steps between them, and --every or --rendered"
-        )

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rtsr_cli.core.choices import Precision
-from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.frames.cadence import FIRST_EVERY, Cadence
+from rtsr_cli.core.frames.cadence import Cadence, choose_cadence
 from rtsr_cli.core.run.request import FramesRequest
 
 
@@ -44,13 +43,9 @@ class ExtrapolateRequest(FramesRequest):
             RequestError: every frame would be rendered, or both ways to say which are given.
         """
         super().__post_init__()
-        if self.every is not None and self.rendered is not None:
-            raise RequestError("--every and --rendered both say which frames are rendered")
         _ = self.cadence
 
     @property
     def cadence(self) -> Cadence:
         """Which frames are rendered."""
-        return Cadence(
-            every=self.every if self.every is not None else FIRST_EVERY, rendered=self.rendered
-        )
+        return choose_cadence(self.every, self.rendered)

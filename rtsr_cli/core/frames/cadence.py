@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 from rtsr_cli.core.errors import RequestError
 
@@ -50,8 +49,30 @@ class Cadence:
         return frozenset(n for n in numbers if (n - numbers[0]) // step % self.every == 0)
 
 
-def measure_reach(numbers: Sequence[int], rendered: frozenset[int]) -> int:
-    """Return how many frames a predicted one looks back at most to reach a rendered one."""
-    places = [place for place, number in enumerate(numbers) if number in rendered]
-    ends = [*places, len(numbers)]
-    return max((after - before - 1 for before, after in pairwise(ends)), default=0)
+def choose_cadence(every: int | None, rendered: frozenset[int] | None) -> Cadence:
+    """Return the cadence of one way to say it, of `FIRST_EVERY` where neither is given.
+
+    Raises:
+        RequestError: every frame would be rendered, or both ways are given.
+    """
+    if every is not None and rendered is not None:
+        raise RequestError("--every and --rendered both say which frames are rendered")
+    return Cadence(every=FIRST_EVERY if every is None else every, rendered=rendered)
+
+
+def measure_reach(numbers: Sequence[int], rendered: frozenset[int], *, past_frames: int = 1) -> int:
+    """Return how many frames a predicted one looks back at most.
+
+    Args:
+        numbers: of the frames, ascending.
+        rendered: those that are rendered.
+        past_frames: how many rendered ones it is to reach, where there are so many.
+    """
+    before: list[int] = []
+    reach = 0
+    for place, number in enumerate(numbers):
+        if number in rendered:
+            before.append(place)
+        elif before:
+            reach = max(reach, place - before[-past_frames:][0])
+    return reach

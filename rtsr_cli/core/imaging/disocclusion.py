@@ -5,6 +5,7 @@ Conventions: those of `warping`. 1 = disoccluded: the pixel has no valid history
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -48,7 +49,9 @@ class DisocclusionThresholds:
     surface's own depth slope are allowed on top (a nearest fetch is off by up to half a pixel on
     each axis), which widens the test at grazing angles; both paper silent. `normal_cosine`:
     ExtraNet's code. `position_facing_m`, `position_grazing_m`, `position_per_depth`: ExtraNet's T_d
-    = 0.075 |NoV| + 0.45 (1 - |NoV|) + 0.005 z. `id_taps`: history is valid if the nearest tap, or
+    = 0.075 |NoV| + 0.45 (1 - |NoV|) + 0.005 z. `position_slope_px`: as `depth_slope_px`, for a tap
+    lies up to a pixel away, which far off at a grazing angle is more than T_d; ExtraNet's code has
+    0. `id_taps`: history is valid if the nearest tap, or
     any bilinear tap, has the pixel's object id.
     """
 
@@ -58,6 +61,7 @@ class DisocclusionThresholds:
     position_facing_m: float = 0.075
     position_grazing_m: float = 0.45
     position_per_depth: float = 0.005
+    position_slope_px: float = 0.0
     id_taps: Literal["nearest", "any"] = "nearest"
 
 
@@ -69,14 +73,24 @@ def _minmod(before: Tensor, after: Tensor) -> Tensor:
     return torch.where(before * after > 0, torch.minimum(before.abs(), after.abs()), 0)
 
 
+def _find_slope(image: Tensor) -> Iterator[Tensor]:
+    """Minmod of the steps along x and along y, of each channel; 0 at one-pixel edges, borders."""
+    for dim in (3, 2):
+        step = image.diff(dim=dim)
+        end = torch.zeros_like(image.narrow(dim, 0, 1))
+        yield _minmod(torch.cat((end, step), dim), torch.cat((step, end), dim))
+
+
 def depth_slope(depth_m: Plane) -> Plane:
     """Metres of depth a pixel, |minmod| along x plus along y; 0 at one-pixel edges and borders."""
-    total = torch.zeros_like(depth_m)
-    for dim in (2, 3):
-        step = depth_m.diff(dim=dim)
-        end = torch.zeros_like(depth_m.narrow(dim, 0, 1))
-        total = total + _minmod(torch.cat((end, step), dim), torch.cat((step, end), dim))
-    return total
+    across, down = _find_slope(depth_m)
+    return across + down
+
+
+def position_slope(position_m: Vector3) -> Plane:
+    """Metres from a pixel to the next on its own surface, along x plus along y, as the above."""
+    across, down = _find_slope(position_m)
+    return _length(across) + _length(down)
 
 
 def bound_depth(depth_m: Tensor) -> Tensor:
@@ -152,6 +166,61 @@ def _require_matching_sizes(
     require_same_size(**named)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SurfaceDifferences:
+    """Where two frames show other surfaces, test by test, n 1 h w booleans; None = not tested.
+
+    What lies outside of the frame before is compared with that frame's border.
+
+    Attributes:
+        outside: the position lies outside of the frame before, or motion is not a number.
+        depth, normal, position, object_id: the buffers tell them apart.
+    """
+
+    outside: Tensor
+    depth: Tensor | None = None
+    normal: Tensor | None = None
+    position: Tensor | None = None
+    object_id: Tensor | None = None
+
+
+def compare_surfaces(
+    motion_px: MotionPx,
+    *,
+    current: SurfaceBuffers,
+    previous: SurfaceBuffers,
+    expected_depth_prev_m: Plane | None = None,
+    thresholds: DisocclusionThresholds = _DEFAULT_THRESHOLDS,
+) -> SurfaceDifferences:
+    """Run every test whose buffer both frames hold, on every pixel.
+
+    Depth and ids are fetched nearest, normals bilinear and renormalised, positions at all bilinear
+    taps. Arguments and errors as `disocclusion_mask`.
+    """
+    _require_matching_sizes(motion_px, current, previous)
+    expected = current.depth_m if expected_depth_prev_m is None else expected_depth_prev_m
+    depth = normal = position = object_id = None
+    if expected is not None and previous.depth_m is not None:
+        depth = _depth_differs(motion_px, previous.depth_m, expected, thresholds)
+    if current.normal is not None and previous.normal is not None:
+        normal = _normal_differs(motion_px, previous.normal, current.normal, thresholds)
+    if current.position_m is not None and previous.position_m is not None:
+        tolerance = _find_position_tolerance(current, thresholds, like=motion_px)
+        if thresholds.position_slope_px:
+            slope = position_slope(current.position_m)
+            tolerance = tolerance + thresholds.position_slope_px * slope
+        position = _position_differs(motion_px, previous.position_m, current.position_m, tolerance)
+    if current.object_id is not None and previous.object_id is not None:
+        object_id = _id_differs(motion_px, previous.object_id, current.object_id, thresholds)
+    return SurfaceDifferences(
+        outside=inside_frame(motion_px) == 0,
+        depth=depth,
+        normal=normal,
+        position=position,
+        object_id=object_id,
+    )
+
+
 def disocclusion_mask(
     motion_px: MotionPx,
     *,
@@ -163,9 +232,7 @@ def disocclusion_mask(
 ) -> Mask:
     """Mark the pixels whose surface the previous frame does not show.
 
-    The union of every test whose buffer both frames hold; outside the frame is always marked.
-    Depth and ids are fetched nearest, normals bilinear and renormalised, positions at all bilinear
-    taps.
+    The union of every test of `compare_surfaces`; outside the frame is always marked.
 
     Args:
         motion_px: of the current frame.
@@ -184,23 +251,21 @@ def disocclusion_mask(
     Raises:
         ShapeMismatchError: sizes differ.
     """
-    _require_matching_sizes(motion_px, current, previous)
-    marked = inside_frame(motion_px) == 0
-    dynamic = torch.ones_like(marked) if dynamic_mask is None else dynamic_mask > 0
-    static = torch.ones_like(marked) if dynamic_mask is None else ~dynamic
-    expected = current.depth_m if expected_depth_prev_m is None else expected_depth_prev_m
-    if expected is not None and previous.depth_m is not None:
-        marked = marked | _depth_differs(motion_px, previous.depth_m, expected, thresholds)
-    if current.normal is not None and previous.normal is not None:
-        differs = _normal_differs(motion_px, previous.normal, current.normal, thresholds)
-        marked = marked | (differs & dynamic)
-    if current.position_m is not None and previous.position_m is not None:
-        tolerance = _find_position_tolerance(current, thresholds, like=motion_px)
-        differs = _position_differs(motion_px, previous.position_m, current.position_m, tolerance)
-        marked = marked | (differs & static)
-    if current.object_id is not None and previous.object_id is not None:
-        differs = _id_differs(motion_px, previous.object_id, current.object_id, thresholds)
-        marked = marked | differs
+    differ = compare_surfaces(
+        motion_px,
+        current=current,
+        previous=previous,
+        expected_depth_prev_m=expected_depth_prev_m,
+        thresholds=thresholds,
+    )
+    normal, position = differ.normal, differ.position
+    if dynamic_mask is not None:
+        dynamic = dynamic_mask > 0
+        normal = None if normal is None else normal & dynamic
+        position = None if position is None else position & ~dynamic
+    marked = differ.outside
+    for test in (differ.depth, normal, position, differ.object_id):
+        marked = marked if test is None else marked | test
     return marked.to(motion_px.dtype)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import torch
 
@@ -20,7 +20,13 @@ from rtsr_cli.core.imaging.splatting import (
     forward_motion_by_splat,
     unreliable_mask,
 )
-from rtsr_cli.core.imaging.warping import compose_motion, fetch_nearest
+from rtsr_cli.core.imaging.warping import (
+    backward_warp,
+    compose_motion,
+    fetch_nearest,
+    own_index,
+    require_same_size,
+)
 from rtsr_cli.core.shapes import Image, Mask, MotionPx
 
 IN_FRONT = 0.8
@@ -53,6 +59,35 @@ def chain_motion(frames: Sequence[Frame]) -> MotionPx:
     for now, before in pairwise(frames[1:]):
         motion, _ = compose_motion(motion, sample_motion(now, before))
     return motion
+
+
+def chain_motion_as_published(frames: Sequence[Frame]) -> MotionPx:
+    """Motion as `chain_motion`, composed in the order of ExtraNet's published code.
+
+        m(x) = m_oldest(x), then, towards newer fields,  m(x) += longest of field(trunc(x + m(x)))
+
+    It looks newer fields up at places of older frames, in whole pixels at that, and takes the
+    longest of the four vectors there, or 0 if one of them is 0. For weights that were trained so.
+
+    Args:
+        frames: as `chain_motion`.
+    """
+    motion = sample_motion(frames[-2], frames[-1])
+    for before, now in pairwise(reversed(frames[:-1])):
+        motion = motion + _fetch_longest(sample_motion(now, before), motion)
+    return motion
+
+
+def _fetch_longest(field_px: MotionPx, motion_px: MotionPx) -> MotionPx:
+    """The longest of the four vectors from trunc(x + motion) on; 0 where one of them is 0."""
+    own = [own_index(motion_px, axis).expand_as(motion_px[:, :1]) for axis in (0, 1)]
+    place = torch.cat(own, dim=1).to(motion_px)
+    whole = (place + motion_px).trunc() - place
+    steps = (motion_px.new_tensor(s).view(1, 2, 1, 1) for s in product((0.0, 1.0), repeat=2))
+    fetched = torch.stack([fetch_nearest(field_px, whole + step) for step in steps])
+    lengths = fetched.square().sum(2, keepdim=True)
+    longest = lengths.argmax(0, keepdim=True).expand(-1, -1, 2, -1, -1)
+    return fetched.gather(0, longest)[0] * (lengths.amin(0) > 0)
 
 
 def exposure_ratio(now: Frame, before: Frame) -> float:
@@ -89,11 +124,58 @@ def find_dual_motion(now: Frame, before: Frame) -> DualMotion:
     motion = sample_motion(now, before)
     if Buffer.FORWARD in before.gbuffer:
         forward = add_jitter_change(before.gbuffer[Buffer.FORWARD], before, now)
-    else:
-        depth = bound_depth(now.gbuffer[Buffer.DEPTH])
-        forward, landed = forward_motion_by_splat(motion, depth)
-        dual, known = dual_motion(motion, forward, known_prev_mask=landed)
-        seen = fetch_nearest(bound_depth(before.gbuffer[Buffer.DEPTH]), motion)
-        came = add_jitter_change(fetch_nearest(before.gbuffer[Buffer.MOTION], motion), now, before)
-        return DualMotion(motion, torch.where(seen < IN_FRONT * depth, came, dual), known)
-    return DualMotion(motion, *dual_motion(motion, forward))
+        return DualMotion(motion, *dual_motion(motion, forward))
+    return _find_dual_by_splat((now, before), motion)
+
+
+def _find_dual_by_splat(
+    frames: Sequence[Frame], motion_px: MotionPx, *, spread: bool = False
+) -> DualMotion:
+    """Dual motion to the last of some frames, without its forward vectors."""
+    now, then = frames[0], frames[-1]
+    depth = bound_depth(now.gbuffer[Buffer.DEPTH])
+    forward, landed = forward_motion_by_splat(motion_px, depth, spread=spread)
+    dual, known = dual_motion(motion_px, forward, known_prev_mask=landed)
+    seen = fetch_nearest(bound_depth(then.gbuffer[Buffer.DEPTH]), motion_px)
+    own = (len(frames) - 1) * fetch_nearest(then.gbuffer[Buffer.MOTION], motion_px)
+    came = add_jitter_change(own, now, then)
+    return DualMotion(motion_px, torch.where(seen < IN_FRONT * depth, came, dual), known)
+
+
+def find_occlusion_motion(frames: Sequence[Frame], motion_px: MotionPx) -> MotionPx:
+    """Occlusion motion vectors: where the background beside a hole's occluder was.
+
+        y = x + m(x) shows the occluder, which moves on to z:   mv_occ(x) = y + (x - z) - x
+
+    The displacement is the occluder's own, so that a fetch at x + mv_occ(x) gives what lies beside
+    it, in place of the occluder. Where the past frame shows the surface, and where no vector is
+    known, it is m. Vectors are splat onto the four pixels around.   [Zeng et al. 2021; ExtraNet]
+
+    Args:
+        frames: successive ones, newest first, two or more: the first is the frame, the last the
+            past one, which both hold depth, and the latter motion.
+        motion_px: m, from the samples of the frame to those of the past one.
+
+    Raises:
+        MissingBufferError: one is not there.
+    """
+    return _find_dual_by_splat(frames, motion_px, spread=True).dual_px
+
+
+def fill_by_occlusion(
+    image: Image, motion_px: MotionPx, occlusion_px: MotionPx, holes: Mask
+) -> Image:
+    """A past image along its vectors, in holes along the occlusion vectors; the border repeated.
+
+    Args:
+        image: of the past frame.
+        motion_px: to its samples.
+        occlusion_px: the same, of `find_occlusion_motion`.
+        holes: 1 where vectors lead to another surface.
+
+    Raises:
+        ShapeMismatchError: sizes differ.
+    """
+    require_same_size(motion_px=motion_px, occlusion_px=occlusion_px, holes=holes)
+    vectors = torch.where(holes > 0, occlusion_px, motion_px)
+    return backward_warp(image, vectors)[0]

@@ -10,6 +10,9 @@ Names of the field, all in rtsr's sense (previous minus current, pixels, x right
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import product
+
 import torch
 from torch import Tensor
 
@@ -40,12 +43,30 @@ def _packed_keys(depth_m: Tensor) -> Tensor:
     return (bits.view(-1, num_sources) << _INDEX_BITS) | index
 
 
+def _list_landings(motion_px: Tensor, *, spread: bool) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """(column, row, whether it is reached) of each pixel that sources land on, n h w."""
+    if not spread:
+        column, row = (
+            whole_pixels(motion_px[:, axis] + 0.5) + own_index(motion_px, axis) for axis in (0, 1)
+        )
+        yield column, row, torch.ones_like(column, dtype=torch.bool)
+        return
+    first_column, first_row = (
+        whole_pixels(motion_px[:, axis]) + own_index(motion_px, axis) for axis in (0, 1)
+    )
+    between_x, between_y = (motion_px[:, axis] % 1.0 > 0 for axis in (0, 1))
+    for right, down in product((0, 1), (0, 1)):
+        reached = (between_x | (right == 0)) & (between_y | (down == 0))
+        yield first_column + right, first_row + down, reached
+
+
 def forward_splat(
     source_values: AnyImage,
     forward_motion_px: MotionPx,
     depth_m: Plane,
     *,
     size: Size | None = None,
+    spread: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """Move every source pixel along its forward motion; the nearest one keeps the pixel.
 
@@ -58,6 +79,8 @@ def forward_splat(
         depth_m: of the sources, at the target time; sources with NaN or infinite depth or motion
             are left out.
         size: (height, width) of the target; default that of the source.
+        spread: let a source land on each of the four pixels around its new position, so that
+            surfaces that grow keep no cracks; else on the one that holds it.
 
     Returns:
         Values on the target, n c and `size` (0 where nothing lands), and a mask, 1 where something
@@ -77,10 +100,10 @@ def forward_splat(
     usable = (depth_m + forward_motion_px.sum(dim=1, keepdim=True)).isfinite()[:, 0]
     motion = bound_motion(forward_motion_px, limit_px=h + w + source_h + source_w)
     target = keys.new_full((n, h * w + 1), _NO_SOURCE)
-    column, row = (whole_pixels(motion[:, axis] + 0.5) + own_index(motion, axis) for axis in (0, 1))
-    lands = (column >= 0) & (column < w) & (row >= 0) & (row < h) & usable
-    index = torch.where(lands, torch.add(column, row, alpha=w), h * w)
-    target.scatter_reduce_(1, index.reshape(n, -1), keys, "amin")
+    for column, row, reached in _list_landings(motion, spread=spread):
+        lands = (column >= 0) & (column < w) & (row >= 0) & (row < h) & usable & reached
+        index = torch.where(lands, torch.add(column, row, alpha=w), h * w)
+        target.scatter_reduce_(1, index.reshape(n, -1), keys, "amin")
     winner = target[:, : h * w]
     hit = winner != _NO_SOURCE
     source = torch.where(hit, winner & _INDEX_MASK, 0).unsqueeze(1)
@@ -89,7 +112,9 @@ def forward_splat(
     return values.view(n, c, h, w), hit.view(n, 1, h, w).to(depth_m.dtype)
 
 
-def forward_motion_by_splat(motion_px: MotionPx, depth_m: Plane) -> tuple[MotionPx, Mask]:
+def forward_motion_by_splat(
+    motion_px: MotionPx, depth_m: Plane, *, spread: bool = False
+) -> tuple[MotionPx, Mask]:
     """Forward motion on the previous frame's grid, where the file has none.
 
         FWD(x + TMV(x)) = -TMV(x), nearest surface first
@@ -97,6 +122,7 @@ def forward_motion_by_splat(motion_px: MotionPx, depth_m: Plane) -> tuple[Motion
     Args:
         motion_px: traditional motion of the current frame.
         depth_m: of the current frame.
+        spread: onto all four pixels around, as `forward_splat` has it.
 
     Returns:
         FWD and a mask, 1 where a surface of the current frame landed.
@@ -104,7 +130,7 @@ def forward_motion_by_splat(motion_px: MotionPx, depth_m: Plane) -> tuple[Motion
     Raises:
         ShapeMismatchError: sizes differ.
     """
-    return forward_splat(-motion_px, motion_px, depth_m)
+    return forward_splat(-motion_px, motion_px, depth_m, spread=spread)
 
 
 def dual_motion(

@@ -17,8 +17,12 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
-from rtsr_cli.core.frames.camera import ray_axes
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.camera_motion import (
+    differs_from_camera,
+    find_camera_motion,
+    locate_points,
+)
 from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane, Vector3
 
 FACING = 32.0
@@ -29,9 +33,6 @@ PLANE_SHARE = 0.02
 
 MOVING_SHARE = 0.1
 """c of what moves: it need not stay in its plane."""
-
-STATIC_PX = 0.25
-"""How far motion may differ from that of the camera on what stands still."""
 
 MIN_DEPTH = 1e-6
 
@@ -74,7 +75,7 @@ def describe_surfaces(frame: Frame, divided: Mask) -> Surfaces:
     gbuffer = frame.gbuffer
     normal, depth = gbuffer[Buffer.NORMAL], gbuffer[Buffer.DEPTH]
     sky = (depth >= SKY_DEPTH_M).to(normal)
-    position = _locate(frame)
+    position = locate_points(frame)
     plane = normal * (1.0 - sky)
     if position is None:
         position = torch.cat([torch.zeros_like(normal[:, :2]), -depth], dim=1)
@@ -91,25 +92,6 @@ def describe_surfaces(frame: Frame, divided: Mask) -> Surfaces:
     )
 
 
-def _locate(frame: Frame) -> Vector3 | None:
-    """World positions: stored, or from depth and camera; None where neither is there.
-
-    P = (x z, y z, -z, 1) . inverse(worldToCamera)
-    """
-    gbuffer, camera = frame.gbuffer, frame.camera
-    if Buffer.POSITION in gbuffer:
-        return gbuffer[Buffer.POSITION]
-    axes = ray_axes(camera, frame.view, frame.size, jitter_px=camera.jitter_px)
-    if axes is None or camera.world_to_camera is None:
-        return None
-    depth = gbuffer[Buffer.DEPTH].clamp(max=SKY_DEPTH_M)
-    x, y = (axis.to(depth) for axis in axes)
-    to_world = torch.linalg.inv(camera.world_to_camera).to(depth)
-    right, up, back, origin = (to_world[i, :3].view(1, 3, 1, 1) for i in range(4))
-    position: Vector3 = (x * depth) * right + (y * depth) * up - depth * back + origin
-    return position
-
-
 def find_moving(surfaces: Surfaces, motion_px: MotionPx, before: Frame) -> Mask:
     """1 where motion is not that of the camera; everywhere where no camera is known.
 
@@ -118,21 +100,11 @@ def find_moving(surfaces: Surfaces, motion_px: MotionPx, before: Frame) -> Mask:
         motion_px: from its samples to those of the frame before.
         before: the frame before.
     """
-    matrix = before.camera.world_to_ndc
-    if matrix is None:
+    camera_px = find_camera_motion(surfaces.position, before)
+    if camera_px is None:
         return torch.ones_like(motion_px[:, :1])
-    p, m = surfaces.position, matrix.to(surfaces.position)
-    x, y, w = (torch.einsum("nchw,c->nhw", p, m[:3, i]).unsqueeze(1) + m[3, i] for i in (0, 1, 3))
-    height, width = before.view.display
-    jitter_x, jitter_y = before.camera.jitter_px
-    columns = (x / w * 0.5 + 0.5) * width - before.view.left - jitter_x - 0.5
-    rows = (0.5 - 0.5 * y / w) * height - before.view.top - jitter_y - 0.5
-    own_columns = torch.arange(motion_px.shape[3], device=p.device).view(1, 1, 1, -1)
-    own_rows = torch.arange(motion_px.shape[2], device=p.device).view(1, 1, -1, 1)
-    camera_px = torch.cat([columns - own_columns, rows - own_rows], dim=1)
-    differs = (camera_px - motion_px).abs().amax(1, keepdim=True) > STATIC_PX
     on_sky = surfaces.facing[:, 3:] > 0.5
-    return (differs & ~on_sky).to(motion_px)
+    return differs_from_camera(motion_px, camera_px).masked_fill(on_sky, 0.0)
 
 
 def weigh_likeness(own: Surfaces, packed: Tensor) -> Plane:

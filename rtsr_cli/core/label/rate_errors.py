@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import torch
@@ -14,16 +14,26 @@ from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.files.pixel_window import PixelWindow as ExrWindow
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.label.labelling import Labelling
+from rtsr_cli.core.label.request import LabelRequest
 from rtsr_cli.core.metrics.heat_map import heat_map
-from rtsr_cli.core.pairs.auxiliary_radiance import join_planes
-from rtsr_cli.core.run.frame_pairs import FrameInTurn
+from rtsr_cli.core.pairs.auxiliary_radiance import find_auxiliary, join_planes
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
+from rtsr_cli.core.run.frame_pairs import FrameInTurn, read_options
 from rtsr_cli.core.run.loop import Product
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.shapes import TileMap
-from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, measure_true_errors
+from rtsr_cli.core.vrs.captured_rates import (
+    CAPTURED_NAMES,
+    list_captured_labels,
+    measure_true_errors,
+)
 from rtsr_cli.core.vrs.decisions import name_error_channels
 from rtsr_cli.core.vrs.rates import ShadingRate
 from rtsr_cli.core.vrs.shading_error import ErrorConfig, to_amplitude
+
+RATE_BUFFERS = (Buffer.COLOR,)
+"""What cannot be done without."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,3 +98,37 @@ class RateErrors:
         large = heats.repeat_interleave(tile, -2).repeat_interleave(tile, -1)
         pixels: NDArray[Any] = (large[0] * 255.0).round().byte().permute(1, 2, 0).cpu().numpy()
         return pixels
+
+
+def declare_rate_labels(source: PairSource, request: LabelRequest) -> Labelling:
+    """Return how the errors of rates of a shot are labelled.
+
+    Raises:
+        RtsrError: captured rates do not fit.
+    """
+    config, policy = label_config(request), request.on_nonfinite
+    numbers = request.selection.of(source.reader.numbers)
+    captured = find_auxiliary(source, CAPTURED_NAMES, numbers, read_options(request), policy)
+    return Labelling(
+        name="system 'vrs-labels'",
+        inputs=PairInputs(
+            lr=RATE_BUFFERS, lr_optional=(Buffer.OBJECT_ID, Buffer.ALPHA), on_nonfinite=policy
+        ),
+        work=RateErrors(config=config, previews=request.previews),
+        settings=[asdict(config), policy],
+        passed=captured,
+        details={"captured_rates": list_captured_labels(captured)},
+    )
+
+
+def label_config(request: LabelRequest) -> LabelConfig:
+    """Return what labels of a request are made of."""
+    error = ErrorConfig(
+        metric=request.metric,
+        tile=request.tile,
+        pool=request.pool,
+        env_luminance=request.env_luminance,
+    )
+    if request.ppd is not None:
+        error = replace(error, ppd=request.ppd)
+    return LabelConfig(error=error, keep_edges=request.keep_edges)

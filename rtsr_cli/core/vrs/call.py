@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.devices import resolve_device
-from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.marks import MARKED
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.figures import SUMMARY, RunFigures, gather_figures, write_figures
 from rtsr_cli.core.run.frame_pairs import FrameInTurn, PairJob, PairReading, read_options
 from rtsr_cli.core.run.plan import ShotPlan, check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun, Predictor
@@ -29,13 +27,12 @@ from rtsr_cli.core.run.system_inputs import (
     resolve_system_inputs,
 )
 from rtsr_cli.core.shapes import TileMap
-from rtsr_cli.core.visible_text import make_all_visible
 from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES, list_captured_labels
 from rtsr_cli.core.vrs.decision_files import (
+    FACTS,
     OVERLAY_SUFFIX,
     Decide,
     RateChoice,
-    read_figures,
     summarise_figures,
 )
 from rtsr_cli.core.vrs.decisions import RateDecider, ReuseDecider
@@ -50,26 +47,19 @@ from rtsr_cli.core.vrs.request import PredictVrsRequest
 
 COMMAND = "predict-vrs"
 
-SUMMARY = "summary.json"
-"""File in OUT: figures of every frame that is done."""
-
 RATE_SUFFIX, REUSE_SUFFIX = ".rate.png", ".keep.png"
 """Of the images for engines."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RatesSummary:
+class RatesSummary(RunFigures):
     """Figures over every frame that is done, now or before.
 
     Attributes:
-        path: of the file that holds them.
         options: how rates were decided.
-        total: means over all frames, by name.
     """
 
-    path: Path
     options: VrsOptions
-    total: Mapping[str, Any]
 
 
 VrsEvent = ShotPlanned | RunStarted | FrameDone | RunDone | RatesSummary
@@ -229,22 +219,6 @@ def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) 
     Raises:
         OutputError: it cannot be written.
     """
-    shots = {}
-    for plan in plans:
-        # frames of earlier runs with the same settings count, too
-        config_hash = plan.stamps.config_hash
-        known = {n: read_figures(plan.path(n), config_hash) for n in plan.sequence.numbers}
-        shots[plan.inputs.name] = {str(n): facts for n, facts in known.items() if facts is not None}
-    total = summarise_figures(facts for frames in shots.values() for facts in frames.values())
-    content = {
-        **MARKED,
-        "options": json.loads(json.dumps(asdict(options), default=str)),
-        "total": total,
-        "shots": {
-            name: {"total": summarise_figures(frames.values()), "frames": frames}
-            for name, frames in shots.items()
-        },
-    }
     path = folder / SUMMARY
-    write_text_atomically(path, json.dumps(make_all_visible(content), indent=1))
+    total = write_figures(path, asdict(options), gather_figures(plans, FACTS), summarise_figures)
     return RatesSummary(path=path, options=options, total=total)

@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rtsr_cli.core.documents import parse_json
-from rtsr_cli.core.errors import RtsrError
-from rtsr_cli.core.files.exr import read_header, write_exr
+from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.files.pixel_window import PixelWindow as ExrWindow
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.frames.buffers import Buffer
@@ -118,17 +115,6 @@ def draw_overlay(color: Color, colors: TileMap, tile: int) -> NDArray[np.uint8]:
     mixed = torch.lerp(shown, large[..., : shown.shape[-2], : shown.shape[-1]], OPACITY)
     pixels: NDArray[np.uint8] = (mixed[0] * 255.0).round().byte().permute(1, 2, 0).numpy()
     return pixels
-
-
-def read_figures(path: Path, config_hash: str) -> dict[str, Any] | None:
-    """Figures that an output's header holds, None if it is not there or of other settings."""
-    try:
-        attributes = read_header(path).attributes
-        if attributes.get("rtsr:configHash") != config_hash or FACTS not in attributes:
-            return None
-        return dict(parse_json(str(attributes[FACTS])))
-    except (RtsrError, ValueError, TypeError):
-        return None
 
 
 def summarise_figures(frames: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

@@ -11,10 +11,10 @@ from rtsr_cli.core.settings import check_numbers
 CADENCE = 2
 """Every second frame is rendered."""
 
-RENDERED_FRAMES = 3
+PLACES = (1, 3, 5)
 """Rendered frames that are seen: t-1, t-3, t-5."""
 
-HISTORY_FRAMES = CADENCE * RENDERED_FRAMES - 1
+HISTORY_FRAMES = PLACES[-1]
 """Frames before the predicted one, as far as the oldest that is seen."""
 
 

@@ -10,17 +10,21 @@ radiance is k (exp(e) - 1) * material + emission = (exp(e) - 1) * gain + emissio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
-
 import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.frame_motion import exposure_ratio, find_dual_motion, sample_motion
+from rtsr_cli.core.imaging.camera_motion import find_camera_motion
+from rtsr_cli.core.imaging.frame_motion import (
+    chain_motion,
+    exposure_ratio,
+    fill_by_occlusion,
+    find_occlusion_motion,
+    sample_motion,
+)
 from rtsr_cli.core.imaging.surface_history import warp_along_surfaces
-from rtsr_cli.core.imaging.surfaces import describe_surfaces, find_moving
-from rtsr_cli.core.imaging.warping import backward_warp, compose_motion, inside_frame
+from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
+from rtsr_cli.core.imaging.warping import backward_warp, inside_frame
 from rtsr_cli.core.lighting.lighting import (
     encode_lighting,
     inverse_depth,
@@ -36,7 +40,7 @@ from rtsr_cli.core.lighting.past_lighting import (
 )
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
 from rtsr_cli.core.system import FrameWindow, Tensors
-from rtsr_cli.models.extranet.config import RENDERED_FRAMES, ExtraNetConfig, PredictionBase
+from rtsr_cli.models.extranet.config import PLACES, ExtraNetConfig, PredictionBase
 
 PICTURES = tuple(slice(first, first + 3) for first in (0, 3, 6, 9))
 NORMAL = slice(12, 15)
@@ -53,7 +57,9 @@ def prepare(config: ExtraNetConfig, window: FrameWindow) -> Tensors:
     moved = move_history(window, past)
     warped = moved[-1][0]
     base = past.filled if config.base is PredictionBase.GUIDED else warped
-    occluded = fill_by_occlusion(window, past) if config.occlusion else past.carried.values * known
+    occluded = (
+        fill_holes_by_occlusion(window, past) if config.occlusion else past.carried.values * known
+    )
     pictures = torch.cat([base, occluded], dim=1)
     return {
         "current": torch.cat([pictures, pictures * known, show_surfaces(window.current)], dim=1),
@@ -101,17 +107,17 @@ def encode_past(frame: Frame, rendered: Frame) -> Image:
 
 
 def move_history(window: FrameWindow, past: PastLighting) -> list[tuple[Image, Mask]]:
-    """e of the last rendered frames where each pixel was, and 1 where it is of its surface.
+    """e of the rendered frames where each pixel was, and 1 where it is of its surface.
 
     Oldest first; 0 and 0 for those that are not there.
     """
     now = window.current
     own = describe_surfaces(now, find_divided(now))
-    empty = (torch.zeros_like(past.filled), torch.zeros_like(past.holes))
     moved: list[tuple[Image, Mask]] = []
-    for place, motion in enumerate(chain_motions(window.lr), start=1):
+    for place, motion in zip(PLACES, find_past_motions(window, own), strict=False):
         then = window.lr[place]
         if Buffer.COLOR not in then.gbuffer:
+            moved.append((torch.zeros_like(past.filled), torch.zeros_like(past.holes)))
             continue
         encoded = encode_past(then, past.rendered)
         image, _ = backward_warp(encoded, motion)
@@ -123,19 +129,30 @@ def move_history(window: FrameWindow, past: PastLighting) -> list[tuple[Image, M
             weight = warp_along_surfaces(encoded, motion, wide, surfaces).weight
             mask = (weight >= LEAST_WEIGHT).to(weight)
         moved.append((image * inside_frame(motion), mask))
-    return [*[empty] * (RENDERED_FRAMES - len(moved)), *reversed(moved[:RENDERED_FRAMES])]
+    empty = (torch.zeros_like(past.filled), torch.zeros_like(past.holes))
+    return [*reversed([*moved, *[empty] * (len(PLACES) - len(moved))])]
 
 
-def chain_motions(frames: Sequence[Frame]) -> list[MotionPx]:
-    """Motion between the samples of the first frame and those of each of the others."""
-    motions = [sample_motion(frames[0], frames[1])]
-    for now, before in pairwise(frames[1:]):
-        motions.append(compose_motion(motions[-1], sample_motion(now, before))[0])
+def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
+    """Motion from the current samples to those of the frames at `PLACES`, as far as there are.
+
+    What stands still is where the camera says, hidden in between or not; all else where the
+    vectors, composed frame after frame, lead.
+    """
+    frames = window.lr
+    moving = find_moving(own, sample_motion(frames[0], frames[1]), frames[1])
+    stands = (moving < 0.5) & (own.facing[:, 3:] < 0.5)
+    motions = [chain_motion(frames[: place + 1]) for place in PLACES if place < len(frames)]
+    for i, place in enumerate(PLACES[1 : len(motions)], start=1):
+        camera_px = find_camera_motion(own.position, frames[place])
+        if camera_px is not None:
+            motions[i] = torch.where(stands & camera_px.isfinite(), camera_px, motions[i])
     return motions
 
 
-def fill_by_occlusion(window: FrameWindow, past: PastLighting) -> Image:
+def fill_holes_by_occlusion(window: FrameWindow, past: PastLighting) -> Image:
     """Carried e, and in holes what lay beside the surface that hid them   [Zeng et al. 2021]."""
     encoded = encode_past(past.rendered, past.rendered)
-    beside, _ = backward_warp(encoded, find_dual_motion(window.lr[0], window.lr[1]).dual_px)
+    occlusion = find_occlusion_motion(window.lr[:2], past.motion_px)
+    beside = fill_by_occlusion(encoded, past.motion_px, occlusion, past.holes)
     return torch.where(past.holes > 0.5, beside, past.carried.values)

@@ -47,3 +47,16 @@ def test_a_predicted_frame_looks_back_to_the_last_rendered_one(
     numbers: tuple[int, ...], rendered: set[int], reach: int
 ) -> None:
     assert measure_reach(numbers, frozenset(rendered)) == reach
+
+
+@pytest.mark.parametrize(
+    ("numbers", "rendered", "reach"),
+    [
+        (range(1, 9), {1, 3, 5, 7}, 5),
+        (range(1, 9), {1, 4, 7}, 7),
+        (range(1, 5), {1, 3}, 3),
+        (range(1, 5), {3}, 1),
+    ],
+)
+def test_three_past_frames_lie_farther_back(numbers: range, rendered: set[int], reach: int) -> None:
+    assert measure_reach(numbers, frozenset(rendered), past_frames=3) == reach
