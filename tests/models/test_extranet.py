@@ -11,6 +11,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from rtsr_cli.core.choices import DemodulationMode, Preset
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.lighting.past_lighting import carry_lighting, shade
@@ -21,7 +22,7 @@ from rtsr_cli.core.training.augmentation import PictureTurn, draw_turn
 from rtsr_cli.core.training.samples import SampleChoices
 from rtsr_cli.models import load_system
 from rtsr_cli.models.extranet.config import ExtraNetConfig, ExtraNetLoss, PredictionBase
-from rtsr_cli.models.extranet.inputs import prepare
+from rtsr_cli.models.extranet.inputs import measure_gain, prepare
 from rtsr_cli.models.extranet.loss import (
     average_largest,
     change,
@@ -122,6 +123,31 @@ def test_no_pixel_is_lost_whatever_the_size(size: tuple[int, int]) -> None:
     inputs = {"current": torch.rand(1, 18, *size), "history": torch.rand(1, 12, *size)}
     outputs, _ = trained()(inputs)
     assert outputs["predicted"].shape == (1, 3, *size)
+
+
+def test_the_preset_of_the_paper_warps_and_stretches(make_windows: MakeWindows) -> None:
+    """Plain logarithms, no scale; depth from 0 to 1; sky beyond all depth is 0."""
+    config = replace(CONFIG, preset=Preset.PAPER)
+    window = make_windows(SYSTEM, 1, count=6, optional=True)[-1]
+    inputs = prepare(config, window)
+    rendered = window.lr[1]
+    quantity = torch.where(
+        rendered.gbuffer[Buffer.LIGHTING_MASK] > 0.5,
+        rendered.gbuffer[Buffer.LIGHTING],
+        rendered.gbuffer[Buffer.COLOR] - rendered.gbuffer[Buffer.EMISSION],
+    )
+    moved = torch.log1p(quantity)[..., 1:]
+    assert torch.allclose(inputs["current"][:, :3, :, :-1], moved, atol=1e-5)
+    assert float(inputs["current"][:, :3, :, -1].abs().max()) == 0.0
+    assert float(inputs["hole_mask"][..., -1].min()) == 1.0
+    depth = inputs["current"][:, 15]
+    assert float(depth.min()) == 0.0
+    assert float(depth.max()) == 1.0
+    assert torch.equal(inputs["gain"], measure_gain(window.current, rendered, torch.ones(1)))
+    made = SYSTEM.predict(trained(config), window, None).image
+    assert made is not None
+    assert bool(made.isfinite().all())
+    assert SYSTEM.derivation(config).mode is DemodulationMode.ALBEDO
 
 
 def test_padding_is_that_of_repeated_borders() -> None:

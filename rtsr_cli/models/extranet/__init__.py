@@ -7,10 +7,11 @@ G-buffer, its log lighting is predicted and multiplied by its material.
 Conventions: full resolution, scale 1; every second frame is rendered; the predicted frame's
 radiance is only what training compares with.
 
-Departs from the publication: the network corrects `warp-guided`, lighting carried and filled along
-surfaces, in place of the lighting along the vectors; e = log(1 + q / k), k of the last rendered
-frame; radiance is divided by the split-sum material; holes are where no past pixel is of the
-surface; depth is 1 / (1 + metres); the sky is predicted like all else.
+Departs from the publication in the preset `rtsr`: the network corrects `warp-guided`, lighting
+carried and filled along surfaces, in place of the lighting along the vectors; e = log(1 + q / k), k
+of the last rendered frame; radiance is divided by the split-sum material; holes are where no past
+pixel is of the surface; depth is 1 / (1 + metres). `paper` keeps the published choices around the
+same layers. In both the sky is predicted like all else.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from rtsr_cli.core.lighting.past_lighting import (
     OPTIONAL_BUFFERS,
     SHADED_BUFFERS,
     UNSHADED_BUFFERS,
-    carry_lighting,
 )
 from rtsr_cli.core.system import (
     FrameJudge,
@@ -34,21 +34,24 @@ from rtsr_cli.core.system import (
     neural_predict,
 )
 from rtsr_cli.models.extranet.config import CADENCE, HISTORY_FRAMES, ExtraNetConfig
-from rtsr_cli.models.extranet.inputs import prepare
+from rtsr_cli.models.extranet.inputs import derivation, prepare
 from rtsr_cli.models.extranet.loss import change, decode_radiance, goal, loss, panels, scores
-from rtsr_cli.models.extranet.network import ExtraNetNetwork
+from rtsr_cli.models.extranet.network import PICTURE, ExtraNetNetwork
 
 
 def compose(
     config: ExtraNetConfig, window: FrameWindow, inputs: Tensors, outputs: Tensors
 ) -> Prediction:
     """Radiance of the predicted e."""
-    del config
+    del config, window
     predicted = outputs["predicted"].float()
-    past = carry_lighting(window)
     return Prediction(
         image=decode_radiance(predicted, inputs),
-        debug={"log_lighting": predicted, "base": past.filled, "hole": past.holes},
+        debug={
+            "log_lighting": predicted,
+            "base": inputs["current"][:, PICTURE],
+            "hole": inputs["hole_mask"],
+        },
     )
 
 
@@ -65,6 +68,7 @@ EXTRANET = System(
     scales=(1,),
     history_frames=HISTORY_FRAMES,
     halo_px=None,
+    derivation=derivation,
     config=ExtraNetConfig,
     build=ExtraNetNetwork,
     predict=neural_predict(prepare, compose),

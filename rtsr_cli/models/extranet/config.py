@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 
+from torch import Tensor
+
+from rtsr_cli.core.choices import DemodulationMode, Preset
 from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.settings import check_numbers
+from rtsr_cli.core.shapes import Image, Mask, Plane
+from rtsr_cli.core.system import FrameWindow
 
 CADENCE = 2
 """Every second frame is rendered."""
@@ -16,6 +23,41 @@ PLACES = (1, 3, 5)
 
 HISTORY_FRAMES = PLACES[-1]
 """Frames before the predicted one, as far as the oldest that is seen."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PastPictures:
+    """Past frames brought to the predicted one.
+
+    Attributes:
+        base: e that the output is added to.
+        occluded: e carried to its surfaces, holes filled by occlusion vectors.
+        holes: 1 where the last rendered frame does not show the surface.
+        moved: of the rendered frames, oldest first, e along the vectors and 1 where it is of the
+            surface; 0 and 0 for those that are not there.
+    """
+
+    base: Image
+    occluded: Image
+    holes: Mask
+    moved: tuple[tuple[Image, Mask], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtraNetSurroundings:
+    """What surrounds the layers.
+
+    Attributes:
+        look_back: (config, window) -> past frames as the network sees them.
+        scale_of: the last rendered frame -> k.
+        show_depth: depth in metres -> as the network sees it.
+        demodulation: what divides radiance.
+    """
+
+    look_back: Callable[[ExtraNetConfig, FrameWindow], PastPictures]
+    scale_of: Callable[[Frame], Tensor]
+    show_depth: Callable[[Plane], Plane]
+    demodulation: DemodulationMode
 
 
 class PredictionBase(StrEnum):
@@ -62,12 +104,14 @@ class ExtraNetConfig:
     """Settings.
 
     Attributes:
-        base: what the output is added to.
+        preset: what surrounds the layers.
+        base: what the output is added to; in `paper`, warped lighting.
         history: whether frames before the last rendered one are encoded; else an ablation.
         occlusion: whether holes are shown what occlusion vectors fetch; else an ablation.
         loss: weights of its terms.
     """
 
+    preset: Preset = Preset.RTSR
     base: PredictionBase = PredictionBase.GUIDED
     history: bool = True
     occlusion: bool = True

@@ -10,11 +10,17 @@ radiance is k (exp(e) - 1) * material + emission = (exp(e) - 1) * gain + emissio
 
 from __future__ import annotations
 
-import torch
+from collections.abc import Mapping
+from functools import cache
 
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.choices import DemodulationMode, Preset
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.camera_motion import find_camera_motion
+from rtsr_cli.core.imaging.derivation import DerivationConfig
 from rtsr_cli.core.imaging.frame_motion import (
     chain_motion,
     exposure_ratio,
@@ -26,7 +32,6 @@ from rtsr_cli.core.imaging.surface_history import warp_along_surfaces
 from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
 from rtsr_cli.core.imaging.warping import backward_warp, inside_frame
 from rtsr_cli.core.lighting.lighting import (
-    encode_lighting,
     inverse_depth,
     lighting_scale_of,
     network_normal,
@@ -36,11 +41,19 @@ from rtsr_cli.core.lighting.past_lighting import (
     PastLighting,
     carry_lighting,
     find_divided,
-    take_emission_out,
+    find_rendered,
 )
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
 from rtsr_cli.core.system import FrameWindow, Tensors
-from rtsr_cli.models.extranet.config import PLACES, ExtraNetConfig, PredictionBase
+from rtsr_cli.models.extranet.config import (
+    PLACES,
+    ExtraNetConfig,
+    ExtraNetSurroundings,
+    PastPictures,
+    PredictionBase,
+)
+from rtsr_cli.models.extranet.history import encode_past, make_empty, order_history
+from rtsr_cli.models.extranet.published import PUBLISHED
 
 PICTURES = tuple(slice(first, first + 3) for first in (0, 3, 6, 9))
 NORMAL = slice(12, 15)
@@ -50,32 +63,60 @@ HISTORY_PARTS = tuple(slice(first, first + 3) for first in (0, 4, 8))
 """Channels of `history` that are pictures."""
 
 
+def look_back(config: ExtraNetConfig, window: FrameWindow) -> PastPictures:
+    """`warp-guided`'s lighting as the base; masks by likeness of surfaces."""
+    past = carry_lighting(window)
+    moved = move_history(window, past)
+    carried = past.carried.values
+    return PastPictures(
+        base=past.filled if config.base is PredictionBase.GUIDED else moved[-1][0],
+        occluded=fill_holes_by_occlusion(window, past)
+        if config.occlusion
+        else carried * (1.0 - past.holes),
+        holes=past.holes,
+        moved=moved,
+    )
+
+
+SURROUNDINGS: Mapping[Preset, ExtraNetSurroundings] = {
+    Preset.RTSR: ExtraNetSurroundings(
+        look_back=look_back,
+        scale_of=lighting_scale_of,
+        show_depth=inverse_depth,
+        demodulation=DemodulationMode.BRDF,
+    ),
+    Preset.PAPER: PUBLISHED,
+}
+"""What surrounds the layers, by preset."""
+
+
+@cache
+def derivation(config: ExtraNetConfig) -> DerivationConfig:
+    """What divides the radiance of a config."""
+    return DerivationConfig(mode=SURROUNDINGS[config.preset].demodulation)
+
+
 def prepare(config: ExtraNetConfig, window: FrameWindow) -> Tensors:
     """`current`, `history`; `hole_mask` 1, `gain` 3 and `emission` 3, to make radiance of e."""
-    past = carry_lighting(window)
-    known = 1.0 - past.holes
-    moved = move_history(window, past)
-    warped = moved[-1][0]
-    base = past.filled if config.base is PredictionBase.GUIDED else warped
-    occluded = (
-        fill_holes_by_occlusion(window, past) if config.occlusion else past.carried.values * known
-    )
-    pictures = torch.cat([base, occluded], dim=1)
+    surroundings, now = SURROUNDINGS[config.preset], window.current
+    past, rendered = surroundings.look_back(config, window), window.lr[find_rendered(window)]
+    pictures = torch.cat([past.base, past.occluded], dim=1)
+    surfaces = show_surfaces(now, surroundings)
     return {
-        "current": torch.cat([pictures, pictures * known, show_surfaces(window.current)], dim=1),
-        "history": torch.cat([part for pair in moved for part in pair], dim=1),
+        "current": torch.cat([pictures, pictures * (1.0 - past.holes), surfaces], dim=1),
+        "history": torch.cat([part for pair in past.moved for part in pair], dim=1),
         "hole_mask": past.holes,
-        "gain": measure_gain(window, past),
-        "emission": take_emission(window.current),
+        "gain": measure_gain(now, rendered, surroundings.scale_of(rendered)),
+        "emission": take_emission(now),
     }
 
 
-def show_surfaces(frame: Frame) -> Image:
-    """Normal 3, inverse depth 1, roughness 1, metallic 1."""
+def show_surfaces(frame: Frame, surroundings: ExtraNetSurroundings) -> Image:
+    """Normal 3, depth 1, roughness 1, metallic 1."""
     gbuffer = frame.gbuffer
     parts = (
         network_normal(frame),
-        inverse_depth(gbuffer[Buffer.DEPTH]),
+        surroundings.show_depth(gbuffer[Buffer.DEPTH]),
         gbuffer[Buffer.ROUGHNESS],
         gbuffer[Buffer.METALLIC],
     )
@@ -88,40 +129,30 @@ def take_emission(frame: Frame) -> Color:
     return torch.zeros_like(frame.gbuffer[Buffer.MATERIAL]) if emission is None else emission
 
 
-def measure_gain(window: FrameWindow, past: PastLighting) -> Color:
+def measure_gain(now: Frame, rendered: Frame, scale: Tensor) -> Color:
     """Radiance less emission over exp(e) - 1: k, at the current exposure, times the material.
 
     Where nothing is divided there is no material: 1.
     """
-    now = window.current
     divided = find_divided(now)
     material = torch.where(divided > 0.5, now.gbuffer[Buffer.MATERIAL], 1.0)
-    return material * lighting_scale_of(past.rendered) * exposure_ratio(now, past.rendered)
+    return material * scale * exposure_ratio(now, rendered)
 
 
-def encode_past(frame: Frame, rendered: Frame) -> Image:
-    """e of a past frame with the k and the exposure of the last rendered one."""
-    divided = frame.gbuffer[Buffer.LIGHTING_MASK] > 0.5
-    quantity = torch.where(divided, frame.gbuffer[Buffer.LIGHTING], take_emission_out(frame))
-    return encode_lighting(quantity * exposure_ratio(rendered, frame), lighting_scale_of(rendered))
-
-
-def move_history(window: FrameWindow, past: PastLighting) -> list[tuple[Image, Mask]]:
-    """e of the rendered frames where each pixel was, and 1 where it is of its surface.
-
-    Oldest first; 0 and 0 for those that are not there.
-    """
-    now = window.current
+def move_history(window: FrameWindow, past: PastLighting) -> tuple[tuple[Image, Mask], ...]:
+    """`PastPictures.moved` by likeness of surfaces."""
+    now, rendered = window.current, past.rendered
     own = describe_surfaces(now, find_divided(now))
-    moved: list[tuple[Image, Mask]] = []
+    scale = lighting_scale_of(rendered)
+    moved = []
     for place, motion in zip(PLACES, find_past_motions(window, own), strict=False):
         then = window.lr[place]
         if Buffer.COLOR not in then.gbuffer:
-            moved.append((torch.zeros_like(past.filled), torch.zeros_like(past.holes)))
+            moved.append(make_empty(now))
             continue
-        encoded = encode_past(then, past.rendered)
+        encoded = encode_past(then, rendered, scale)
         image, _ = backward_warp(encoded, motion)
-        if then is past.rendered:
+        if then is rendered:
             mask = 1.0 - past.holes
         else:
             surfaces = describe_surfaces(then, then.gbuffer[Buffer.LIGHTING_MASK])
@@ -129,8 +160,7 @@ def move_history(window: FrameWindow, past: PastLighting) -> list[tuple[Image, M
             weight = warp_along_surfaces(encoded, motion, wide, surfaces).weight
             mask = (weight >= LEAST_WEIGHT).to(weight)
         moved.append((image * inside_frame(motion), mask))
-    empty = (torch.zeros_like(past.filled), torch.zeros_like(past.holes))
-    return [*reversed([*moved, *[empty] * (len(PLACES) - len(moved))])]
+    return order_history(moved, now)
 
 
 def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
@@ -152,7 +182,7 @@ def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
 
 def fill_holes_by_occlusion(window: FrameWindow, past: PastLighting) -> Image:
     """Carried e, and in holes what lay beside the surface that hid them   [Zeng et al. 2021]."""
-    encoded = encode_past(past.rendered, past.rendered)
+    encoded = encode_past(past.rendered, past.rendered, lighting_scale_of(past.rendered))
     occlusion = find_occlusion_motion(window.lr[:2], past.motion_px)
     beside = fill_by_occlusion(encoded, past.motion_px, occlusion, past.holes)
     return torch.where(past.holes > 0.5, beside, past.carried.values)
