@@ -229,7 +229,7 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     found = None if settled is None else settled.measured.camera
     if found is None or not found.proofs:
         return "unverified"
-    but = f"; not told from {' or '.join(found.undecided)}" if found.undecided else ""
+    but = f"; not told from {found.likenesses}" if found.undecided else ""
     return f"verified by {', '.join(found.proofs)}{but}"
 
 

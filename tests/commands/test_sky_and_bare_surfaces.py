@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -44,7 +45,14 @@ def clear_sky(value: float) -> Change:
 def test_sky_at_depth_0_gives_the_pixels_of_sky_at_far(
     rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, load_rgb: Load
 ) -> None:
-    for value, declared in ((0.0, ""), (-1.0, ""), (0.0, "[depth]\nsky = 0.0")):
+    for value, declared in (
+        (0.0, ""),
+        (-1.0, ""),
+        (0.0, "[depth]\nsky = 0.0"),
+        (math.nan, ""),
+        (math.nan, '[depth]\nsky = "nan"'),
+        (math.inf, ""),
+    ):
         shot = make_shot(
             small_shot,
             tmp_path / f"shot{value}{len(declared)}",
@@ -55,24 +63,47 @@ def test_sky_at_depth_0_gives_the_pixels_of_sky_at_far(
         out = tmp_path / f"out{value}{len(declared)}"
         result = rtsr("upscale", shot, out, "--system", "demod-guided", "--frames", "2")
         assert result.exit_code == 0, result.output
-        assert ("sky measured" in result.output) == (not declared)
+        assert ("sky measured" in result.output) == (not declared and value != math.inf)
         right = tmp_path / "right"
         rtsr("upscale", small_shot, right, "--system", "demod-guided", "--frames", "2")
         ours, theirs = (next(f.rglob("*.exr")) for f in (out, right))
         assert np.array_equal(load_rgb(ours), load_rgb(theirs))
 
 
+@pytest.mark.parametrize(
+    ("value", "rule"),
+    [
+        (0.0, "depth of 0 or less, measured"),
+        (math.nan, "depth of NaN, of 65504 or more, or infinite, measured"),
+    ],
+)
 def test_inspect_says_the_share_of_the_sky_and_its_rule(
-    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, value: float, rule: str
 ) -> None:
-    shot = make_shot(small_shot, tmp_path / "shot", changed, clear_sky(0.0), "")
+    shot = make_shot(small_shot, tmp_path / "shot", changed, clear_sky(value), "")
     plain, other = (json.loads(rtsr("inspect", s, "--json").output) for s in (small_shot, shot))
     found: dict[str, Any] = other["sky"]
     assert found["share"] == plain["sky"]["share"] > 0.0
-    assert found["rule"] == "depth of 0 or less, measured"
+    assert found["rule"] == rule
     assert found["impossible"] == 0.0
     text = rtsr("inspect", shot).output
-    assert "of the pixels, by depth of 0 or less, measured" in text
+    assert f"of the pixels, by {rule}" in text
+    assert "NaN or Inf" not in text
+
+
+def test_radiance_of_nan_on_a_sky_of_nan_stays_refused(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    def change(planes: dict[str, Plane], number: int) -> None:
+        clear_sky(math.nan)(planes, number)
+        for name in {"R", "G", "B"} & planes.keys():
+            planes[name][np.isnan(planes["depth.Z"])] = math.nan
+
+    shot = make_shot(small_shot, tmp_path / "shot", changed, change, "")
+    result = rtsr("upscale", shot, tmp_path / "out", "--system", "bicubic", "--frames", "2")
+    assert result.exit_code == 1
+    assert "values of 'color' are NaN or Inf" in result.output
+    assert "of 'depth'" not in result.output
 
 
 def test_scattered_depth_of_0_is_warned_of(

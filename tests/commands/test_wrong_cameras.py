@@ -13,6 +13,7 @@ import pytest
 from rtsr_cli.core.files.exr import read_header, read_pixels, write_exr
 
 FIRST_FRAMES = (1, 2, 3)
+MATRICES = ("worldToCamera", "worldToNDC")
 
 
 def copy_frames(source: Path, target: Path, *, transpose: bool, drop: tuple[str, ...] = ()) -> None:
@@ -22,7 +23,7 @@ def copy_frames(source: Path, target: Path, *, transpose: bool, drop: tuple[str,
         header = read_header(path)
         names = [c for c in header.channels if not c.startswith(drop or ("#",))]
         attributes: dict[str, Any] = {}
-        for name in ("worldToCamera", "worldToNDC"):
+        for name in MATRICES:
             matrix = np.asarray(header.attributes[name], np.float32)
             attributes[name] = np.ascontiguousarray(matrix.T if transpose else matrix)
         write_exr(target / path.name, read_pixels(path, names)[0], attributes=attributes)
@@ -78,3 +79,21 @@ def test_a_camera_that_nothing_can_verify_is_said_to_be_so(make_shot: Any, rtsr:
     found = inspect_camera(rtsr, shot)
     assert not found["verified"]
     assert "unverified" in found["unverified"]
+
+
+def test_hr_cameras_that_are_not_the_lr_ones_are_named(
+    make_shot: Any, tmp_path: Path, rtsr: Any
+) -> None:
+    shot = make_shot(transpose=False, drop=("motion",))
+    commands = (("inspect", shot), ("upscale", shot, tmp_path / "out", "--dry-run"))
+    for words in commands:
+        assert "are not those of the LR frames" not in " ".join(rtsr(*words).output.split())
+    paths = sorted((shot / "hr").glob("*.exr"))
+    headers = [read_header(path) for path in paths]
+    # each frame gets the camera of the next one; the last keeps its own
+    for path, header, following in zip(paths[:-1], headers[:-1], headers[1:], strict=True):
+        matrices = {name: following.attributes[name] for name in MATRICES}
+        write_exr(path, read_pixels(path, sorted(header.channels))[0], attributes=matrices)
+    said = f"of frames {FIRST_FRAMES[0]}-{FIRST_FRAMES[-2]} are not those of the LR frames"
+    for words in commands:
+        assert said in " ".join(rtsr(*words).output.split())

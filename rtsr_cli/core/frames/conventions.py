@@ -82,6 +82,7 @@ class SkyRule(StrEnum):
     """What is sky, where no stored value of depth is declared to be."""
 
     FAR = "far"
+    NAN = "nan"
     NONE = "none"
     NORMAL = "normal"
     OBJECT_ID = "object_id"
@@ -106,7 +107,7 @@ class DepthConvention:
         unit_m: metres in one stored unit.
         sky: stored values from here on are sky: upwards if above 0, else downwards; or a rule:
             infinite and from `SKY_DEPTH_M` metres on (the default; of device depth the far end),
-            nothing, or also where the normal, the object id or the coverage is 0.
+            nothing, or also where depth is NaN, or the normal, the object id or the coverage is 0.
         from_near: ray distance only: it is measured from the near plane, not from the camera.
         near_m: depth of that plane in metres; None takes it from the camera's matrices.
     """
@@ -196,10 +197,12 @@ def is_sky_depth(stored: Plane, convention: DepthConvention) -> Tensor:
     if rule is not None and not isinstance(rule, SkyRule):
         return (stored >= rule if rule > 0.0 else stored <= rule) | torch.isinf(stored)
     if convention.kind is DepthKind.DEVICE:
-        return stored <= 0.0 if convention.reversed else stored >= 1.0
+        cleared = stored <= 0.0 if convention.reversed else stored >= 1.0
+        return cleared | torch.isnan(stored) if rule is SkyRule.NAN else cleared
     # half files cannot hold more than their largest value, whatever the unit
     far = stored * convention.unit_m >= SKY_DEPTH_M
-    return far | (stored == SKY_DEPTH_M) | torch.isinf(stored)
+    beyond = far | (stored == SKY_DEPTH_M) | torch.isinf(stored)
+    return beyond | torch.isnan(stored) if rule is SkyRule.NAN else beyond
 
 
 def _mark_sky(metres: Plane, sky: Tensor, convention: DepthConvention) -> Plane:

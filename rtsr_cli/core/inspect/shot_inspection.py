@@ -15,6 +15,7 @@ from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.frame_numbers import list_missing_frames
 from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_readable
+from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
@@ -169,6 +170,8 @@ def inspect_shot(
     ]
     main = replace(main, problems=_drop_repeats((*wrong, *main.problems)))
     hr = others[0] if others else None
+    if hr is not None:
+        main, hr = _settle_cameras(main, hr)
     sources: Sources = []
     if main.reader is not None and hr is None:
         sources = list_single_sources(main.reader, capture.scale)
@@ -186,6 +189,19 @@ def inspect_shot(
     )
     ready = judge_commands(commands, known, inspection.problems)
     return replace(inspection, commands=ready, fixes=list_fixes(ready, _list_hints(main, hr)))
+
+
+def _settle_cameras(main: SetInspection, hr: SetInspection) -> tuple[SetInspection, SetInspection]:
+    """Read the cameras of both resolutions as commands do, and say where they differ."""
+    if main.settled is None or hr.settled is None:
+        return main, hr
+    lr_reader, hr_reader = share_verdicts(main.settled.reader, hr.settled.reader)
+    said = (t for t in hr_reader.warnings if t not in hr.settled.reader.warnings)
+    problems = _drop_repeats((*hr.problems, *(ShotProblem(text=text) for text in said)))
+    return (
+        replace(main, settled=replace(main.settled, reader=lr_reader)),
+        replace(hr, settled=replace(hr.settled, reader=hr_reader), problems=problems),
+    )
 
 
 def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:

@@ -15,7 +15,7 @@ from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_heade
 from rtsr_cli.core.captures.layers import join_layer, list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared
 from rtsr_cli.core.captures.lent_motion import lend_motion
-from rtsr_cli.core.captures.measuring.camera_decision import share_verdict
+from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.reader import FrameReader
@@ -335,7 +335,7 @@ def open_pair(
     lr = open_set(shot.frames, opened, jittered=True)
     target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
     if target is not None:
-        lr, target = share_verdict(lr, target), share_verdict(target, lr)
+        lr, target = share_verdicts(lr, target)
     return open_real_pairs(
         lr,
         target,

@@ -14,6 +14,7 @@ from rtsr_cli.core.captures.measuring.camera_hypotheses import (
     CameraReading,
     Cameras,
     list_readings,
+    list_worlds,
 )
 from rtsr_cli.core.captures.measuring.camera_structure import (
     CameraMatrices,
@@ -54,6 +55,11 @@ class CameraFinding:
         """Tell whether something agrees with the matrices."""
         return bool(self.proofs) and not self.unfit
 
+    @property
+    def likenesses(self) -> str:
+        """What they might be as well, for the user; empty if nothing."""
+        return ", or ".join(_word_likeness(text) for text in self.undecided)
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Trial:
@@ -68,16 +74,39 @@ class _Trial:
     def fits(self) -> bool:
         return self.own <= self.evidence.limit
 
-    def is_better(self, index: int) -> bool:
-        """Tell whether a reading fits where the matrices as given do not, by far."""
+    def is_better(self, index: int, *, backed: bool) -> bool:
+        """Tell whether a reading fits where the matrices as given do not, by far.
+
+        Args:
+            index: of the reading.
+            backed: whether all that tells more agrees with it, and with the matrices as given: by
+                chance it would not.
+        """
         error, own = self.pairs.get(index, (float("inf"), 0.0))
-        slack, sure = self.evidence.slack, self.evidence.sure
-        return error <= sure and own > max(self.evidence.factor * error, error + slack)
+        slack = self.evidence.slack
+        most = self.evidence.limit if backed else self.evidence.sure
+        return error <= most and own > max(self.evidence.factor * error, error + slack)
 
     def is_worse(self, index: int) -> bool:
         """Tell whether a reading is ruled out."""
         error, own = self.pairs.get(index, (0.0, 0.0))
         return error > max(self.evidence.factor * own, own + self.evidence.slack)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Rival:
+    """A reading that fits where the matrices as given do not."""
+
+    trial: _Trial
+    index: int
+    reading: CameraReading
+
+    def describe(self) -> str:
+        error, own = self.trial.pairs[self.index]
+        return (
+            f"by {self.trial.evidence.name}, {_format(own, self.trial)} as given and "
+            f"{_format(error, self.trial)} in that reading"
+        )
 
 
 def check_cameras(
@@ -101,14 +130,17 @@ def check_cameras(
         if fault:
             chosen = _choose_sound(readings, evidence)
             return CameraFinding(unfit=_describe_unfit(number, fault, chosen, convention))
-    trials = [t for e in evidence if (t := _try_readings(e, given, readings)) is not None]
+    trials = _try_all(evidence, given, readings)
     errors = {t.evidence.name: t.own for t in trials}
-    for trial in trials:
-        better = _find_better(trial, readings)
-        if better is not None:
-            proof = _describe_proof(trial, better)
-            text = _describe_unfit(min(given), "", readings[better], convention, proof)
-            return CameraFinding(unfit=text, errors=errors)
+    found = _find_rival(trials, readings)
+    if found is None and _is_world_doubtful(given, trials):
+        worlds = list_worlds(given)
+        tellers = [t.evidence for t in trials if t.evidence.tells_world]
+        others = [t for t in trials if not t.evidence.tells_world]
+        found = _find_rival(_try_all(tellers, given, worlds), worlds, others)
+    if found is not None:
+        text = _describe_unfit(min(given), "", found.reading, convention, found.describe())
+        return CameraFinding(unfit=text, errors=errors)
     return _judge_unopposed(given, readings, trials, errors)
 
 
@@ -119,6 +151,18 @@ def _find_fault(matrices: CameraMatrices) -> str:
     if not is_sound(matrices):
         return "worldToNDC is not worldToCamera times a projection of a camera that looks along -z"
     return ""
+
+
+def _try_all(
+    evidence: Sequence[CameraEvidence], given: Cameras, readings: Sequence[CameraReading]
+) -> list[_Trial]:
+    return [t for e in evidence if (t := _try_readings(e, given, readings)) is not None]
+
+
+def _is_world_doubtful(given: Cameras, trials: Sequence[_Trial]) -> bool:
+    """Tell whether the world's axes may be others: matrices mirror, or what tells it disagrees."""
+    mirrored = bool(are_mirrored(next(iter(given.values())).view))
+    return any(t.evidence.tells_world and (mirrored or not t.fits) for t in trials)
 
 
 def _try_readings(
@@ -138,14 +182,36 @@ def _try_readings(
     return _Trial(evidence=evidence, own=mean, pairs=pairs)  # type: ignore[arg-type]
 
 
-def _find_better(trial: _Trial, readings: Sequence[CameraReading]) -> int | None:
-    """The simplest of the readings that fit best where the matrices as given do not."""
-    better = [i for i in range(len(readings)) if trial.is_better(i)]
-    if not better:
-        return None
+def _find_rival(
+    trials: Sequence[_Trial], readings: Sequence[CameraReading], others: Sequence[_Trial] = ()
+) -> _Rival | None:
+    """The reading that fits where the matrices as given do not, by what tells most.
+
+    Args:
+        trials: the strongest first.
+        readings: that were tried.
+        others: trials that all of these readings fare alike in.
+    """
+    for number, trial in enumerate(trials):
+        above = [*others, *trials[:number]]
+        stronger = [t for t in above if t.fits]
+        backed = 0 < len(stronger) == len(above)
+        better = [
+            i
+            for i in range(len(readings))
+            if trial.is_better(i, backed=backed) and not any(t.is_worse(i) for t in stronger)
+        ]
+        if better:
+            chosen = _choose_simplest(trial, better)
+            return _Rival(trial=trial, index=chosen, reading=readings[chosen])
+    return None
+
+
+def _choose_simplest(trial: _Trial, better: Sequence[int]) -> int:
+    """The first of the readings that fit about as well as the best of them."""
     best = min(trial.pairs[i][0] for i in better)
-    slack = trial.evidence.slack
-    return next(i for i in better if trial.pairs[i][0] <= max(ALIKE * best, best + slack))
+    least = max(min(ALIKE, trial.evidence.factor) * best, best + trial.evidence.slack)
+    return next(i for i in better if trial.pairs[i][0] <= least)
 
 
 def _choose_sound(
@@ -214,14 +280,6 @@ def _format(error: float, trial: _Trial) -> str:
     return "behind the camera" if error >= 1e8 else f"{error:.3g} {trial.evidence.unit}"
 
 
-def _describe_proof(trial: _Trial, chosen: int) -> str:
-    error, own = trial.pairs[chosen]
-    return (
-        f"by {trial.evidence.name}, {_format(own, trial)} as given and "
-        f"{_format(error, trial)} in that reading"
-    )
-
-
 def _describe_unfit(
     number: int,
     fault: str,
@@ -234,8 +292,23 @@ def _describe_unfit(
     looks = () if reading is None else (f"worldToCamera looks {_word_look(reading)}",)
     first = f"the camera matrices of frame {number} are not used{said}: "
     found = ": ".join((*looks, fault or proof))
-    own = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
-    return f"{first}{found}; {own}{_word_declaration(reading, convention)}"
+    remedy = OTHER_WORLD if reading is not None and reading.mirrors_world else OWN
+    return f"{first}{found}; {remedy}{_word_declaration(reading, convention)}"
+
+
+OWN = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
+
+OTHER_WORLD = "write matrices of the world that positions and normals are in (docs/frames.md)"
+
+
+def _word_likeness(text: str) -> str:
+    """Name matrices that might be meant as well."""
+    if text.startswith("those"):
+        return text
+    if text.startswith("of "):
+        return f"ones {text}"
+    plain = text.startswith(("transposed", "inverted"))
+    return f"ones that look {text}" if plain else f"ones that look like {text}"
 
 
 def _word_look(reading: CameraReading) -> str:

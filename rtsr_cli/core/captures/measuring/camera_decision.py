@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from rtsr_cli.core.captures.measuring.camera_path import (
     CameraRun,
+    find_apart,
     find_form_fault,
     find_strays,
     gather_run,
@@ -13,6 +14,7 @@ from rtsr_cli.core.captures.measuring.camera_path import (
 from rtsr_cli.core.captures.measuring.camera_structure import are_mirrored
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader, add_warning
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.sequence import FrameSequence
 
 REFUSED = "what needs a camera is refused, the rest runs"
@@ -40,10 +42,10 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         settled = add_warning(settled, strays)
     if found.doubt and leads:
         return replace(settled, notes=(*settled.notes, found.doubt))
-    if found.undecided and not found.certain and leads:
+    if found.undecided and leads:
         note = (
             f"camera: {' and '.join(found.proofs)} agree with the matrices, but cannot tell them "
-            f"from ones that look {'; or '.join(found.undecided)}"
+            f"from {found.likenesses}"
         )
         return replace(settled, notes=(*settled.notes, note))
     return settled
@@ -62,8 +64,25 @@ def _is_mirrored(settled: MeasuredReader) -> bool:
     return view is not None and bool(are_mirrored(view.numpy()))
 
 
-def share_verdict(reader: FrameReader, other: FrameReader) -> FrameReader:
-    """Return a reader without matrices where those of the other resolution are not used."""
-    if other.camera_unfit and not reader.camera_unfit:
-        return reader.without_matrices(other.camera_unfit)
-    return reader
+def share_verdicts(lr: FrameReader, hr: FrameReader) -> tuple[FrameReader, FrameReader]:
+    """Settle the cameras of both resolutions of a shot, whose cameras are the same.
+
+    Matrices that are not used at one are not used at the other; where they differ, that is said.
+    """
+    unfit = lr.camera_unfit or hr.camera_unfit
+    if unfit:
+        lr = lr if lr.camera_unfit else lr.without_matrices(unfit)
+        return lr, hr if hr.camera_unfit else hr.without_matrices(unfit)
+    differing = _describe_apart(lr, hr)
+    return lr, replace(hr, warnings=(*hr.warnings, differing)) if differing else hr
+
+
+def _describe_apart(lr: FrameReader, hr: FrameReader) -> str:
+    run, other = gather_run(lr.cameras), gather_run(hr.cameras)
+    apart = [] if run is None or other is None else find_apart(run, other)
+    if not apart:
+        return ""
+    return (
+        f"the camera matrices of {say_frames(apart)} are not those of the LR frames: matrices of "
+        "another frame, or convention? Both are used as they are; write the same into both"
+    )

@@ -76,6 +76,10 @@ class CameraEvidence(Protocol):
     def factor(self) -> float:
         """Errors that are not so many times another one are like it."""
 
+    @property
+    def tells_world(self) -> bool:
+        """Whether it tells how the axes of the world are named."""
+
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Errors of a reading of the matrices.
 
@@ -121,6 +125,7 @@ class PositionEvidence:
 
     name = "world positions"
     unit = "px from their pixels"
+    tells_world = True
     slack = 0.02
     factor = 4.0
 
@@ -192,6 +197,7 @@ class VectorEvidence:
 
     name = "motion with depth"
     unit = "px of motion"
+    tells_world = False
     slack = 0.02
     factor = 4.0
 
@@ -277,8 +283,9 @@ class NormalEvidence:
 
     name = "normals with depth"
     unit = "% of the surfaces elsewhere"
+    tells_world = True
     slack = 8.0
-    factor = 1.5
+    factor = 1.1
     limit = 70.0
     sure = 25.0
 

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rtsr_cli.core.captures.measuring.camera_structure import (
+    SIGNED_AXES,
     CameraMatrices,
     Matrix4,
+    are_mirrored,
     are_projections,
     describe_axes,
     find_axes,
@@ -38,7 +40,8 @@ class CameraReading:
         text: what they look like then.
         words: what would have to be declared; none where no declaration says it.
         cameras: as they would be, by frame.
-        mirrors_world: the world is of another handedness, which only positions and normals tell.
+        mirrors_world: the world is of another handedness, or of other axes, which only positions
+            and normals tell.
         of_neighbour: they belong to another frame.
     """
 
@@ -93,6 +96,33 @@ _WORLD_AXES: tuple[tuple[str, Matrix4], ...] = (
     *((f"of a mirrored world (its {name} axis flipped)", _widen(axes)) for name, axes in _FLIPS),
     ("of a mirrored world (its x and y swapped)", _widen(_SWAP_XY)),
 )
+
+
+def _name_world(axes: Matrix4) -> str:
+    """Say which of the matrices' own axes the world's x, y and z are."""
+    own = (f"{'-' if row.min() < 0 else ''}{'xyz'[np.abs(row).argmax()]}" for row in axes[:3, :3])
+    kind = "a mirrored world" if np.linalg.det(axes) < 0.0 else "a world of other axes"
+    return f"of {kind} (x, y, z of the world are their {', '.join(own)})"
+
+
+def list_worlds(given: Cameras) -> list[CameraReading]:
+    """Readings with every other way to name the axes of the world, which motion cannot tell.
+
+    Those that do not mirror come first, then those that change least.
+    """
+    first = next(iter(given.values())).view
+
+    def measure_oddness(axes: Matrix4) -> tuple[bool, float, float]:
+        return bool(are_mirrored(axes @ first)), -float(np.trace(np.abs(axes))), -axes.sum()
+
+    return [
+        CameraReading(
+            text=_name_world(axes),
+            cameras={n: CameraMatrices(axes @ m.view, axes @ m.ndc) for n, m in given.items()},
+            mirrors_world=True,
+        )
+        for axes in sorted(SIGNED_AXES[1:], key=measure_oddness)
+    ]
 
 
 def list_readings(given: Cameras, step: int) -> list[CameraReading]:
@@ -161,6 +191,11 @@ def _list_axes(
         yield _turn_camera(text, words, cameras, other, built=True)
     if text:
         return
+    swap = _widen(_SWAP_XY)
+    turned = {n: CameraMatrices(m.view @ swap, m.ndc @ swap) for n, m in cameras.items()}
+    yield CameraReading(
+        text=f"{_describe_turn(swap)}, in clip space too", cameras=_keep_sound(turned)
+    )
     for name, world in _WORLD_AXES:
         turned = {n: CameraMatrices(world @ m.view, world @ m.ndc) for n, m in cameras.items()}
         yield CameraReading(text=name, cameras=_keep_sound(turned), mirrors_world=True)

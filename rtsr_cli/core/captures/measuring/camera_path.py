@@ -75,6 +75,23 @@ def gather_run(cameras: Mapping[int, CameraMetadata]) -> CameraRun | None:
     return CameraRun(numbers=np.array(numbers), views=np.stack(views), ndcs=np.stack(ndcs))
 
 
+LENS_APART = 0.02
+"""Share by which focal lengths of one frame differ between two sizes at most: sides are rounded."""
+
+
+def find_apart(run: CameraRun, other: CameraRun) -> list[int]:
+    """Numbers of frames whose cameras differ between two sets of one shot; jitter is no matter."""
+    _, own, its = np.intersect1d(run.numbers, other.numbers, return_indices=True)
+    ours, theirs = run.views[own], other.views[its]
+    far = STRAY_WAY * (1.0 + measure_reach(ours))
+    turned = np.abs(ours[:, :3, :3] - theirs[:, :3, :3]).max((1, 2)) > STRAY_TURN
+    moved = np.abs(ours[:, 3, :3] - theirs[:, 3, :3]).max(1) > far
+    lens, lens_there = (r.projections[i][:, (0, 1), (0, 1)] for r, i in ((run, own), (other, its)))
+    zoomed = np.abs(lens - lens_there).max(1) > LENS_APART * np.abs(lens).max(1)
+    apart: list[int] = run.numbers[own][turned | moved | zoomed].tolist()
+    return apart
+
+
 def find_form_fault(run: CameraRun, *, mirrored: bool) -> str:
     """Say which frames' matrices cannot be a camera like the others'; empty if all can.
 

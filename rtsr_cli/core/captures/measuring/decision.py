@@ -399,7 +399,7 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
             settled,
             f"{finding.impossible:.1%} of the depth values are 0, negative or no number, which no "
             "surface has, and do not look like sky; if they are, declare it (capture.toml: "
-            '[depth] sky = 0.0, or "normal", "object_id", "alpha"; else sky = "none")',
+            '[depth] sky = 0.0, or "nan", "normal", "object_id", "alpha"; else sky = "none")',
         )
     if finding.sky is None or presumed.depth.kind is DepthKind.DEVICE:
         return settled

@@ -1,9 +1,10 @@
-"""Finding which stored depth is the sky's: far, infinite, 0, negative, or the far plane's.
+"""Finding which stored depth is the sky's: far, infinite, NaN, 0, negative, or the far plane's.
 
 One rule holds for a whole sequence. Far and infinite depths are sky in any case. A value that no
-surface has (0 or below) is the sky's where it fills regions and nothing contradicts that, or where
-normals, object ids or coverage of 0 say so; a largest value that many pixels share is where they
-do. Impossible values that are scattered, or lie on surfaces, are said and taken for what they are.
+surface has (0, below, or NaN) is the sky's where it fills regions and nothing contradicts that, or
+where normals, object ids or coverage of 0 say so; a largest value that many pixels share is where
+they do. Impossible values that are scattered, or lie on surfaces, are said and taken for what they
+are.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class SkyFinding:
 
     share: float
     rule: str
-    sky: float | None = None
+    sky: float | SkyRule | None = None
     impossible: float = 0.0
 
 
@@ -93,7 +94,7 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
     ):
         if value is None:
             continue
-        chosen = [torch.eq(d, value) for d in depths]
+        chosen = _select(depths, value)
         if _share(chosen) < AGREES * _share(where) or _share(chosen) > EVERYTHING:
             continue
         if _is_marked(chosen, frames, region_suffices=suffices):
@@ -135,6 +136,7 @@ def describe_rule(convention: DepthConvention) -> str:
 
 _RULES = {
     SkyRule.FAR: f"depth of {SKY_DEPTH_M:g} or more, or infinite",
+    SkyRule.NAN: f"depth of NaN, of {SKY_DEPTH_M:g} or more, or infinite",
     SkyRule.NONE: "nothing, as declared",
     SkyRule.NORMAL: "normals of 0",
     SkyRule.OBJECT_ID: "object id 0",
@@ -151,12 +153,22 @@ def _share(masks: Sequence[Mask]) -> float:
     return sum(int(mask.sum()) for mask in masks) / pixels if pixels else 0.0
 
 
-def _most_common(masks: Sequence[Mask], depths: Sequence[Plane]) -> float | None:
+def _most_common(masks: Sequence[Mask], depths: Sequence[Plane]) -> float | SkyRule | None:
     """The value that most pixels of the masks share, None where they are too few."""
     values = torch.cat([d[m] for m, d in zip(masks, depths, strict=True)])
-    values = values[torch.isfinite(values)]
+    numbers = values[torch.isfinite(values)]
+    if values.numel() - numbers.numel() >= max(LEAST_PIXELS, numbers.numel()):
+        return SkyRule.NAN
+    values = numbers
     # the middle one is the one that more than half of them are
     return float(values.median()) + 0.0 if values.numel() >= LEAST_PIXELS else None
+
+
+def _select(depths: Sequence[Plane], value: float | SkyRule) -> list[Mask]:
+    """Pixels of a stored depth; a rule stands for NaN, which equals nothing."""
+    if isinstance(value, SkyRule):
+        return [d.isnan() for d in depths]
+    return [torch.eq(d, value) for d in depths]
 
 
 def _find_farthest(
@@ -201,6 +213,6 @@ def _have_surfaces(masks: Sequence[Mask], frames: Sequence[Stored]) -> bool:
         return False
     normals = torch.cat(
         [f[Buffer.NORMAL][0][:, m[0, 0]] for f, m in zip(frames, masks, strict=True)], 1
-    )
+    ).nan_to_num()
     alike = (normals == normals.median(dim=1, keepdim=True).values).all(0)
     return float(alike.float().mean()) < AGREES

@@ -33,6 +33,7 @@ from rtsr_cli.core.frames.camera_convention import (
 )
 from rtsr_cli.core.frames.conventions import DepthConvention
 from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.frames.vector_length import normalize_vectors
 
 Array = NDArray[np.float64]
 SIZE = (40, 64)
@@ -183,6 +184,10 @@ WRONG: Mapping[str, tuple[Spoil, str]] = {
     },
     "x and y swapped": (keep(lambda v: v @ SWAP), "x and y axes swapped"),
     "x and y swapped, rebuilt": (rebuild(lambda v: v @ SWAP), "x and y axes swapped"),
+    "x and y swapped, each": (
+        lambda m: CameraMatrices(m.view @ SWAP, m.ndc @ SWAP),
+        "x and y axes swapped, in clip space too",
+    ),
     "mitsuba": (keep(lambda v: v @ np.diag([-1.0, 1, -1, 1])), "looks along +z, x left, y up"),
     "opencv": (keep(lambda v: v @ np.diag([1.0, -1, -1, 1])), "looks along +z, x right, y down"),
 }
@@ -215,6 +220,54 @@ def test_a_world_of_the_other_handedness_is_refused(
     flip = FLIPS[axis]
     given = {n: CameraMatrices(flip @ m.view, flip @ m.ndc) for n, m in room.cameras.items()}
     assert f"mirrored world (its {axis} axis flipped)" in check(room, given, *kinds).unfit
+
+
+def roughen(room: Room, share: float) -> Room:
+    """The room with normal maps: a share of its normals leans anywhere."""
+    chooser = torch.Generator().manual_seed(2)
+    normals = {}
+    for number, normal in room.normals.items():
+        leaning = torch.rand(1, 1, *SIZE, generator=chooser) < share
+        anywhere = torch.randn(1, 3, *SIZE, generator=chooser)
+        normals[number] = torch.where(leaning, normalize_vectors(anywhere), normal)
+    return replace(room, normals=normals)
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_rough_normals_tell_handedness_where_motion_agrees(room: Room, axis: str) -> None:
+    rough, flip = roughen(room, 0.4), FLIPS[axis]
+    given = {n: CameraMatrices(flip @ m.view, flip @ m.ndc) for n, m in room.cameras.items()}
+    unfit = check(rough, given, "motion", "normals").unfit
+    assert f"mirrored world (its {axis} axis flipped)" in unfit
+    assert "of the world that positions and normals are in" in unfit
+    assert check(rough, given, "normals").unfit == ""
+    assert check(rough, room.cameras, "motion", "normals").unfit == ""
+
+
+@pytest.mark.parametrize(
+    ("turn", "world", "axes"),
+    [
+        (np.eye(4)[[0, 2, 1, 3]], "a mirrored world", "x, z, y"),
+        (
+            np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]),
+            "a world of other axes",
+            "x, z, -y",
+        ),
+    ],
+)
+def test_a_world_whose_axes_are_named_otherwise_is_refused(
+    room: Room, turn: Array, world: str, axes: str
+) -> None:
+    given = {n: CameraMatrices(turn @ m.view, turn @ m.ndc) for n, m in room.cameras.items()}
+    text = f"like that of {world} (x, y, z of the world are their "
+    assert f"{text}{axes})" in check(room, given, "positions").unfit
+    assert text in check(room, given, "motion", "normals").unfit
+
+
+def test_normals_cannot_tell_a_neighbour_and_say_so(room: Room) -> None:
+    found = check(room, room.cameras, "normals")
+    assert found.certain
+    assert found.likenesses == "those of a neighbouring frame"
 
 
 def test_motion_cannot_tell_handedness_of_the_world_and_says_so(room: Room) -> None:

@@ -63,6 +63,29 @@ def test_regions_of_depth_that_no_surface_has_are_sky(
     assert finding.impossible == 0.0
 
 
+@pytest.mark.parametrize("marks", [(), (Buffer.NORMAL,), (Buffer.NORMAL, Buffer.OBJECT_ID)])
+@pytest.mark.parametrize("kind", [DepthKind.PLANAR, DepthKind.RAY])
+@pytest.mark.parametrize("normal", [0.0, math.nan])
+def test_regions_of_depth_that_is_no_number_are_sky(
+    marks: tuple[Buffer, ...], kind: DepthKind, normal: float
+) -> None:
+    known = scene(math.nan)
+    known[Buffer.NORMAL][..., :10, :] = normal
+    finding = find({b: known[b] for b in (Buffer.DEPTH, *marks)}, kind=kind)
+    assert finding.sky is SkyRule.NAN
+    assert finding.share == pytest.approx(ABOVE)
+    assert finding.impossible == 0.0
+
+
+def test_depth_that_is_no_number_on_surfaces_is_no_sky() -> None:
+    known = scene(math.inf)
+    known[Buffer.DEPTH][..., 20:30, :] = math.nan
+    known[Buffer.OBJECT_ID][..., 20:30, :] = 7.0
+    finding = find(known)
+    assert finding.sky is None
+    assert finding.impossible == pytest.approx(0.25)
+
+
 @pytest.mark.parametrize("value", [10.0, 1000.0])
 @pytest.mark.parametrize("mark", [Buffer.NORMAL, Buffer.OBJECT_ID])
 def test_the_far_plane_is_sky_where_another_buffer_says_so(value: float, mark: Buffer) -> None:
@@ -133,6 +156,7 @@ ROWS: list[tuple[DepthConvention, list[float], list[float]]] = [
     (DepthConvention(sky=-1.0), [0.0, -1.0, 2.0], [0.0, SKY_DEPTH_M, 2.0]),
     (DepthConvention(sky=100.0, unit_m=0.01), [99.0, 100.0, 2.0], [0.99, SKY_DEPTH_M, 0.02]),
     (DepthConvention(sky=SkyRule.FAR), [0.0, 1e10, math.inf], [0.0, SKY_DEPTH_M, SKY_DEPTH_M]),
+    (DepthConvention(sky=SkyRule.NAN), [math.nan, 1e10, 2.0], [SKY_DEPTH_M, SKY_DEPTH_M, 2.0]),
     (DepthConvention(sky=SkyRule.NONE), [1.0, 65504.0, math.inf], [1.0, FARTHEST_M, FARTHEST_M]),
 ]
 
