@@ -26,7 +26,7 @@ KILLS, FRAMES, START_S = 20, 24, 30.0
 
 SERVER = """
 import json, os, sys
-import rtsr_cli.api.frame_calls
+import rtsr_cli.core.upscale.call
 from rtsr_cli.cli import group
 for line in sys.stdin:
     child = os.fork()

@@ -178,3 +178,12 @@ def test_evaluate_reads_the_headers_of_frames_with_buffers_once(
     result = rtsr("evaluate", test, small_capture, "--metric", "psnr", "--dry-run")
     assert result.exit_code == 0, result.output
     assert len(calls.headers) == 8 and max(calls.headers.values()) == 1
+
+
+def test_evaluate_reads_the_cameras_of_reference_and_buffers_once(
+    rtsr: Run, declared_shot: Path, calls: Calls
+) -> None:
+    shot = declared_shot / "shot"
+    result = rtsr("evaluate", shot, shot, "--metric", "psnr", "--dry-run")
+    assert result.exit_code == 0, result.output
+    assert calls.parsed["read_side_car", str(shot / "camera.csv")] == 1

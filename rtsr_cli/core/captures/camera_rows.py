@@ -82,7 +82,18 @@ def _check_numbers(value: object, info: ValidationInfo) -> object:
     flat = flattened if isinstance(flattened, list | tuple) else ()
     if len(flat) != CELLS:
         raise ValueError(f"{where}holds {len(flat)} numbers; a matrix is {CELLS}, row by row")
-    return [_read_number(cell, i, where) for i, cell in enumerate(flat)]
+    return _read_all(flat) or [_read_number(cell, i, where) for i, cell in enumerate(flat)]
+
+
+def _read_all(cells: Sequence[object]) -> list[float] | None:
+    """Numbers of cells; None where one is none, which `_read_number` names."""
+    try:
+        numbers = [*map(float, cells)]  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if any(map(math.isnan, numbers)) or max(map(abs, numbers)) > LARGEST_STORED_NUMBER:
+        return None
+    return numbers
 
 
 def _read_number(cell: object, index: int, where: str) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.folders import find_real_path, is_folder, list_names
+from rtsr_cli.core.files.folders import find_real_path, list_content
 
 MOST_NAMED = 5
 """Folders that are left out and named; the rest is counted."""
@@ -40,12 +40,10 @@ class FolderVisits:
         if not self._following:
             self._own[folder] = real
         try:
-            names = list_names(folder)
+            return list_content(folder).subfolders
         except FrameFolderError as error:
             self._left_out.append(str(error))
             return None
-        paths = (folder / name for name in names if not name.startswith("."))
-        return [path for path in paths if is_folder(path)]
 
     def put_off_links(self, folders: Iterable[Path]) -> list[Path]:
         """Return those of some folders that are no links; links wait for `next_links`."""

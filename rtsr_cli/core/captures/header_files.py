@@ -106,7 +106,7 @@ def _narrow_frames(frames: FrameSet, numbers: Collection[int] | None) -> FrameSe
     wanted = frozenset(numbers)
     streams = {}
     for key, stream in frames.streams.items():
-        there = {n: path for n, path in stream.files.items() if n in wanted}
+        there = {n: stream.files[n] for n in stream.files if n in wanted}
         streams[key] = replace(stream, files=there or stream.files)
     return replace(frames, streams=streams)
 

@@ -15,7 +15,7 @@ FRAME_NAME = re.compile(r"\d(\.RGBA)?\.exr$", re.IGNORECASE)
 
 def list_misnamed(frames: FrameSet) -> dict[Path, str]:
     """Say what is wrong with folders and dead links that are named like the frames beside them."""
-    folders = {path.parent for stream in frames.streams.values() for path in stream.files.values()}
+    folders = {stream.folder for stream in frames.streams.values()}
     return {p: _describe(p) for folder in sorted(folders) for p in _find_no_files(folder)}
 
 

@@ -8,11 +8,17 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from rtsr_cli.core.captures.file_sequences import FileSequence, list_sequences
+from rtsr_cli.core.captures.file_sequences import FileSequence, group_sequences, list_sequences
 from rtsr_cli.core.captures.folder_visits import FolderVisits
 from rtsr_cli.core.captures.layouts import FolderTree, Layout
 from rtsr_cli.core.errors import FrameFolderError, OutputError
-from rtsr_cli.core.files.folders import find_real_path, is_file, is_folder, list_names
+from rtsr_cli.core.files.folders import (
+    find_real_path,
+    is_file,
+    is_folder,
+    list_content,
+    list_names,
+)
 
 LR_FOLDER, HR_FOLDER = "lr", "hr"
 """Names of a shot's two resolutions."""
@@ -67,13 +73,6 @@ class Shot:
     remarks: tuple[str, ...] = ()
 
 
-def _list_buffer_folders(folder: Path, buffer_folders: Iterable[str]) -> list[Path]:
-    """Subfolders that are named like buffers."""
-    patterns = tuple(buffer_folders)
-    named = (n for n in list_names(folder) if any(fnmatchcase(n, p) for p in patterns))
-    return [folder / n for n in named if not n.startswith(".") and is_folder(folder / n)]
-
-
 def collect_frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> FrameSet | None:
     """Collect the frames of one resolution below a folder; None if there are none.
 
@@ -82,10 +81,13 @@ def collect_frame_set(folder: Path, buffer_folders: Iterable[str] = ()) -> Frame
         buffer_folders: patterns of subfolders that each hold one buffer; if more than one such
             has frames, they belong together, and to those of the folder itself.
     """
+    content, patterns = list_content(folder), tuple(buffer_folders)
     claimed = [
-        list_sequences(sub, f"{sub.name}/") for sub in _list_buffer_folders(folder, buffer_folders)
+        list_sequences(folder / name, f"{name}/")
+        for name in content.folders
+        if any(fnmatchcase(name, pattern) for pattern in patterns)
     ]
-    streams = list_sequences(folder)
+    streams = group_sequences(content)
     if sum(map(bool, claimed)) > 1:
         streams |= {key: stream for part in claimed for key, stream in part.items()}
     return FrameSet(root=folder, streams=streams) if streams else None
@@ -188,8 +190,7 @@ def refuse_among(output: Path, frames: FrameSet | None) -> None:
     Raises:
         OutputError: names the folder.
     """
-    streams = {} if frames is None else frames.streams
-    folders = {path.parent for s in streams.values() for path in s.files.values()}
+    folders = set() if frames is None else {s.folder for s in frames.streams.values()}
     if find_real_path(output) in {find_real_path(folder) for folder in folders}:
         raise OutputError(
             f"{output}: holds frames that are read; choose another output folder than theirs"
@@ -297,11 +298,11 @@ def _collect_sets(folder: Path, template: str, buffers: tuple[str, ...]) -> dict
     above = template.partition("{shot}")[0]
     for buffer in buffers:
         held = folder / above.format(buffer=buffer)
-        for name in list_names(held) if is_folder(held) else ():
-            path = folder / template.format(buffer=buffer, shot=name)
-            if not name.startswith(".") and is_folder(path):
+        for shot in list_content(held).folders if is_folder(held) else ():
+            path = folder / template.format(buffer=buffer, shot=shot)
+            if is_folder(path):
                 sequences = list_sequences(path, prefix=f"{buffer}/")
-                streams.setdefault(name, {}).update(sequences)
+                streams.setdefault(shot, {}).update(sequences)
     root = folder / template.partition("{buffer}")[0].partition("{shot}")[0]
     return {shot: FrameSet(root=root, streams=s) for shot, s in streams.items() if s}
 
@@ -317,7 +318,7 @@ def _choose_scale(
     """
     first = tree.lr.partition("/")[0]
     before, _, after = first.partition("{scale}")
-    names = (n for n in list_names(folder) if n.startswith(before))
+    names = (n for n in list_content(folder).folders if n.startswith(before))
     scales = (n.removeprefix(before).removesuffix(after) for n in names if n.endswith(after))
     there = sorted(s for s in scales if SCALE.fullmatch(s) and _is_lr(folder, tree, buffers, s))
     if not there:

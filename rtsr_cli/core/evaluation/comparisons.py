@@ -25,6 +25,7 @@ from rtsr_cli.core.captures.shots import (
 )
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
+from rtsr_cli.core.evaluation.comparison_files import ComparisonFiles
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.provenance import COLOR_TAG
 from rtsr_cli.core.frames.buffers import Buffer
@@ -163,11 +164,11 @@ def _test_shots(folder: Path) -> dict[str, Shot]:
 def _open_comparison(
     shots: Mapping[str, Shot], name: str, reference: Path, options: CompareOptions
 ) -> Comparison:
-    headers = HeaderFiles()
-    tests = {m: _open_radiance(shot, shot.root, options.read, headers) for m, shot in shots.items()}
-    truth_shot = _find_shot(reference, name, REFERENCE_FOLDERS)
-    truth = _open_radiance(truth_shot, reference, options.read, headers)
-    gbuffer = _open_gbuffer(name, reference, truth, options, headers)
+    files = ComparisonFiles(options.read)
+    tests = {m: _open_radiance(shot, shot.root, files) for m, shot in shots.items()}
+    truth_shot = files.find_shot(reference, name, REFERENCE_FOLDERS)
+    truth = _open_radiance(truth_shot, reference, files)
+    gbuffer = _open_gbuffer(name, reference, truth, options, files)
     for method, reader in tests.items():
         _check_size(reader, truth, options.samples, method)
         _check_color_space(reader, truth, method)
@@ -186,34 +187,10 @@ def _open_comparison(
     )
 
 
-def _find_shot(root: Path, name: str, below: Sequence[str]) -> Shot:
-    """Find the frames of one shot below a folder; "" is the folder's own, or its only shot's.
-
-    Raises:
-        FrameFolderError: there are none; names where they were looked for.
-    """
-    for sub in below:
-        folder = root / name / sub
-        frames = collect_frame_set(folder) if is_folder(folder) else None
-        if frames is not None:
-            return Shot(name=name or ".", root=folder, frames=frames)
-    others = [] if name else find_shots_of(root, ReadOptions())
-    if len(others) == 1:
-        return others[0]
-    more = f"; it holds {', '.join(shot.name for shot in others)}: name one" if others else ""
-    places = ", ".join(repr(sub) for sub in below if sub)
-    raise FrameFolderError(
-        f"{root / name}: no numbered EXR frames here or in {places} below, to judge "
-        f"{f'shot {name!r}' if name else 'the frames'} by{more}"
-    )
-
-
-def _open_radiance(
-    shot: Shot, root: Path, options: ReadOptions, headers: HeaderFiles
-) -> FrameReader:
+def _open_radiance(shot: Shot, root: Path, files: ComparisonFiles) -> FrameReader:
     """Open frames for their radiance alone: nothing about motion need be known."""
-    _refuse_single_channel(shot, headers)
-    opened = open_shot(shot, root, options, headers=headers)
+    _refuse_single_channel(shot, files.headers)
+    opened = files.open_shot(shot, root)
     reader = survey_set(shot.frames, opened, jittered=False)
     if Buffer.COLOR not in reader.stored:
         raise FrameFolderError(
@@ -235,19 +212,19 @@ def _refuse_single_channel(shot: Shot, headers: HeaderFiles) -> None:
 
 
 def _open_gbuffer(
-    name: str, reference: Path, truth: FrameReader, options: CompareOptions, headers: HeaderFiles
+    name: str, reference: Path, truth: FrameReader, options: CompareOptions, files: ComparisonFiles
 ) -> FrameReader | None:
     """Open the buffers of the judged resolution; the reference's own are there or not."""
     root = options.gbuffer or reference
     try:
-        shot = _find_shot(root, name, GBUFFER_FOLDERS)
+        shot = files.find_shot(root, name, GBUFFER_FOLDERS)
     except FrameFolderError:
         if options.gbuffer is not None:
             raise
         return None
-    if options.gbuffer is None and not _has_surface(shot, headers):
+    if options.gbuffer is None and not _has_surface(shot, files.headers):
         return None
-    opened = open_shot(shot, root, options.read, headers=headers)
+    opened = files.open_shot(shot, root)
     reader = open_set(shot.frames, opened, jittered=False)
     if reader.size != truth.size:
         if options.gbuffer is None:

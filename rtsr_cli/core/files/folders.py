@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 from rtsr_cli.core.errors import FrameFolderError
@@ -32,17 +33,64 @@ def find_real_path(path: Path) -> Path:
         return path.absolute()
 
 
+@dataclass(frozen=True, kw_only=True)
+class FolderContent:
+    """What is not hidden in a folder, sorted by name.
+
+    Attributes:
+        folder: the folder.
+        folders: names of the folders in it, and of links to such.
+        others: names of all else, dead links among it.
+    """
+
+    folder: Path
+    folders: tuple[str, ...]
+    others: tuple[str, ...]
+
+    @property
+    def subfolders(self) -> list[Path]:
+        """The folders in it."""
+        return [self.folder / name for name in self.folders]
+
+
+def list_content(folder: Path) -> FolderContent:
+    """List a folder; of files, the system is asked nothing more.
+
+    Raises:
+        FrameFolderError: the folder cannot be read or entered; names it.
+    """
+    folders: list[str] = []
+    others: list[str] = []
+    for entry in _list_entries(folder):
+        if not entry.name.startswith("."):
+            (folders if _leads_to_folder(entry) else others).append(entry.name)
+    return FolderContent(
+        folder=folder, folders=tuple(sorted(folders)), others=tuple(sorted(others))
+    )
+
+
 def list_names(folder: Path) -> list[str]:
     """Names of what lies in a folder, sorted.
 
     Raises:
         FrameFolderError: the folder cannot be read or entered; names it.
     """
+    return sorted(entry.name for entry in _list_entries(folder))
+
+
+def _list_entries(folder: Path) -> list[os.DirEntry[str]]:
     try:
         with os.scandir(folder) as entries:
-            names = sorted(entry.name for entry in entries)
+            listed = list(entries)
     except OSError as error:
         raise FrameFolderError(f"{folder}: cannot be read ({error.strerror})") from error
     if not os.access(folder, os.X_OK):
         raise FrameFolderError(f"{folder}: cannot be entered; what is in it cannot be read")
-    return names
+    return listed
+
+
+def _leads_to_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import torch
 
@@ -69,11 +70,7 @@ class FrameSequence:
 
     def runs(self) -> list[tuple[int, ...]]:
         """Split the numbers where temporal history resets."""
-        runs: list[list[int]] = []
-        previous: int | None = None
-        for number in self.numbers:
-            if not runs or not self.follows(number, previous):
-                runs.append([])
-            runs[-1].append(number)
-            previous = number
-        return [tuple(run) for run in runs]
+        numbers = tuple(self.numbers)
+        pairs = enumerate(pairwise(numbers), 1)
+        ends = [i for i, (before, number) in pairs if not self.follows(number, before)]
+        return [numbers[a:b] for a, b in pairwise([0, *ends, len(numbers)])] if numbers else []
