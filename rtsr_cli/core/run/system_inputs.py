@@ -58,7 +58,7 @@ def resolve_system_inputs(
         hr_optional=system.hr_optional,
         derivation=system.derivation(system.config() if config is None else config),
         on_nonfinite=policy,
-        straight=system.task is not SystemTask.PREDICT_VRS,
+        straight=system.sees_straight,
     )
 
 
