@@ -268,6 +268,14 @@ class System:
         return age > 0 and (age - 1) % (self.rendered_every or 1) == 0
 
     @property
+    def sees_straight(self) -> bool:
+        """Tell whether it sees the colour of what covers a pixel: its pictures are covered again.
+
+        Systems of shading rates see the frame as it is shown.
+        """
+        return self.task is not SystemTask.PREDICT_VRS
+
+    @property
     def carries_history(self) -> bool:
         """Tell whether an output depends on other frames than its own."""
         return self.recurrent or self.history_frames > 0

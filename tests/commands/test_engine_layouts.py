@@ -113,6 +113,17 @@ def test_arms_captures_with_lr_motion_alone_run_whichever_way_they_subtract(
         assert done.exit_code == 0, done.output
 
 
+@pytest.mark.parametrize("motion", ["motion", "motion_m1"])
+def test_vectors_that_skip_a_frame_are_named_and_not_read(
+    rtsr: Run, made: Path, tmp_path: Path, motion: str
+) -> None:
+    write_nss_shot(made, tmp_path / "in", subtracts=1, motion=motion)
+    text = " ".join(rtsr("inspect", tmp_path / "in").output.split())
+    assert f"motion {motion}/: R G" in text
+    assert "not used motion_m2/: G R" in text
+    assert "'motion_m2' is not read: its vectors lead two frames back" in text
+
+
 def test_planes_of_a_clip_are_those_of_its_frames(made: Path, tmp_path: Path) -> None:
     write_nss_shot(made, tmp_path, subtracts=1)
     path = tmp_path / "0000.json"

@@ -207,6 +207,51 @@ def test_coverage_goes_along_with_rendered_and_predicted_frames(
         assert np.allclose(alpha, 0.5, atol=1e-3)
 
 
+def write_layer(shot: Path, value: float, *, sky: bool) -> Path:
+    """Four frames of a premultiplied disc of one colour that moves by 1.5 pixels a frame."""
+    height, width, samples = 48, 64, 8
+    for number in (1, 2, 3, 4):
+        y, x = ((np.arange(n * samples) + 0.5) / samples for n in (height, width))
+        inside = (x[None] - 20 - 1.5 * number) ** 2 + (y[:, None] - 24) ** 2 < 144
+        alpha = inside.reshape(height, samples, width, samples).mean((1, 3)).astype(np.float32)
+        centre = inside[samples // 2 :: samples, samples // 2 :: samples].astype(np.float32)
+        one = np.ones((height, width), np.float32)
+        on = centre if sky else one
+        planes = {
+            **{c: value * alpha for c in "RGB"}, "A": alpha,
+            **{f"albedo.{c}": 0.5 * one for c in "RGB"},
+            "normal.X": 0 * one, "normal.Y": 0 * one, "normal.Z": on,
+            "depth.Z": np.where(on > 0, 5.0, 65504.0).astype(np.float32),
+            "roughness": 0.5 * one, "metallic": 0 * one, "nov": one,
+            "motion.X": np.where(on > 0, -1.5, 0.0).astype(np.float32), "motion.Y": 0 * one,
+        }  # fmt: skip
+        write_exr(shot / f"frame.{number:04d}.exr", planes)
+    return shot
+
+
+@pytest.mark.parametrize("system", ["warp", "warp-guided"])
+@pytest.mark.parametrize(("value", "sky"), [(0.8, True), (8.0, True), (8.0, False)])
+def test_a_layer_over_its_own_colour_stays_that_colour(
+    rtsr: Run, tmp_path: Path, system: str, value: float, sky: bool
+) -> None:
+    shot = write_layer(tmp_path / "shot", value, sky=sky)
+    run = ("extrapolate", shot, tmp_path / "out", "--system", system, "--keep-rendered")
+    result = rtsr(*run)
+    assert result.exit_code == 0, result.output
+    for number in (2, 4):
+        made = read_channels(tmp_path / "out" / f"frame.{number:04d}.exr", "RGBA")
+        alpha = made["A"].astype(np.float32)
+        assert 0.02 < ((alpha > 0.01) & (alpha < 0.99)).mean() < 0.2
+        for channel in "RGB":
+            over = made[channel].astype(np.float32) + (1.0 - alpha) * value
+            np.testing.assert_allclose(over, value, rtol=0.01)
+    # what was rendered is handed on as it was
+    for channel in "RGBA":
+        name = "frame.0003.exr"
+        ours, theirs = (read_channels(f / name, "RGBA")[channel] for f in (tmp_path / "out", shot))
+        np.testing.assert_array_equal(ours, theirs.astype(np.float16))
+
+
 @pytest.mark.parametrize("system", ["warp", "warp-guided"])
 def test_debug_pictures_of_every_frame_make_it_done(
     rtsr: Run, sequence: Path, tmp_path: Path, system: str

@@ -175,5 +175,5 @@ def _describe_no_file(path: Path) -> str:
 
 def list_folder_patterns(layouts: Iterable[Layout]) -> tuple[str, ...]:
     """Patterns of folders that hold one buffer each."""
-    patterns = {p for layout in layouts if layout.folders for p in layout.files}
+    patterns = {p for layout in layouts if layout.folders for p in layout.known_files}
     return tuple(sorted(p.replace(SCOPE, "*") for p in patterns))

@@ -223,6 +223,11 @@ class Layout:
         patterns = {place.file for place in self.places}
         return tuple(sorted(p for p in patterns if p.replace(SCOPE, "*") != "*"))
 
+    @property
+    def known_files(self) -> tuple[str, ...]:
+        """`files`, and patterns of what is known and not read: it is found, to be named."""
+        return (*self.files, *(unread.name for unread in self.unread))
+
 
 def list_suffixes(buffer: Buffer, letters: str | None = None) -> tuple[str, ...]:
     """Suffix of each channel of a buffer: its own letters, or the given ones."""

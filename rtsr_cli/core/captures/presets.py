@@ -13,6 +13,7 @@ from rtsr_cli.core.captures.layouts import (
     FolderTree,
     Layout,
     OpenMotion,
+    UnreadPass,
     join_places,
     name_components,
     name_file_components,
@@ -145,6 +146,12 @@ NSS = Layout(
         side_car="{shot}.json",
     ),
     open_motion=OpenMotion.SENSE,
+    unread=(
+        UnreadPass(
+            name="motion_m2",
+            why="its vectors lead two frames back, past the previous one that history is kept of",
+        ),
+    ),
 )
 
 NSRD = Layout(

@@ -272,10 +272,10 @@ def _list_tree_shots(folder: Path, layout: Layout, search: _Search) -> list[Shot
     lr = (
         {}
         if scale is None
-        else _collect_sets(folder, tree.lr.replace("{scale}", scale), layout.files)
+        else _collect_sets(folder, tree.lr.replace("{scale}", scale), layout.known_files)
     )
     # names of LR's buffers are common ones: without LR, only HR's own tell the data set
-    hr = _collect_sets(folder, tree.hr, layout.files if lr else tree.hr_buffers)
+    hr = _collect_sets(folder, tree.hr, layout.known_files if lr else tree.hr_buffers)
     shots = []
     for shot in sorted(lr or hr):
         side_car = None if tree.side_car is None else folder / tree.side_car.format(shot=shot)

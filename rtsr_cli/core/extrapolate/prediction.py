@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import PREDICTED, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.imaging.coverage import CoveredColor
 from rtsr_cli.core.imaging.frame_motion import chain_motion
 from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.lighting.past_lighting import find_rendered
@@ -44,22 +47,27 @@ class Extrapolation:
         self._colorspace = source.reader.conventions.colorspace
         self._tag = name_color_space(source.reader.conventions)
         self._previews, self._debug = previews, debug
+        self._covered: CoveredColor | None = None
 
     def __call__(self, moment: FrameInTurn) -> Product | None:
         """Return what writes a frame; None where it is only history."""
+        rendered = moment.number not in self._predicted
+        if rendered:
+            self._covered = moment.pair.covered
         if not moment.wanted:
             return None
-        if moment.number not in self._predicted:
+        if rendered:
             buffers = moment.window.current.gbuffer.buffers
-            made = Prediction(image=buffers[Buffer.COLOR])
+            covered = self._covered
+            made = Prediction(image=buffers[Buffer.COLOR] if covered is None else covered.stored)
             return self._write(moment, made, buffers.get(Buffer.ALPHA), predicted=False)
         if not any(Buffer.COLOR in past.gbuffer for past in moment.window.lr[1:]):
             raise FrameFolderError(
                 f"{moment.source}: no rendered frame of the same shot lies before it (it is at the "
                 "start, after a cut or after a gap); render it, and name it with --rendered"
             )
-        made, alpha = self._predictor.predict(moment), carry_alpha(moment.window)
-        return self._write(moment, made, alpha, predicted=True)
+        made = cover_prediction(self._predictor.predict(moment), moment.window, self._covered)
+        return self._write(moment, made, carry_alpha(moment.window), predicted=True)
 
     def _write(
         self, moment: FrameInTurn, made: Prediction, alpha: Image | None, *, predicted: bool
@@ -88,11 +96,22 @@ class Extrapolation:
         return moment.product(picture.write, as_float=picture.as_float, stages=made.seconds)
 
 
+def cover_prediction(
+    made: Prediction, window: FrameWindow, covered: CoveredColor | None
+) -> Prediction:
+    """Premultiply a picture by the weight that the last rendered radiance was divided by."""
+    if covered is None or made.image is None:
+        return made
+    return replace(made, image=made.image * carry_image(window, covered.weight))
+
+
 def carry_alpha(window: FrameWindow) -> Image | None:
     """Coverage of the last rendered frame along the vectors; None where the frames hold none."""
-    place = find_rendered(window)
-    alpha = window.lr[place].gbuffer.buffers.get(Buffer.ALPHA)
-    if alpha is None:
-        return None
-    moved, _ = backward_warp(alpha, chain_motion(window.lr[: place + 1]))
+    alpha = window.lr[find_rendered(window)].gbuffer.buffers.get(Buffer.ALPHA)
+    return None if alpha is None else carry_image(window, alpha)
+
+
+def carry_image(window: FrameWindow, image: Image) -> Image:
+    """Move an image of the last rendered frame along the vectors."""
+    moved, _ = backward_warp(image, chain_motion(window.lr[: find_rendered(window) + 1]))
     return moved

@@ -42,14 +42,22 @@ REACH_PX = 16
 
 @dataclass(frozen=True, kw_only=True)
 class CoveredColor:
-    """Radiance taken apart: `color` times `weight` is what the file holds."""
+    """Radiance taken apart: `color` times `weight` is what the file holds.
+
+    Attributes:
+        color: of what covers a pixel.
+        weight: how much of the pixel that is, 0..1.
+        stored: what the file holds, to the bit.
+    """
 
     color: Color
     weight: Plane
+    stored: Color
 
     def to(self, device: torch.device | str) -> CoveredColor:
         """Return the same on another device."""
-        return CoveredColor(color=self.color.to(device), weight=self.weight.to(device))
+        color, weight, stored = (i.to(device) for i in (self.color, self.weight, self.stored))
+        return CoveredColor(color=color, weight=weight, stored=stored)
 
 
 def divide_coverage(color: Color, alpha: Plane) -> CoveredColor | None:
@@ -74,7 +82,7 @@ def divide_coverage(color: Color, alpha: Plane) -> CoveredColor | None:
         # what is added spreads into the empty pixels beside it, too
         straight = fill_around(straight, covered | added)
     weight = torch.where(added, torch.ones_like(coverage), coverage)
-    return CoveredColor(color=straight, weight=weight)
+    return CoveredColor(color=straight, weight=weight, stored=color)
 
 
 def fill_around(image: Image, mask: Mask) -> Image:

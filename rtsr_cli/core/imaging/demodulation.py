@@ -27,6 +27,12 @@ MAX_FLOAT = torch.finfo(torch.float32).max
 DIELECTRIC_F0 = 0.04
 """Reflectance at normal incidence of a common dielectric [Karis 2013; NSRD suppl.]."""
 
+F0_ROUNDING = 1e-3
+"""A sum of F0 that is so little above a dielectric's is one that 8 bits or half rounded."""
+
+NO_REFLECTANCE = 1e-6
+"""Keeps a quotient finite where surfaces are black."""
+
 LIGHTING_FLOOR = 1e-3
 """Keeps the log of black lighting finite in `lighting_scale`."""
 
@@ -53,6 +59,24 @@ class Demodulated:
 def specular_f0(albedo: Color, metallic: Plane) -> Color:
     """F0 = lerp(0.04, c, m)."""
     return DIELECTRIC_F0 * (1.0 - metallic) + albedo * metallic
+
+
+def find_base_color(diffuse: Color, f0: Color) -> tuple[Color, Plane]:
+    """Base colour c and metallic m of surfaces that are stored as diffuse colour d and F0.
+
+        d = q c,  F0 = 0.04 q + (1 - q) c,  m = 1 - q
+        => 0.12 q^2 - (D + S) q + D = 0,    D, S sums of the channels of d, F0
+        => q = 2 D / (D + S + sqrt((D + S)^2 - 0.48 D)),  c = d + F0 - 0.04 q
+
+    Of the two solutions that of the brighter base colour; surfaces that reflect no more than a
+    dielectric are none of metal.
+    """
+    d, s = diffuse.sum(1, keepdim=True), f0.sum(1, keepdim=True)
+    both, dielectric = d + s, 3.0 * DIELECTRIC_F0
+    root = (both.square() - 4.0 * dielectric * d).clamp(min=0.0).sqrt()
+    share = (2.0 * d / (both + root).clamp(min=NO_REFLECTANCE)).clamp(max=1.0)
+    share = torch.where(s <= dielectric + F0_ROUNDING, 1.0, share)
+    return (diffuse + f0 - DIELECTRIC_F0 * share).clamp_(min=0.0), 1.0 - share
 
 
 def material_term(

@@ -91,6 +91,7 @@ def list_alternatives(buffer: Buffer, config: DerivationConfig) -> Alternatives:
         ),
         Buffer.VIEW_NORMAL: ((Buffer.VIEW_NORMAL,), (Buffer.NORMAL, CAMERA)),
         Buffer.SKY: ((),),
+        Buffer.ALBEDO: ((Buffer.ALBEDO,),),
         Buffer.MATERIAL: _MATERIAL_PARTS[config.mode],
         Buffer.LIGHTING: _LIGHTING_PARTS[config.mode is DemodulationMode.NONE :],
         Buffer.LIGHTING_MASK: ((Buffer.LIGHTING,),),
@@ -163,7 +164,11 @@ def _resolve_all(
     has_camera: bool,
     config: DerivationConfig,
 ) -> BufferNeeds:
-    read = {part for part in _OPTIONAL_PARTS.get(buffer, ()) if part in stored}
+    optional = _OPTIONAL_PARTS.get(buffer, ())
+    if buffer is Buffer.ALBEDO and Buffer.SPECULAR in stored:
+        # without metallic, what is stored is the diffuse colour
+        optional = (Buffer.SPECULAR, Buffer.METALLIC)
+    read = {part for part in optional if part in stored}
     missing: list[str] = []
     for part in option:
         if part == buffer:
@@ -236,7 +241,8 @@ def _material_term(frame: Frame, config: DerivationConfig) -> Color:
     if config.mode is DemodulationMode.NONE:
         return torch.ones(1, 3, *gbuffer.size, device=gbuffer.device)
     if config.mode is DemodulationMode.ALBEDO:
-        return dm.floor_material(gbuffer[Buffer.ALBEDO])
+        named = _name_surfaces(gbuffer, (Buffer.ALBEDO,))
+        return dm.floor_material(named.get(Buffer.ALBEDO, gbuffer[Buffer.ALBEDO]))
     if config.mode is DemodulationMode.GLOSSY_ALBEDO:
         f0 = _f0(gbuffer)
         glossy = dm.glossy_albedo(gbuffer[Buffer.ALBEDO], f0, gbuffer[Buffer.METALLIC])
@@ -251,11 +257,13 @@ def _f0(gbuffer: GBuffer) -> Color:
     return dm.specular_f0(gbuffer[Buffer.ALBEDO], gbuffer[Buffer.METALLIC])
 
 
-def _metallic(gbuffer: GBuffer) -> Plane:
-    """0 in the F0 workflow, which has no metallic buffer."""
-    if Buffer.METALLIC in gbuffer:
-        return gbuffer[Buffer.METALLIC]
-    return torch.zeros_like(gbuffer[Buffer.ALBEDO][:, :1])
+def _name_surfaces(gbuffer: GBuffer, wanted: Collection[Buffer]) -> dict[Buffer, torch.Tensor]:
+    """Base colour and metallic of diffuse colour and F0, unless F0 is wanted as it is stored."""
+    held = gbuffer.keys() & {Buffer.ALBEDO, Buffer.SPECULAR, Buffer.METALLIC}
+    if held != {Buffer.ALBEDO, Buffer.SPECULAR} or held & set(wanted) != {Buffer.ALBEDO}:
+        return {}
+    base, metallic = dm.find_base_color(gbuffer[Buffer.ALBEDO], gbuffer[Buffer.SPECULAR])
+    return {Buffer.ALBEDO: base, Buffer.METALLIC: metallic}
 
 
 def _brdf(frame: Frame, config: DerivationConfig) -> Color:
@@ -270,10 +278,11 @@ def _brdf(frame: Frame, config: DerivationConfig) -> Color:
             nov=derive_nov(frame),
             lut=load_default_lut(config.lut),
         )
+    none = torch.zeros_like(gbuffer[Buffer.ROUGHNESS])
     return dm.material_term(
         gbuffer[Buffer.ALBEDO],
         gbuffer[Buffer.SPECULAR],
-        metallic=_metallic(gbuffer),
+        metallic=gbuffer.buffers.get(Buffer.METALLIC, none),
         roughness=gbuffer[Buffer.ROUGHNESS],
         nov=derive_nov(frame),
         lut=load_default_lut(config.lut),
@@ -317,6 +326,7 @@ def derive(
 ) -> Frame:
     """Add the derived buffers among `wanted`, keep only `wanted`, set the lighting scale.
 
+    Metallic comes with a base colour that was found from diffuse colour and F0.
     `lighting_scale` is that of the whole frame where `frame` is a part of it, else measured.
     """
     added: dict[Buffer, torch.Tensor] = {}
@@ -335,5 +345,6 @@ def derive(
         scale = lighting_scale or dm.lighting_scale(parts.lighting, parts.mask)
     elif Buffer.MATERIAL in wanted:
         added[Buffer.MATERIAL] = derive_material(frame, config)
-    gbuffer = frame.gbuffer.with_buffers(added).only(wanted)
+    named = _name_surfaces(frame.gbuffer, wanted)
+    gbuffer = frame.gbuffer.with_buffers({**added, **named}).only({*wanted, *named})
     return replace(frame, gbuffer=gbuffer, lighting_scale=scale)

@@ -58,7 +58,7 @@ def resolve_system_inputs(
         hr_optional=system.hr_optional,
         derivation=system.derivation(system.config() if config is None else config),
         on_nonfinite=policy,
-        straight=system.task is SystemTask.UPSCALE,
+        straight=system.sees_straight,
     )
 
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.choices import DemodulationMode, NonfinitePolicy, SystemTask
+from rtsr_cli.core.choices import DemodulationMode, NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import FileDigests, digest_config, digest_values
 from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
@@ -105,7 +105,7 @@ def list_recorded_inputs(system: System, config: object, scale: int) -> Recorded
         history=system.history_frames,
         unroll=system.learning.unroll,
         beside=system.learning.beside,
-        straight=system.task is SystemTask.UPSCALE,
+        straight=system.sees_straight,
     )
 
 

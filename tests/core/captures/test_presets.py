@@ -152,6 +152,14 @@ def test_unreals_specular_is_never_f0_and_that_is_said(tmp_path: Path) -> None:
     assert "'FSpecular' is not read: Unreal's Specular" in note
 
 
+def test_a_folder_of_a_pass_that_is_not_read_is_named_as_files_are(tmp_path: Path) -> None:
+    for buffer in ("PreTonemapHDRColor", "BaseColor", "Metallic", "Roughness"):
+        write_exr(tmp_path / buffer / "0001.exr", EXTRANET[buffer])
+    write_exr(tmp_path / "Specular" / "0001.exr", grey(0.5))
+    (note,) = reader_of(tmp_path).notes
+    assert "'Specular' is not read: Unreal's Specular" in note
+
+
 def test_two_scenes_in_one_folder_are_refused_by_name(tmp_path: Path) -> None:
     for scene in ("Bunker", "Docks"):
         for buffer in ("BaseColor", "SceneDepth", "WorldNormal"):

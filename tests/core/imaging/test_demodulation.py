@@ -14,6 +14,7 @@ from rtsr_cli.core.imaging.demodulation import (
     MATERIAL_EPSILON,
     Demodulated,
     demodulate,
+    find_base_color,
     floor_material,
     glossy_albedo,
     lighting_scale,
@@ -261,3 +262,23 @@ def test_the_recomposition_error_is_relative_above_a_thousandth_and_absolute_bel
     radiance = torch.tensor([2.0, 1e-4, math.inf]).view(1, 3, 1, 1)
     recomposed = torch.tensor([2.1, 2e-4, 5.0]).view(1, 3, 1, 1)
     assert recomposition_error(radiance, recomposed) == pytest.approx(0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("diffuse", "f0", "base", "metallic"),
+    [
+        # gold; a red plastic; half of each in one pixel: q = 0.5, c = (0.9, 0.6, 0.2)
+        ((0.0, 0.0, 0.0), (1.0, 0.77, 0.34), (1.0, 0.77, 0.34), 1.0),
+        ((0.6, 0.1, 0.1), (0.04, 0.04, 0.04), (0.6, 0.1, 0.1), 0.0),
+        ((0.45, 0.3, 0.1), (0.47, 0.32, 0.12), (0.9, 0.6, 0.2), 0.5),
+        # soot, and a pixel of nothing, are no metal
+        ((0.0, 0.0, 0.0), (0.04, 0.04, 0.04), (0.0, 0.0, 0.0), 0.0),
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0),
+    ],
+)
+def test_diffuse_colour_and_f0_are_a_base_colour_and_a_metallic(
+    diffuse: tuple[float, ...], f0: tuple[float, ...], base: tuple[float, ...], metallic: float
+) -> None:
+    found, share = find_base_color(pixel(*diffuse), pixel(*f0))
+    assert torch.allclose(found, pixel(*base), atol=1e-4)
+    assert share.item() == pytest.approx(metallic, abs=1e-4)

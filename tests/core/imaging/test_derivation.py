@@ -260,3 +260,30 @@ def test_bad_pixels_of_the_gbuffer_are_not_divided(
     frame = derive(make_frame(buffers), (Buffer.LIGHTING, Buffer.LIGHTING_MASK), BRDF)
     assert float(frame.gbuffer[Buffer.LIGHTING_MASK][0, 0, 6, 6]) == 0.0
     assert torch.isfinite(frame.gbuffer[Buffer.LIGHTING]).all()
+
+
+def test_diffuse_colour_with_f0_is_the_base_colour_that_systems_know(
+    make_frame: MakeFrame, buffers: dict[Buffer, torch.Tensor]
+) -> None:
+    c, m = buffers[Buffer.ALBEDO], buffers[Buffer.METALLIC]
+    del buffers[Buffer.METALLIC], buffers[Buffer.MATERIAL]
+    buffers[Buffer.ALBEDO] = (1.0 - m) * c
+    buffers[Buffer.SPECULAR] = 0.04 * (1.0 - m) + m * c
+    frame = make_frame(buffers)
+    found = derive(frame, {Buffer.ALBEDO}, BRDF).gbuffer
+    assert torch.allclose(found[Buffer.ALBEDO], c, atol=1e-5)
+    assert torch.allclose(found[Buffer.METALLIC], m, atol=1e-5)
+    # who asks for F0 as well gets what the files hold
+    stored = derive(frame, {Buffer.ALBEDO, Buffer.SPECULAR}, BRDF).gbuffer
+    assert torch.equal(stored[Buffer.ALBEDO], buffers[Buffer.ALBEDO])
+    assert Buffer.METALLIC not in stored
+
+
+def test_base_colour_beside_f0_and_metallic_is_left_as_it_is(
+    make_frame: MakeFrame, buffers: dict[Buffer, torch.Tensor]
+) -> None:
+    buffers[Buffer.SPECULAR] = torch.full_like(buffers[Buffer.ALBEDO], 0.3)
+    found = resolve_needs([Buffer.ALBEDO], buffers, has_camera=True, config=BRDF)
+    assert found.read == {Buffer.ALBEDO, Buffer.SPECULAR, Buffer.METALLIC}
+    made = derive(make_frame(buffers), {Buffer.ALBEDO}, BRDF).gbuffer
+    assert torch.equal(made[Buffer.ALBEDO], buffers[Buffer.ALBEDO])
