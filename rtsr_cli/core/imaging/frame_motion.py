@@ -24,6 +24,7 @@ from rtsr_cli.core.imaging.warping import (
     backward_warp,
     compose_motion,
     fetch_nearest,
+    inside_frame,
     own_index,
     require_same_size,
 )
@@ -135,11 +136,15 @@ def _find_dual_by_splat(
     now, then = frames[0], frames[-1]
     depth = bound_depth(now.gbuffer[Buffer.DEPTH])
     forward, landed = forward_motion_by_splat(motion_px, depth, spread=spread)
-    dual, known = dual_motion(motion_px, forward, known_prev_mask=landed)
-    seen = fetch_nearest(bound_depth(then.gbuffer[Buffer.DEPTH]), motion_px)
-    own = (len(frames) - 1) * fetch_nearest(then.gbuffer[Buffer.MOTION], motion_px)
-    came = add_jitter_change(own, now, then)
-    return DualMotion(motion_px, torch.where(seen < IN_FRONT * depth, came, dual), known)
+    past = [bound_depth(then.gbuffer[Buffer.DEPTH]), then.gbuffer[Buffer.MOTION]]
+    # a pixel's channels are one row: fetched at once
+    packed = torch.cat([forward, landed, *past], 1).contiguous(memory_format=torch.channels_last)
+    fetched = fetch_nearest(packed, motion_px)
+    known = fetched[:, 2:3] * inside_frame(motion_px)
+    dual = torch.where(known > 0, -fetched[:, :2], motion_px)
+    came = add_jitter_change((len(frames) - 1) * fetched[:, 4:], now, then)
+    in_front = fetched[:, 3:4] < IN_FRONT * depth
+    return DualMotion(motion_px, torch.where(in_front, came, dual), known)
 
 
 def find_occlusion_motion(frames: Sequence[Frame], motion_px: MotionPx) -> MotionPx:

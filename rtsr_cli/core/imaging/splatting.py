@@ -10,9 +10,6 @@ Names of the field, all in rtsr's sense (previous minus current, pixels, x right
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import product
-
 import torch
 from torch import Tensor
 
@@ -30,6 +27,9 @@ from rtsr_cli.core.shapes import Mask, MotionPx, Plane, Size
 UNRELIABLE_PX = 0.1
 """|DMV - TMV| from which history is unreliable, low-resolution pixels   [NSRD, code]."""
 
+MARGIN = 2
+"""Pixels around a target that catch what leaves it: a source lands on two a line at most."""
+
 _INDEX_BITS = 32
 _INDEX_MASK = (1 << _INDEX_BITS) - 1
 _NO_SOURCE = torch.iinfo(torch.int64).max
@@ -43,21 +43,26 @@ def _packed_keys(depth_m: Tensor) -> Tensor:
     return (bits.view(-1, num_sources) << _INDEX_BITS) | index
 
 
-def _list_landings(motion_px: Tensor, *, spread: bool) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """(column, row, whether it is reached) of each pixel that sources land on, n h w."""
-    if not spread:
-        column, row = (
-            whole_pixels(motion_px[:, axis] + 0.5) + own_index(motion_px, axis) for axis in (0, 1)
-        )
-        yield column, row, torch.ones_like(column, dtype=torch.bool)
-        return
-    first_column, first_row = (
-        whole_pixels(motion_px[:, axis]) + own_index(motion_px, axis) for axis in (0, 1)
+def _place_sources(motion_px: Tensor, usable: Tensor, size: Size, *, spread: bool) -> list[Tensor]:
+    """Index of each pixel that a source lands on, of a target that is `MARGIN` larger all round.
+
+    What leaves the target ends in the margin, and so do sources that are not usable.
+    """
+    width = size[1] + 2 * MARGIN
+    rounding = 0.0 if spread else 0.5
+    column, row = (
+        (whole_pixels(motion_px[:, axis] + rounding) + own_index(motion_px, axis))
+        .clamp_(-MARGIN, size[1 - axis])
+        .add_(MARGIN)
+        for axis in (0, 1)
     )
-    between_x, between_y = (motion_px[:, axis] % 1.0 > 0 for axis in (0, 1))
-    for right, down in product((0, 1), (0, 1)):
-        reached = (between_x | (right == 0)) & (between_y | (down == 0))
-        yield first_column + right, first_row + down, reached
+    first = torch.add(column, row, alpha=width) * usable
+    if not spread:
+        return [first]
+    # on whole pixels there is nothing between
+    right, down = (motion_px[:, axis].frac().ne(0).long() for axis in (0, 1))
+    right = right.add_(first)
+    return [first, right, torch.add(first, down, alpha=width), down.mul_(width).add_(right)]
 
 
 def forward_splat(
@@ -99,12 +104,12 @@ def forward_splat(
     keys = _packed_keys(depth_m)
     usable = (depth_m + forward_motion_px.sum(dim=1, keepdim=True)).isfinite()[:, 0]
     motion = bound_motion(forward_motion_px, limit_px=h + w + source_h + source_w)
-    target = keys.new_full((n, h * w + 1), _NO_SOURCE)
-    for column, row, reached in _list_landings(motion, spread=spread):
-        lands = (column >= 0) & (column < w) & (row >= 0) & (row < h) & usable & reached
-        index = torch.where(lands, torch.add(column, row, alpha=w), h * w)
-        target.scatter_reduce_(1, index.reshape(n, -1), keys, "amin")
-    winner = target[:, : h * w]
+    rows, columns = h + 2 * MARGIN, w + 2 * MARGIN
+    target = keys.new_full((n, rows * columns), _NO_SOURCE)
+    for index in _place_sources(motion, usable, (h, w), spread=spread):
+        target.scatter_reduce_(1, index.view(n, -1), keys, "amin")
+    inner = slice(MARGIN, -MARGIN)
+    winner = target.view(n, rows, columns)[:, inner, inner].reshape(n, h * w)
     hit = winner != _NO_SOURCE
     source = torch.where(hit, winner & _INDEX_MASK, 0).unsqueeze(1)
     values = source_values.reshape(n, c, -1).gather(2, source.expand(n, c, -1))

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import torch
 
 from rtsr_cli.core.captures.reader import FrameReader
@@ -81,12 +82,13 @@ class HoleLabels:
         channels: dict[str, Any] = {}
         for name, mask in planes.items():
             channels |= split_image(name, mask, "")
-        picture = draw_holes(masks.values(), window.current) if self.previews else None
         path, windows = moment.path, moment.windows
+        panels = draw_holes(masks.values(), window.current) if self.previews else []
+        panels = [windows.blacken(panel) for panel in panels]
 
         def write() -> None:
-            if picture is not None:
-                write_png(path.with_suffix(PREVIEW_SUFFIX), picture)
+            if panels:
+                write_png(path.with_suffix(PREVIEW_SUFFIX), np.concatenate(panels, axis=1))
             write_exr(
                 path,
                 windows.crop(channels),

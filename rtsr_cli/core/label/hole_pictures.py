@@ -1,4 +1,4 @@
-"""Pictures of holes: a panel for each past frame, newest first, the tests in colours.
+"""Pictures of holes: a panel for each past frame, the tests in colours.
 
 Blue lies outside of the past frame; red is told by the stencil, green by normals, yellow by
 positions, magenta by the depth along motion; where several tell, their mean. Grey has history,
@@ -8,8 +8,8 @@ lighter where a surface faces the camera; black panels have no past frame.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -31,19 +31,15 @@ DARKEST, LIGHTEST = 0.15, 0.55
 """Greys of surfaces that are seen from the side, and from the front."""
 
 
-def draw_holes(panels: Iterable[Mapping[str, Mask]], frame: Frame) -> NDArray[Any]:
-    """Draw panels side by side.
+def draw_holes(panels: Iterable[Mapping[str, Mask]], frame: Frame) -> list[NDArray[np.uint8]]:
+    """Draw a panel, h w 3, for each past frame.
 
     Args:
-        panels: of each past frame, masks by name; those without a colour are not shown.
+        panels: masks by name, of each past frame; those without a colour are not shown.
         frame: that the holes are of.
     """
     ground = _shade(frame)
-    drawn = [_draw_panel(masks, ground) for masks in panels]
-    pixels: NDArray[Any] = (
-        (torch.cat(drawn, dim=-1)[0] * 255.0).round().byte().permute(1, 2, 0).cpu().numpy()
-    )
-    return pixels
+    return [_draw_panel(masks, ground) for masks in panels]
 
 
 def _shade(frame: Frame) -> Tensor:
@@ -54,7 +50,7 @@ def _shade(frame: Frame) -> Tensor:
     return (DARKEST + (LIGHTEST - DARKEST) * facing).expand(-1, 3, -1, -1)
 
 
-def _draw_panel(masks: Mapping[str, Mask], ground: Tensor) -> Tensor:
+def _draw_panel(masks: Mapping[str, Mask], ground: Tensor) -> NDArray[np.uint8]:
     total, count = torch.zeros_like(ground), torch.zeros_like(ground[:, :1])
     for name, color in COLORS.items():
         if name in masks:
@@ -62,4 +58,6 @@ def _draw_panel(masks: Mapping[str, Mask], ground: Tensor) -> Tensor:
             count = count + masks[name]
     # what is a hole for no reason has no past frame at all
     seen = torch.where(masks["holes"] > 0, torch.zeros_like(ground), ground)
-    return torch.where(count > 0, total / count.clamp(min=1.0), seen)
+    drawn = torch.where(count > 0, total / count.clamp(min=1.0), seen)
+    pixels: NDArray[np.uint8] = (drawn[0] * 255.0).round().byte().permute(1, 2, 0).cpu().numpy()
+    return pixels
