@@ -12,7 +12,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.extrapolate.prediction import Extrapolation
 from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.cadence import measure_reach
+from rtsr_cli.core.frames.cadence import count_past, measure_reach
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.network.load import load_network
@@ -117,8 +117,13 @@ def plan_extrapolation(
     run = NetworkRun(
         system=system, network=loaded.network, device=device, precision=precision, tile=0
     )
+    past = count_past(plan.sequence.runs(), rendered)
     work = Extrapolation(
-        run, source, predicted, previews=request.previews, debug=request.debug_buffers
+        run,
+        source,
+        {n: past[n] for n in predicted},
+        previews=request.previews,
+        debug=request.debug_buffers,
     )
     height, width = source.lr_size
     details: dict[str, object] = {
