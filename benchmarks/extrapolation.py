@@ -102,7 +102,7 @@ def main(*, data: Path, systems: tuple[str, ...], marks: bool, lpips: bool, ever
             )  # fmt: skip
         judged = (*systems, *(MARKS if marks else ()))
         if marks:
-            draw_marks(work / "data", work, tuple(MARKS))
+            draw_marks(work / "data", work, first)
         means = perceived([work / n for n in judged], work / "data", work, first, ",".join(metrics))
         titles = ("PSNR dB", "in holes", "holes %", *(TITLES[m] for m in metrics))
         print("| sequence | |", " | ".join(titles), "| of the truth |")
@@ -113,7 +113,7 @@ def main(*, data: Path, systems: tuple[str, ...], marks: bool, lpips: bool, ever
                 row = judge_shot(
                     work / name / shot, work / "data" / shot, work / GUIDED / shot, first
                 )
-                scores = means[f"{name}/{shot}"]
+                scores = means[f"{name}/{shot}" if len(shots) > 1 else name]
                 table[name].append([*row, *(scores[m] for m in (*metrics, "warped-reference"))])
                 print(f"| {shot} | `{name}` |", write_cells(table[name][-1]), "|")
         for name, rows in table.items():

@@ -125,18 +125,23 @@ MARKS: dict[str, Mark] = {
 """Marks by name."""
 
 
-def draw_marks(folder: Path, out: Path, names: tuple[str, ...]) -> None:
-    """Write the sequences of a tree as each mark has them: rendered frames, and predicted ones."""
+def draw_marks(folder: Path, out: Path, first: int) -> None:
+    """Write the sequences of a tree as each mark has them, from a frame on.
+
+    Rendered frames are as they are, so that change can be judged.
+    """
     with torch.inference_mode():
         for name, source in open_single_sets(folder, ReadOptions()):
             wanted = resolve_system_inputs(load_system(GUIDED), NonfinitePolicy.ERROR)
             inputs = replace(wanted, lr=(*wanted.lr, Buffer.MATERIAL))
             reader = source.reader
             rendered = Cadence().list_rendered(reader.numbers, reader.step)
-            frames = {n: source.load(n, inputs).lr for n in reader.numbers}
+            frames = {n: source.load(n, inputs).lr for n in reader.numbers if n >= first - 1}
             for number in reader.numbers:
                 path = reader.path(number)
-                for mark in names:
+                if number < first - 1:
+                    continue
+                for mark in MARKS:
                     target = out / mark / name / path.name
                     if number in rendered:
                         write_picture(target, path, frames[number].gbuffer[Buffer.COLOR])

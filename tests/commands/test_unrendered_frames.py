@@ -243,3 +243,77 @@ def test_inspect_names_the_frames_that_are_rendered(
     late = copy(sequence, tmp_path / "late", drop(COLOR, (1, 3, 5)))
     result = rtsr("inspect", late)
     assert "warp-guided     ready with --rendered 2,4,6" in result.output
+
+
+def test_channels_that_are_handed_on_let_upscale_go_on(
+    rtsr: Run, sequence: Path, bare: Path, tmp_path: Path
+) -> None:
+    """The whole sequence at LR with its G-buffer is what `upscale` takes."""
+    run = ("extrapolate", bare, tmp_path / "lr", "--keep-rendered", "--passthrough", "*")
+    result = rtsr(*run)
+    assert result.exit_code == 0, result.output
+    for path in sorted((tmp_path / "lr").glob("*.exr")):
+        known, made = (
+            read_channels(p, {"depth.Z", "motion.X"}) for p in (sequence / path.name, path)
+        )
+        assert all(np.array_equal(known[name], made[name]) for name in known)
+    result = rtsr("upscale", tmp_path / "lr", tmp_path / "up", "--scale", "2")
+    assert result.exit_code == 0, result.output
+    header = read_header(tmp_path / "up" / "frame.0004.exr")
+    assert int(header.attributes["rtsr:predicted"]) == 1
+    # rendered frames at one size beside G-buffers of the steps between are a sequence, too
+    for number in (2, 4, 6):
+        (tmp_path / "lr" / f"frame.{number:04d}.exr").unlink()
+        name = f"frame.{number:04d}.exr"
+        (tmp_path / "lr" / name).write_bytes((bare / name).read_bytes())
+    result = rtsr("extrapolate", tmp_path / "lr", tmp_path / "again")
+    assert result.exit_code == 0, result.output
+    assert names_in(tmp_path / "again") == [f"frame.{n:04d}.exr" for n in (2, 4, 6)]
+
+
+def test_radiance_is_not_among_what_is_handed_on(rtsr: Run, sequence: Path, tmp_path: Path) -> None:
+    result = rtsr("extrapolate", sequence, tmp_path / "out", "--passthrough", "R")
+    assert result.exit_code == 3
+    assert "--passthrough R would replace" in result.output
+
+
+def test_frames_of_two_sizes_are_refused_by_name(rtsr: Run, bare: Path, tmp_path: Path) -> None:
+    def cut(planes: Planes, number: int) -> None:
+        if number == 4:
+            for name, plane in planes.items():
+                planes[name] = plane[:40, :60]
+
+    result = rtsr("extrapolate", copy(bare, tmp_path / "cut", cut), tmp_path / "out")
+    assert result.exit_code == 3
+    assert "sizes differ" in result.output
+    assert "'frame' frame 4 is 60 x 40" in result.output
+
+
+def test_a_run_that_was_cut_off_ends_in_the_bytes_of_a_whole_one(
+    rtsr: Run, bare: Path, tmp_path: Path
+) -> None:
+    run = ("extrapolate", bare)
+    rtsr(*run, tmp_path / "whole", "--keep-rendered")
+    rtsr(*run, tmp_path / "parts", "--keep-rendered", "--frames", "1-3")
+    (tmp_path / "parts" / "frame.0002.exr").write_bytes(b"")
+    for part in ("2/3", "1/3", "3/3"):
+        result = rtsr(*run, tmp_path / "parts", "--keep-rendered", "--shard", part)
+        assert result.exit_code == 0, result.output
+    names = names_in(tmp_path / "whole")
+    assert names_in(tmp_path / "parts") == names
+    for name in names:
+        whole, made = ((tmp_path / out / name).read_bytes() for out in ("whole", "parts"))
+        assert whole == made
+
+
+def test_a_frame_that_cannot_be_read_fails_and_the_others_go_on(
+    rtsr: Run, bare: Path, tmp_path: Path
+) -> None:
+    damaged = copy(bare, tmp_path / "damaged", drop((), ()))
+    path = damaged / "frame.0003.exr"
+    path.write_bytes(path.read_bytes()[:-4000])
+    result = rtsr("extrapolate", damaged, tmp_path / "out")
+    assert result.exit_code == 1
+    assert "frame.0003.exr" in result.output
+    assert "frame.0004.exr: no rendered frame" in result.output
+    assert names_in(tmp_path / "out") == ["frame.0002.exr", "frame.0006.exr"]

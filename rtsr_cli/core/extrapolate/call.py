@@ -19,6 +19,7 @@ from rtsr_cli.core.network.load import load_network
 from rtsr_cli.core.network.precision import resolve_precision
 from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_single_sets
+from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.default_system import choose_default, describe_passed_over
 from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
@@ -108,6 +109,7 @@ def plan_extrapolation(
             [loaded.digest, precision.value] if loaded.weights else [],
             sorted(rendered),
             request.on_nonfinite,
+            request.passthrough,
         ],
         selection=request.selection,
         overwrite=request.overwrite,
@@ -162,7 +164,10 @@ def read_without_radiance(
     for wanted, numbers in ((inputs, read - predicted), (unshaded, read & predicted)):
         check_inputs(reads, source, wanted, remedy=", or choose another --system", numbers=numbers)
     return PairReading(
-        source=source, inputs=inputs, unshaded=dict.fromkeys(sorted(predicted), unshaded)
+        source=source,
+        inputs=inputs,
+        passed=find_passthrough(source, request.passthrough, radiance=False),
+        unshaded=dict.fromkeys(sorted(predicted), unshaded),
     )
 
 

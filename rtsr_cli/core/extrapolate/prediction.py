@@ -87,6 +87,7 @@ class Extrapolation:
             as_float=largest > MAX_HALF,
             attributes={**moment.attributes, **moment.provenance({**stamp, **self._tag})},
             windows=moment.windows,
+            passed=moment.passed,
             colorspace=self._colorspace,
             previews=self._previews,
             debug=list_debug_pictures(moment, made) if self._debug else None,
