@@ -245,6 +245,21 @@ def test_inspect_names_the_frames_that_are_rendered(
     assert "warp-guided     ready with --rendered 2,4,6" in result.output
 
 
+def test_labels_of_holes_are_those_of_frames_that_hold_radiance(
+    rtsr: Run, sequence: Path, bare: Path, tmp_path: Path
+) -> None:
+    for shot, out in ((sequence, "full"), (bare, "bare")):
+        result = rtsr("label", shot, tmp_path / out, "--kind", "holes", "--every", "2")
+        assert result.exit_code == 0, result.output
+    names = names_in(tmp_path / "full")
+    assert names_in(tmp_path / "bare") == names
+    for name in names:
+        full, made = (
+            read_channels(tmp_path / out / name, {"holes"})["holes"] for out in ("full", "bare")
+        )
+        assert np.array_equal(full, made)
+
+
 def test_channels_that_are_handed_on_let_upscale_go_on(
     rtsr: Run, sequence: Path, bare: Path, tmp_path: Path
 ) -> None:
