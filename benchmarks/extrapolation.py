@@ -1,11 +1,14 @@
 """Frames that are predicted between rendered ones, on sequences that no network is trained on.
 
-    python benchmarks/extrapolation.py DATA [--system warp --system warp-guided] [--lpips]
+    python benchmarks/extrapolation.py DATA [--system warp --system warp-guided] [--marks] [--lpips]
 
 Every second frame of the `val` and `test` sequences of DATA is predicted at the size it has. Judged
 are the predicted frames whose history is full, three rendered ones (`--all` judges every one): PSNR
 after c / (1 + c) of all pixels and inside holes, which are those of `warp-guided` for every system;
-FLIP, and LPIPS, as `rtsr evaluate` has them.
+FLIP, and LPIPS, as `rtsr evaluate` has them. The residual temporal error is that of the sequence
+rendered, predicted, rendered, ...: what its difference to the truth changes along motion (0 for the
+truth). Warped is what the sequence itself changes along motion, beside what the truth does.
+`--marks` adds what is compared with and is no system: `benchmarks/extrapolation_marks.py`.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from pathlib import Path
 import click
 import numpy as np
 from ablations import judged_sequences
+from extrapolation_marks import MARKS, draw_marks, list_predicted
 from numpy.typing import NDArray
 from results import rtsr
 
@@ -27,6 +31,15 @@ SYSTEMS = ("warp", "warp-guided")
 GUIDED = "warp-guided"
 FULL_HISTORY = 6
 """First number of a sequence whose predicted frame has t-1, t-3 and t-5 before it."""
+
+CHANGES = ("temporal", "warped")
+TITLES = {
+    "flip": "FLIP",
+    "lpips": "LPIPS",
+    "temporal": "residual temporal",
+    "warped": "warped",
+}
+"""Of metrics, as the table heads them."""
 
 Image = NDArray[np.float32]
 
@@ -47,9 +60,7 @@ def psnr(test: Image, reference: Image, mask: Image) -> float:
 def judge_shot(output: Path, truth: Path, holes: Path, first: int) -> tuple[float, float, float]:
     """Means over a shot's predicted frames: PSNR, PSNR inside holes, share of holes."""
     rows = []
-    for path in sorted(output.glob("*.exr")):
-        if int(path.stem.rpartition(".")[2]) < first:
-            continue
+    for path in list_predicted(output, first):
         hole = load(holes / "debug" / path.name, ("hole.Y",))
         test, reference = load(path), load(truth / path.name)
         whole = np.ones_like(hole)
@@ -63,8 +74,8 @@ def perceived(
     """Of each test and shot the means of `rtsr evaluate`."""
     report = work / "report.json"
     rtsr(
-        "evaluate", *outputs, "--ref", data, "--metric", metrics, "--on-missing", "skip",
-        "--frames", f"{first}-1000", "--output", report, "-q",
+        "evaluate", *outputs, "--ref", data, "--metric", metrics, "--frames", f"{first}-1000",
+        "--output", report, "-q",
     )  # fmt: skip
     tests = json.loads(report.read_text(encoding="utf-8"))["tests"]
     return {name: test["mean"] for name, test in tests.items()}
@@ -73,35 +84,48 @@ def perceived(
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--system", "systems", multiple=True, default=SYSTEMS, show_default=True)
+@click.option("--marks", is_flag=True, help="Also what is no system, to compare with.")
 @click.option("--lpips", is_flag=True, help="Also LPIPS, which needs its weights.")
 @click.option("--all", "every", is_flag=True, help="Frames with less history, too.")
-def main(data: Path, systems: tuple[str, ...], lpips: bool, every: bool) -> None:
+def main(*, data: Path, systems: tuple[str, ...], marks: bool, lpips: bool, every: bool) -> None:
     """Print a table of sequences by systems."""
-    metrics = ("flip", "lpips") if lpips else ("flip",)
+    pictured = ("flip", "lpips") if lpips else ("flip",)
+    metrics = (*pictured, *CHANGES)
     first = 0 if every else FULL_HISTORY
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         shots = judged_sequences(data, work / "data")
-        names = tuple(dict.fromkeys((GUIDED, *systems)))
-        for name in names:
+        for name in dict.fromkeys((GUIDED, *systems)):
             rtsr(
                 "extrapolate", work / "data", work / name, "--system", name, "--debug-buffers",
-                "-q",
+                "--keep-rendered", "-q",
             )  # fmt: skip
-        means = perceived(
-            [work / n for n in systems], work / "data", work, first, ",".join(metrics)
-        )
-        titles = ("PSNR dB", "in holes", "holes %", *(m.upper() for m in metrics))
-        print("| sequence | system |", " | ".join(titles), "|")
-        print("|---|---|" + "---|" * len(titles))
+        judged = (*systems, *(MARKS if marks else ()))
+        if marks:
+            draw_marks(work / "data", work, first)
+        means = perceived([work / n for n in judged], work / "data", work, first, ",".join(metrics))
+        titles = ("PSNR dB", "in holes", "holes %", *(TITLES[m] for m in metrics))
+        print("| sequence | |", " | ".join(titles), "| of the truth |")
+        print("|---|---|" + "---:|" * (len(titles) + 1))
+        table: dict[str, list[list[float]]] = {name: [] for name in judged}
         for shot in shots:
-            for name in systems:
+            for name in judged:
                 row = judge_shot(
                     work / name / shot, work / "data" / shot, work / GUIDED / shot, first
                 )
-                cells = [f"{row[0]:.2f}", f"{row[1]:.2f}", f"{100 * row[2]:.1f}"]
-                cells += [f"{means[f'{name}/{shot}'][m]:.4f}" for m in metrics]
-                print(f"| {shot} | `{name}` |", " | ".join(cells), "|")
+                scores = means[f"{name}/{shot}" if len(shots) > 1 else name]
+                table[name].append([*row, *(scores[m] for m in (*metrics, "warped-reference"))])
+                print(f"| {shot} | `{name}` |", write_cells(table[name][-1]), "|")
+        for name, rows in table.items():
+            mean = [statistics.fmean(column) for column in zip(*rows, strict=True)]
+            print(f"| mean | `{name}` |", write_cells(mean), "|")
+
+
+def write_cells(values: list[float]) -> str:
+    """Cells of a row."""
+    decibels, inside, holes, *others = values
+    cells = [f"{decibels:.2f}", f"{inside:.2f}", f"{100 * holes:.1f}"]
+    return " | ".join([*cells, *(f"{v:.4f}" for v in others)])
 
 
 if __name__ == "__main__":

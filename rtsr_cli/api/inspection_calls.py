@@ -43,7 +43,7 @@ def list_checked_commands() -> tuple[CheckedCommand, ...]:
         ),
         CheckedCommand(
             name=SystemTask.EXTRAPOLATE.value,
-            use=FrameUse.ALONE,
+            use=FrameUse.IN_TIME,
             demands=list_upscale_demands(_load_systems(SystemTask.EXTRAPOLATE)),
         ),
         CheckedCommand(

@@ -24,6 +24,7 @@ from rtsr_cli.core.evaluation.events import (
     ResultWritten,
 )
 from rtsr_cli.core.evaluation.result_files import encode_numbers
+from rtsr_cli.core.evaluation.score_summary import HISTORY
 from rtsr_cli.core.frames.selection import format_ranges
 
 Result = Mapping[str, Any]
@@ -89,6 +90,7 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
         "reference": str(plan.reference),
         "gbuffer": None if plan.gbuffer is None else str(plan.gbuffer),
         "remarks": list(plan.remarks),
+        "predicted": plan.stamped,
     }
     if as_json:
         emit({"event": "plan", **facts})
@@ -98,9 +100,10 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
     if not plan.counts:
         LOG.warning("%s: --skip-first leaves no frame for means", facts["reference"])
     LOG.info(
-        "%s: frames %s, %d x %d, against %s; buffers: %s",
+        "%s: frames %s%s, %d x %d, against %s; buffers: %s",
         plan.shot or ", ".join(plan.tests),
         facts["frames"],
+        " (stamped rtsr:predicted)" if plan.stamped else "",
         width,
         height,
         facts["reference"],
@@ -113,7 +116,8 @@ def show_result(result: Result, *, as_json: bool) -> None:
     if as_json:
         emit({"event": "done", **encode_numbers(result)})
         return
-    for line in (*list_table_lines(result), *list_perfect_frame_lines(result)):
+    lines = (list_table_lines, list_history_lines, list_perfect_frame_lines)
+    for line in (line for lines_of in lines for line in lines_of(result)):
         LOG.info("%s", line)
     if any(any(r for r in test["regions"].values()) for test in result["tests"].values()):
         for line in list_region_lines(result):
@@ -188,6 +192,20 @@ def _list_rows(
     for row, key in enumerate(group):
         own = {name: values[row] for name, values in written.items()}
         yield [key, *(c + ("*" if c == marked.get(name) else " ") for name, c in own.items())]
+
+
+def list_history_lines(result: Result) -> Iterator[str]:
+    """Lines of the means of predicted frames with full history, and of those with less."""
+    metrics = result["metrics"]
+    for key, test in result["tests"].items():
+        groups = test.get(HISTORY, {})
+        for name, group in groups.items() if len(groups) > 1 else ():
+            listed = GAP.join(
+                f"{metrics[n]['title']} {format_score(value)}"
+                for n, value in group["mean"].items()
+                if n in metrics and value is not None
+            )
+            yield f"{key}, {name} history (frames {format_ranges(group['frames'])}): {listed}"
 
 
 def list_perfect_frame_lines(result: Result) -> Iterator[str]:

@@ -49,6 +49,13 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Also write the rendered frames, so that OUT is the whole sequence.",
 )
+@click.option(
+    "--passthrough",
+    metavar="GLOB",
+    multiple=True,
+    help="Copy input channels of these names to the output, never radiance, so that upscale can "
+    "go on with it. Repeatable; not for R G B A.",
+)
 @click.option("--preview", "previews", is_flag=True, help="A PNG beside each EXR.")
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
 @click.option(

@@ -20,7 +20,9 @@ def choose_numbers(
     used: list[str],
     step: int,
     policy: MissingPolicy,
+    *,
     wanted: frozenset[int] | None = None,
+    partial: frozenset[str] = frozenset(),
 ) -> tuple[tuple[int, ...], dict[int, int]]:
     """Frames that every used stream has, and stand-ins for the others where they are held.
 
@@ -30,12 +32,15 @@ def choose_numbers(
         step: of the numbering.
         policy: what is done about frames that are missing.
         wanted: frames that are asked for: what is missing before and behind them is no matter.
+        partial: streams that may lack frames.
 
     Raises:
         FrameFolderError: frames are missing, or more than can be held.
     """
-    complete = frozenset.intersection(*(frozenset(frames.streams[key].files) for key in used))
+    needed = [key for key in used if key not in partial]
+    complete = frozenset.intersection(*(frozenset(frames.streams[key].files) for key in needed))
     missing = list_missing_frames(frames, used, step)
+    missing = {key: gaps for key, gaps in missing.items() if key not in partial}
     missing = {key: within for key, gaps in missing.items() if (within := _cut_gaps(gaps, wanted))}
     if missing and policy is MissingPolicy.ERROR:
         listed = "; ".join(f"'{key}' lacks {format_gaps(gaps)}" for key, gaps in missing.items())

@@ -84,6 +84,8 @@ class FrameReader:
         layers: names of the layers and views of the files; empty where they name none.
         layer: the one that is read.
         lent_motion: vectors of another resolution, in place of those that there are none of.
+        lacking: buffer -> frames whose files do not hold it: radiance where they were not rendered,
+            and buffers that are therefore not bound.
     """
 
     frames: FrameSet
@@ -114,6 +116,7 @@ class FrameReader:
     layers: tuple[str, ...] = ()
     layer: str = ""
     lent_motion: MotionSource | None = None
+    lacking: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
 
     @property
     def display(self) -> PixelWindow:
@@ -141,18 +144,18 @@ class FrameReader:
 
     def narrowed(self, numbers: Iterable[int]) -> FrameReader:
         """Return a reader of what the files of some frames all have pixels for, if anything."""
-        channels = {(c.stream, c.channel) for parts in self.binding.values() for c in parts}
+        numbers = tuple(numbers)
+        channels = {
+            (number, c.stream, c.channel)
+            for number in numbers
+            for buffer in self.stored_in([number])
+            for c in self.binding[buffer]
+        }
         headers = {
             (number, stream): self.header_of(self.path(number, stream))
-            for number in numbers
-            for stream in {stream for stream, _ in channels}
+            for number, stream in {(number, stream) for number, stream, _ in channels}
         }
-        places = [
-            header.place_of(channel)
-            for (_, own), header in headers.items()
-            for stream, channel in channels
-            if stream == own
-        ]
+        places = [headers[n, stream].place_of(channel) for n, stream, channel in channels]
         common = find_common(self.region, places)
         return self if common is None else replace(self, region=common)
 
@@ -171,6 +174,30 @@ class FrameReader:
     def stored(self) -> frozenset[Buffer]:
         """Buffers that the files hold."""
         return frozenset(self.binding)
+
+    @property
+    def unrendered(self) -> frozenset[int]:
+        """Frames that were surveyed and hold no radiance, where others do."""
+        return self.lacking.get(Buffer.COLOR, frozenset())
+
+    def stored_in(self, numbers: Iterable[int]) -> frozenset[Buffer]:
+        """Buffers that the files of some frames all hold."""
+        sources = {self.held.get(number, number) for number in numbers}
+        return frozenset(b for b in self.binding if sources.isdisjoint(self.lacking.get(b, ())))
+
+    def list_lacking(
+        self, numbers: Collection[int], buffers: Collection[Buffer]
+    ) -> dict[Buffer, tuple[int, ...]]:
+        """Return which frames lack a buffer that is read of them, and of what marks their sky."""
+        needed = self._needed(tuple(buffers))
+        sources = {n: self.held.get(n, n) for n in numbers}
+        found = {
+            b: tuple(
+                sorted(n for n, source in sources.items() if source in self.lacking.get(b, ()))
+            )
+            for b in needed
+        }
+        return {buffer: without for buffer, without in found.items() if without}
 
     @cached_property
     def readable(self) -> frozenset[Buffer]:
@@ -249,9 +276,19 @@ class FrameReader:
         return f"{self.frames.root}, frame {number}"
 
     def path(self, number: int, stream: str | None = None) -> Path:
-        """File of a frame; of the main stream if none is named."""
+        """File of a frame; of the main stream if none is named, or of the first that has one."""
+        source = self.held.get(number, number)
         files = self.frames.streams[stream or self.main_stream].files
-        return files[self.held.get(number, number)]
+        if stream is None and source not in files:
+            bound = (c.stream for parts in self.binding.values() for c in parts)
+            held = (self.frames.streams[key].files for key in bound)
+            files = next(other for other in held if source in other)
+        return files[source]
+
+    def named_like(self, number: int) -> Path:
+        """File that says how an output of a frame is called: the main stream's, if it has one."""
+        files = self.frames.streams[self.main_stream].files
+        return files.get(self.held.get(number, number)) or next(iter(files.values()))
 
     def channels_of(self, number: int, stream: str) -> frozenset[str]:
         """Names of the channels that a frame has in a file sequence; none without a file."""
@@ -266,6 +303,12 @@ class FrameReader:
     def main_channel(self) -> str:
         """Its first channel of colour, or of what is bound first."""
         return self._main_channel.channel
+
+    def channel_of(self, header: ExrHeader) -> str:
+        """Return the channel of a frame's file whose window outputs take."""
+        bound = (c.channel for parts in self.binding.values() for c in parts)
+        held = (channel for channel in (self.main_channel, *bound) if channel in header.channels)
+        return next(held, self.main_channel)
 
     @cached_property
     def _main_channel(self) -> BoundChannel:

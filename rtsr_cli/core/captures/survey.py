@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Mapping
+from collections import ChainMap
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
-
-import numpy as np
-import torch
-from torch import Tensor
+from typing import Any
 
 from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.camera_rows import CameraRow
@@ -20,32 +17,37 @@ from rtsr_cli.core.captures.color_tags import (
 )
 from rtsr_cli.core.captures.frame_numbers import choose_numbers
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
-from rtsr_cli.core.captures.layers import bind_layers, list_luminance_layers, list_readable
+from rtsr_cli.core.captures.layers import (
+    BoundLayers,
+    bind_layers,
+    list_luminance_layers,
+    list_readable,
+)
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import find_region, list_places
 from rtsr_cli.core.captures.shots import FrameSet
-from rtsr_cli.core.captures.surveyed import SurveyedValues
+from rtsr_cli.core.captures.surveyed_cameras import CameraSource
+from rtsr_cli.core.captures.unrendered_frames import (
+    Bind,
+    FirstHeaders,
+    RenderedBinding,
+    bind_rendered,
+    list_partial_streams,
+    take_first,
+)
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.camera import CameraMetadata
-from rtsr_cli.core.frames.camera_convention import StoredMatrices, matrices_to_memory
 from rtsr_cli.core.frames.conventions import Conventions, SpecularWorkflow
 from rtsr_cli.core.frames.selection import format_ranges
-
-WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
-"""Standard OpenEXR attributes, row-vector matrices."""
 
 LUMINANCE_NOT_READ = (
     "pictures are stored as luminance and chroma (channels Y, RY, BY), which rtsr does not read; "
     "write them as R, G, B"
 )
-
-MATRIX_RANK = 4
-"""Of every camera matrix, an infinite far plane included."""
 
 
 def open_frames(
@@ -60,6 +62,7 @@ def open_frames(
     on_missing: MissingPolicy = MissingPolicy.ERROR,
     wanted: frozenset[int] | None = None,
     jittered: bool = True,
+    unrendered: bool = False,
 ) -> FrameReader:
     """Survey a sequence by its headers and bind its buffers.
 
@@ -74,6 +77,7 @@ def open_frames(
         on_missing: what to do about holes in the numbering.
         wanted: frames that are asked for; holes before and behind them are no matter.
         jittered: whether declared jitter applies to these frames (LR) or not (HR).
+        unrendered: whether frames may hold no radiance.
 
     Raises:
         FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ, or a buffer is
@@ -81,19 +85,26 @@ def open_frames(
     """
     files = files or HeaderFiles()
     headers = headers if headers is not None else read_headers(frames, files)
-    first = {key: next(iter(by_number.values())) for key, by_number in headers.items()}
-    _check_usable(frames, first)
-    bound = bind_layers(layout, capture, first, str(frames.root), layer)
+
+    def bind(first: FirstHeaders) -> BoundLayers:
+        _check_usable(frames, first)
+        return bind_layers(layout, capture, first, str(frames.root), layer)
+
+    found = bind_rendered(headers, bind) if unrendered else _bind_first(headers, bind)
+    first, bound = found.first, found.bound
     binding = bound.binding
     if capture.specular is SpecularWorkflow.F0:
         # base colour is then the diffuse colour already, and no metal takes from it
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
     used = sorted({c.stream for components in binding.values() for c in components})
-    _check_channels(frames, headers, binding)
-    numbers, held = choose_numbers(frames, used, capture.frame_step, on_missing, wanted)
+    partial = list_partial_streams(binding) if unrendered else frozenset()
+    _check_channels(frames, headers, binding, found.lacking)
+    numbers, held = choose_numbers(
+        frames, used, capture.frame_step, on_missing, wanted=wanted, partial=partial
+    )
     places = list_places({key: headers[key] for key in used}, binding)
     region = find_region(places, str(frames.root), capture.region)
-    conventions, contradictions = _settle_colors(frames, headers, binding, capture, bound.layout)
+    conventions, contradictions = _settle_colors(frames, headers, binding, capture, found)
     reader = FrameReader(
         frames=frames,
         layout=bound.layout,
@@ -113,11 +124,17 @@ def open_frames(
         layers=bound.layers,
         layer=bound.layer,
         matrices=capture.camera.matrices,
-        notes=(*bound.notes, *_list_notes(first), *_list_unread(bound.layout, binding, first)),
+        notes=(
+            *bound.notes,
+            *found.notes,
+            *_list_notes(first),
+            *_list_unread(bound.layout, binding, first),
+        ),
+        lacking=found.lacking,
     )
-    main = headers[reader.main_stream]
+    main = _choose_headers(reader, headers)
     foreign_tag = _find_foreign_tag(reader, capture, headers)
-    cameras = _CameraSource(reader, files, capture, side_car, jittered=jittered)
+    cameras = CameraSource(reader, files, capture, side_car, jittered=jittered)
     predicted = {
         n for n in numbers if (h := main.get(held.get(n, n))) and is_predicted(h.attributes)
     }
@@ -130,19 +147,41 @@ def open_frames(
     )
 
 
+def _bind_first(headers: Headers, bind: Bind) -> RenderedBinding:
+    """Bind by the first file of each sequence, which all others have to be like."""
+    first = take_first(headers)
+    return RenderedBinding(bound=bind(first), first=first)
+
+
+def _choose_headers(reader: FrameReader, headers: Headers) -> Mapping[int, ExrHeader]:
+    """Header of every frame: of radiance's file, or of another where a frame has no such."""
+    main = headers[reader.main_stream]
+    if not reader.lacking:
+        return main
+    others = (headers[c.stream] for parts in reader.binding.values() for c in parts)
+    return dict(ChainMap(dict(main), *map(dict, others)))
+
+
+def _list_colored(
+    headers: Headers, binding: Binding, lacking: Collection[int]
+) -> list[Mapping[str, Any]]:
+    """Attributes of the files that hold radiance."""
+    by_number = headers[binding[Buffer.COLOR][0].stream]
+    return [header.attributes for n, header in by_number.items() if n not in lacking]
+
+
 def _settle_colors(
     frames: FrameSet,
     headers: Headers,
     binding: Binding,
     capture: CaptureDeclaration,
-    layout: Layout,
+    found: RenderedBinding,
 ) -> tuple[Conventions, tuple[str, ...]]:
     """Conventions with the primaries that files name, and what contradicts how they are read."""
-    conventions = capture.conventions(layout.conventions)
+    conventions = capture.conventions(found.bound.layout.conventions)
     if Buffer.COLOR not in binding:
         return conventions, ()
-    by_number = headers[binding[Buffer.COLOR][0].stream]
-    attributes = [header.attributes for header in by_number.values()]
+    attributes = _list_colored(headers, binding, found.lacking.get(Buffer.COLOR, ()))
     declared = conventions.colorspace is not None
     if not declared:
         space = read_color_space(attributes, str(frames.root))
@@ -155,77 +194,7 @@ def _find_foreign_tag(reader: FrameReader, capture: CaptureDeclaration, headers:
     """Name the tag of radiance that is no space rtsr converts, if nothing is declared."""
     if capture.colorspace is not None or Buffer.COLOR not in reader.binding:
         return ""
-    by_number = headers[reader.binding[Buffer.COLOR][0].stream]
-    return find_foreign_tag(header.attributes for header in by_number.values())
-
-
-class _CameraSource:
-    """Cameras of frames; one that stands in brings its own camera and jitter along."""
-
-    def __init__(
-        self,
-        reader: FrameReader,
-        files: HeaderFiles,
-        capture: CaptureDeclaration,
-        side_car: Mapping[int, CameraRow],
-        *,
-        jittered: bool,
-    ) -> None:
-        """Remember what tells them."""
-        self._reader, self._files = reader, files
-        self._capture, self._side_car, self._jittered = capture, side_car, jittered
-        self._sources = {n: reader.held.get(n, n) for n in reader.numbers}
-
-    def survey(self, headers: Mapping[int, ExrHeader]) -> SurveyedValues[CameraMetadata]:
-        """Read the cameras of all frames whose headers are there.
-
-        Raises:
-            FrameFolderError: a frame has none where others have, or one that is no camera.
-        """
-        frames = self._reader.frames
-        there = {n: source for n, source in self._sources.items() if source in headers}
-        if self._side_car:
-            matrices = {n: _read_matrix(headers[n], WORLD_TO_CAMERA) for n in there.values()}
-            bare = {n for n, matrix in matrices.items() if matrix is None}
-            _check_table(frames, "camera", self._side_car, bare)
-        _check_table(frames, "jitter_px", self._capture.jitter_px, set(self._sources.values()))
-        cameras = {n: self._read(n, headers[source]) for n, source in there.items()}
-        _check_matrices(frames, cameras)
-        return SurveyedValues(cameras, self._sources.keys() - there.keys(), self._read_later)
-
-    def list_cuts(self) -> frozenset[int]:
-        """Frames of the whole sequence that are declared to begin anew."""
-        cut = {n for n, row in self._side_car.items() if row.cut} | self._capture.camera_cuts
-        return frozenset(n for n, source in self._sources.items() if source in cut)
-
-    def _read(self, frame: int, header: ExrHeader) -> CameraMetadata:
-        """Camera of a side-car's row, or of a header; in memory's convention."""
-        number, capture = self._sources[frame], self._capture
-        convention = capture.camera.matrices
-        display = self._reader.display
-        row = CameraMetadata()
-        if number in self._side_car:
-            row = self._side_car[number].metadata((display.height, display.width), convention)
-        matrices = row.world_to_camera, row.world_to_ndc
-        if matrices == (None, None):
-            stored = StoredMatrices(
-                view=_read_matrix(header, WORLD_TO_CAMERA), ndc=_read_matrix(header, WORLD_TO_NDC)
-            )
-            matrices = matrices_to_memory(stored, convention)
-        declared = capture.jitter(number)
-        jitter = row.jitter_px if declared is None else declared
-        return CameraMetadata(
-            world_to_camera=matrices[0],
-            world_to_ndc=matrices[1],
-            jitter_px=jitter if self._jittered else (0.0, 0.0),
-            pre_exposure=row.pre_exposure,
-            cut=row.cut or number in capture.camera_cuts,
-        )
-
-    def _read_later(self, number: int) -> CameraMetadata:
-        camera = self._read(number, self._files.of(self._reader.path(number)))
-        _check_matrices(self._reader.frames, {number: camera})
-        return camera
+    return find_foreign_tag(_list_colored(headers, reader.binding, reader.unrendered))
 
 
 def _list_notes(first: Mapping[str, ExrHeader]) -> tuple[str, ...]:
@@ -254,10 +223,16 @@ def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:
     )
 
 
-def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> None:
+def _check_channels(
+    frames: FrameSet,
+    headers: Headers,
+    binding: Binding,
+    lacking_at: Mapping[Buffer, Collection[int]],
+) -> None:
     for buffer, components in binding.items():
+        spared = lacking_at.get(buffer, ())
         for c in components:
-            by_number = headers[c.stream]
+            by_number = {n: h for n, h in headers[c.stream].items() if n not in spared}
             lacking = [n for n, h in by_number.items() if c.channel not in h.channels]
             if lacking:
                 raise FrameFolderError(
@@ -273,45 +248,3 @@ def _check_channels(frames: FrameSet, headers: Headers, binding: Binding) -> Non
                     f"'{c.channel}') is of another view than in other frames; write all frames "
                     "with the same views"
                 )
-
-
-def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) -> None:
-    """Raise where a table by frame leaves frames out: what stands in for them would be a guess."""
-    lacking = numbers - set(table) if isinstance(table, Mapping) else set()
-    if lacking:
-        raise FrameFolderError(
-            f"{frames.root}: capture.toml's {name} has no entry for frames "
-            f"{format_ranges(lacking)}; add them"
-        )
-
-
-def _check_matrices(frames: FrameSet, cameras: Mapping[int, CameraMetadata]) -> None:
-    """Raise where a matrix of a camera is none; all are looked at together, frame by frame."""
-    named = [
-        (number, name, matrix)
-        for number, camera in cameras.items()
-        for name, matrix in (
-            (WORLD_TO_CAMERA, camera.world_to_camera),
-            (WORLD_TO_NDC, camera.world_to_ndc),
-        )
-        if matrix is not None
-    ]
-    if not named:
-        return
-    matrices = torch.stack([matrix for _, _, matrix in named])
-    finite = torch.isfinite(matrices).flatten(1).all(1)
-    ranks = torch.linalg.matrix_rank(matrices.nan_to_num(0.0, 0.0, 0.0))
-    wrong = (~finite | (ranks < MATRIX_RANK)).tolist()
-    for number, name, _ in itertools.compress(named, wrong):
-        raise FrameFolderError(
-            f"{frames.root}, frame {number}: {name} is not a camera matrix (it is "
-            "singular or not finite); give the cameras in a side-car, "
-            'capture.toml: camera = "camera.csv"'
-        )
-
-
-def _read_matrix(header: ExrHeader, name: str) -> Tensor | None:
-    value = header.attributes.get(name)
-    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
-        return None
-    return torch.from_numpy(value.astype(np.float64))

@@ -7,7 +7,7 @@ checked before a pixel is compared.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -26,6 +26,12 @@ from rtsr_cli.core.captures.shots import (
 from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError, RtsrError
 from rtsr_cli.core.evaluation.comparison_files import ComparisonFiles
+from rtsr_cli.core.evaluation.predicted_frames import (
+    holds_only_predicted,
+    keep_stamped,
+    list_between,
+    list_stamped,
+)
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.provenance import COLOR_TAG
 from rtsr_cli.core.frames.buffers import Buffer
@@ -52,7 +58,9 @@ class CompareOptions:
         gbuffer: folder of the buffers, None for the reference's own.
         samples: K, the reference (and G-buffer) hold K x K samples of each judged pixel.
         selection: frames.
-        predicted_only: only frames stamped `rtsr:predicted`.
+        predicted_only: refuse tests none of whose frames is stamped `rtsr:predicted`; where some
+            are, they alone are judged in any case.
+        changes: whether frames are compared with those before them.
         read: how frames are read.
     """
 
@@ -60,6 +68,7 @@ class CompareOptions:
     samples: int = 1
     selection: Selection = field(default_factory=Selection)
     predicted_only: bool = False
+    changes: bool = True
     read: ReadOptions = field(default_factory=ReadOptions)
 
 
@@ -77,6 +86,8 @@ class Comparison:
         there: the same whether stamped or not; history is read of those too.
         samples: K.
         remarks: what the search for frames left out, for the user.
+        stamped: whether those that are judged are the ones that are stamped as predicted.
+        between: frames between these, whose change alone is measured.
     """
 
     shot: str
@@ -88,6 +99,14 @@ class Comparison:
     there: tuple[int, ...]
     samples: int = 1
     remarks: tuple[str, ...] = ()
+    stamped: bool = False
+    between: tuple[int, ...] = ()
+
+    @cached_property
+    def shown(self) -> tuple[int, ...]:
+        """Frames that are read in turn: those that are judged, and those between."""
+        moving = (n for n in self.between if self.previous(n) is not None)
+        return tuple(sorted({*self.numbers, *moving}))
 
     @property
     def size(self) -> Size:
@@ -108,6 +127,13 @@ class Comparison:
         before = number - self.step
         resets = self.reference.resets if self.gbuffer is None else self.gbuffer.resets
         return before if before in self._there and number not in resets else None
+
+    def surfaces_before(self, number: int) -> int | None:
+        """Return the frame that this one's motion leads to, if there are buffers of it."""
+        before, gbuffer = number - self.step, self.gbuffer
+        if gbuffer is None or before not in gbuffer.numbers or number in gbuffer.resets:
+            return None
+        return before
 
 
 def name_methods(folders: Sequence[Path]) -> dict[str, Path]:
@@ -165,7 +191,7 @@ def _open_comparison(
     shots: Mapping[str, Shot], name: str, reference: Path, options: CompareOptions
 ) -> Comparison:
     files = ComparisonFiles(options.read)
-    tests = {m: _open_radiance(shot, shot.root, files) for m, shot in shots.items()}
+    tests = {m: _open_test(shot, files, options.read.on_missing) for m, shot in shots.items()}
     truth_shot = files.find_shot(reference, name, REFERENCE_FOLDERS)
     truth = _open_radiance(truth_shot, reference, files)
     gbuffer = _open_gbuffer(name, reference, truth, options, files)
@@ -173,7 +199,9 @@ def _open_comparison(
         _check_size(reader, truth, options.samples, method)
         _check_color_space(reader, truth, method)
     there = _list_frames(tests, truth)
+    stamped = list_stamped(tests.values())
     numbers, available = _choose_numbers(tests, truth, there, options)
+    turns = list_between(there, numbers, available, options.selection) if options.changes else ()
     return Comparison(
         shot=name,
         tests=tests,
@@ -184,13 +212,27 @@ def _open_comparison(
         there=tuple(sorted(set.intersection(*there.values()))),
         samples=options.samples,
         remarks=tuple(f"{s.root}: {t}" for s in (*shots.values(), truth_shot) for t in s.remarks),
+        stamped=bool(stamped),
+        between=turns if stamped else (),
     )
 
 
-def _open_radiance(shot: Shot, root: Path, files: ComparisonFiles) -> FrameReader:
+def _open_test(shot: Shot, files: ComparisonFiles, policy: MissingPolicy) -> FrameReader:
+    """Open the frames of a test; what lies between predicted frames is no hole."""
+    reader = _open_radiance(shot, shot.root, files, on_missing=MissingPolicy.SKIP)
+    if policy is MissingPolicy.SKIP or holds_only_predicted(reader):
+        return reader
+    return _open_radiance(shot, shot.root, files)
+
+
+def _open_radiance(
+    shot: Shot, root: Path, files: ComparisonFiles, *, on_missing: MissingPolicy | None = None
+) -> FrameReader:
     """Open frames for their radiance alone: nothing about motion need be known."""
     _refuse_single_channel(shot, files.headers)
     opened = files.open_shot(shot, root)
+    if on_missing is not None:
+        opened = replace(opened, options=replace(opened.options, on_missing=on_missing))
     reader = survey_set(shot.frames, opened, jittered=False)
     if Buffer.COLOR not in reader.stored:
         raise FrameFolderError(
@@ -333,10 +375,9 @@ def _choose_numbers(
     Raises:
         FrameFolderError: a folder lacks a frame that another has; names both.
     """
-    if options.predicted_only:
-        stamped = {str(r.frames.root): set(r.predicted) for r in tests.values()}
-        stamped[str(truth.frames.root)] = set().union(*stamped.values())
-        there = {root: numbers & stamped[root] for root, numbers in there.items()}
+    stamped = list_stamped(tests.values())
+    if stamped or options.predicted_only:
+        there = keep_stamped(there, tests.values(), stamped)
     every = sorted(set().union(*there.values()))
     chosen = set(options.selection.of(every))
     if options.read.on_missing is MissingPolicy.ERROR:

@@ -94,7 +94,7 @@ def _judge(request: EvaluateRequest) -> Generator[EvaluationEvent, None, Evaluat
         yield describe_comparison(comparison, request.skip_first)
     if request.dry_run:
         return None
-    yield JudgingStarted(frames=sum(len(c.numbers) for c in comparisons))
+    yield JudgingStarted(frames=sum(len(c.shown) for c in comparisons))
     shots = []
     for comparison in comparisons:
         shot = yield from judge_shot(comparison, judgement)
@@ -114,6 +114,7 @@ def describe_comparison(comparison: Comparison, skip_first: int) -> ComparisonPl
         gbuffer=None if gbuffer is None else gbuffer.frames.root,
         counts=bool(set(comparison.numbers) - set(comparison.available[:skip_first])),
         remarks=comparison.remarks,
+        stamped=comparison.stamped,
     )
 
 

@@ -36,6 +36,7 @@ class ComparisonPlanned:
         gbuffer: folder of the buffers, None where there are none.
         counts: True if some frame takes part in means.
         remarks: what the search for frames left out.
+        stamped: whether these are the frames that are stamped as predicted, and no others.
     """
 
     shot: str
@@ -46,6 +47,7 @@ class ComparisonPlanned:
     gbuffer: Path | None
     counts: bool
     remarks: tuple[str, ...] = ()
+    stamped: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

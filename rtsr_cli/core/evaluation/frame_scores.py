@@ -24,6 +24,7 @@ from rtsr_cli.core.evaluation.protocols import ShownPicture
 from rtsr_cli.core.evaluation.regions import Region, find_regions
 from rtsr_cli.core.evaluation.score_summary import FrameScores
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.warping import fetch_nearest
 from rtsr_cli.core.shapes import Mask
 
@@ -33,7 +34,12 @@ NOTHING_SEEN = f"fewer than {LEAST_PIXELS} pixels show a surface that the frame 
 
 
 def score_frame(
-    frame: JudgedFrame, before: JudgedFrame | None, rules: MetricRules, *, counted: bool
+    frame: JudgedFrame,
+    before: JudgedFrame | None,
+    rules: MetricRules,
+    *,
+    counted: bool,
+    surfaces_before: Frame | None = None,
 ) -> dict[str, FrameScores]:
     """Score every method on one frame.
 
@@ -42,15 +48,16 @@ def score_frame(
         before: the frame that its motion leads to, None after a cut.
         rules: protocol and metrics.
         counted: whether the frame takes part in means.
+        surfaces_before: buffers of that frame where not all folders have it.
     """
-    previous = None if before is None else before.gbuffer
+    previous = surfaces_before if before is None else before.gbuffer
     regions = find_regions(frame.gbuffer, previous, frame.reference)
     signed = any(any(f.negative.values()) for f in (frame, before) if f is not None)
     show = partial(ShownPicture, protocol=rules.protocol, signed=signed)
     reference = show(frame.reference)
     reference_before = None if before is None else show(before.reference)
     motion = _motion_of(frame) if previous is not None else None
-    disoccluded = regions[Region.DISOCCLUDED]
+    unseen = _join_unseen(regions)
     by_method = {}
     for method, linear in frame.tests.items():
         valid = frame.valid[method]
@@ -61,7 +68,7 @@ def score_frame(
             test_before=None if before is None else show(before.tests[method]),
             reference_before=reference_before,
             motion_px=motion,
-            history=_valid_history(frame, before, method, disoccluded),
+            history=_valid_history(frame, before, method, unseen),
         )
         found = _score_pair(pair, valid, regions)
         by_method[method] = FrameScores(
@@ -74,8 +81,16 @@ def score_frame(
             negative_reference=frame.negative[REFERENCE],
             reasons=found.reasons,
             counted=counted,
+            past=frame.past.get(method),
+            between=frame.between,
         )
     return by_method
+
+
+def _join_unseen(regions: Mapping[Region, Mask | None]) -> Mask | None:
+    """Pixels that the frame before does not show, for whichever reason; None if nobody can tell."""
+    hidden, outside = regions[Region.DISOCCLUDED], regions[Region.OFF_SCREEN]
+    return None if hidden is None or outside is None else hidden | outside
 
 
 def _motion_of(frame: JudgedFrame) -> Tensor | None:
@@ -85,16 +100,16 @@ def _motion_of(frame: JudgedFrame) -> Tensor | None:
 
 
 def _valid_history(
-    frame: JudgedFrame, before: JudgedFrame | None, method: str, disoccluded: Mask | None
+    frame: JudgedFrame, before: JudgedFrame | None, method: str, unseen: Mask | None
 ) -> Mask | None:
     """Pixels that are valid now and were, seen, in the frame before; None where nobody can tell."""
-    if before is None or disoccluded is None:
+    if before is None or unseen is None:
         return None
     motion = _motion_of(frame)
     if motion is None:
         return None
     was_valid = fetch_nearest(before.valid[method].to(motion), motion) > 0
-    return frame.valid[method] & ~disoccluded & was_valid
+    return frame.valid[method] & ~unseen & was_valid
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -11,6 +11,7 @@ from torch import Tensor
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.evaluation.comparisons import Comparison
+from rtsr_cli.core.evaluation.predicted_frames import read_history
 from rtsr_cli.core.evaluation.regions import REGION_BUFFERS
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -36,6 +37,8 @@ class JudgedFrame:
         negative: method, or "" for the reference, -> values of radiance below 0, as stored.
         known: pixels of the reference that are finite, as `valid`.
         gbuffer: buffers, None where there are none.
+        past: method -> rendered frames that its prediction had before it, as its file says.
+        between: whether it lies between judged frames, and is compared for its change alone.
     """
 
     number: int
@@ -47,6 +50,8 @@ class JudgedFrame:
     negative: Mapping[str, int]
     known: Mask
     gbuffer: Frame | None
+    past: Mapping[str, int] = field(default_factory=dict)
+    between: bool = False
 
 
 def check_border(comparison: Comparison, border: int) -> None:
@@ -71,8 +76,6 @@ def read_judged(
     Raises:
         FrameFolderError: a file is damaged.
     """
-    height, width = comparison.size
-    inside = (height - 2 * border, width - 2 * border)
     reference, known, below = _read_radiance(comparison.reference, number, comparison.samples)
     tests, valid, nonfinite = {}, {}, {}
     negative = {REFERENCE: below}
@@ -81,11 +84,7 @@ def read_judged(
         nonfinite[method] = int((~finite).sum())
         tests[method] = _cut(test, border).to(device)
         valid[method] = _cut(finite & known, border).to(device)
-    gbuffer = None
-    if comparison.gbuffer is not None and number in comparison.gbuffer.numbers:
-        wanted = REGION_BUFFERS & comparison.gbuffer.readable
-        full = average_samples(comparison.gbuffer.read(number, wanted), comparison.samples)
-        gbuffer = full.crop(border, border, inside).to(device)
+    past = {m: read_history(reader, number) for m, reader in comparison.tests.items()}
     return JudgedFrame(
         number=number,
         reference=_cut(reference, border).to(device),
@@ -95,8 +94,29 @@ def read_judged(
         nonfinite_reference=int((~known).sum()),
         negative=negative,
         known=_cut(known, border).to(device),
-        gbuffer=gbuffer,
+        gbuffer=read_surfaces(comparison, number, border=border, device=device),
+        past={m: count for m, count in past.items() if count is not None},
+        between=number in comparison.between,
     )
+
+
+def read_surfaces(
+    comparison: Comparison, number: int, *, border: int, device: str = "cpu"
+) -> Frame | None:
+    """Read the buffers of one frame; None where there are none.
+
+    Raises:
+        FrameFolderError: a file is damaged.
+    """
+    reader = comparison.gbuffer
+    if reader is None or number not in reader.numbers:
+        return None
+    height, width = comparison.size
+    inside = (height - 2 * border, width - 2 * border)
+    full = average_samples(
+        reader.read(number, REGION_BUFFERS & reader.readable), comparison.samples
+    )
+    return full.crop(border, border, inside).to(device)
 
 
 def _cut(image: Tensor, border: int) -> Tensor:

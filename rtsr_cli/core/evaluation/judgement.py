@@ -26,7 +26,7 @@ from rtsr_cli.core.evaluation.judged_frames import REFERENCE, JudgedFrame, read_
 from rtsr_cli.core.evaluation.metric_table import METRICS, REFERENCE_WARPED, WARPED, MetricRules
 from rtsr_cli.core.evaluation.protocols import Protocol, ShownPicture
 from rtsr_cli.core.evaluation.regions import REGION_MEANINGS, Region
-from rtsr_cli.core.evaluation.score_summary import REASONS, VMAF
+from rtsr_cli.core.evaluation.score_summary import BETWEEN, REASONS, VMAF
 from rtsr_cli.core.evaluation.shot_notes import list_notes
 from rtsr_cli.core.evaluation.shot_scores import ScoringOptions, score_shot
 from rtsr_cli.core.frames.selection import Selection, format_ranges
@@ -48,6 +48,11 @@ class FrameRow:
 
     row: int
     rows: dict[str, list[Tensor]] = field(default_factory=dict)
+
+    def add(self, kept: KeptFrame) -> None:
+        """Add the row of a frame, if it is not left out."""
+        for method, row in kept.row.items():
+            self.rows.setdefault(method, []).append(row)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,18 +197,15 @@ def judge_shot(
             if scored.failed:
                 failed.append(scored.failed)
                 continue
-            for method, row in scored.kept.row.items():
-                sliced.rows.setdefault(method, []).append(row)
-            video.add(scored.kept)
+            if scored.kept is not None:
+                sliced.add(scored.kept)
+                video.add(scored.kept)
             for method, scores in scored.scores.items():
                 frames[method][str(scored.number)] = scores.facts()
         _add_neighbour(video, comparison, after, replace(options, keep=keep))
         vmaf_scores = video.finish()
-    for method, values in vmaf_scores.items():
-        for facts, value in zip(frames[method].values(), values, strict=True):
-            facts[VMAF] = value
-    for facts in (f for method in wanted if too_small for f in frames[method].values()):
-        facts |= {VMAF: None, REASONS: {**facts.get(REASONS, {}), VMAF: too_small}}
+    for method in wanted:
+        _add_vmaf(frames[method], vmaf_scores.get(method, ()), too_small)
     return JudgedShot(
         comparison=comparison,
         frames=frames,
@@ -211,6 +213,15 @@ def judge_shot(
         failed=tuple(failed),
         vmaf=video.made_by,
     )
+
+
+def _add_vmaf(frames: Mapping[str, Any], values: Sequence[float], too_small: str) -> None:
+    """Add VMAF, or why there is none, to the facts of the frames that are judged."""
+    judged = [facts for facts in frames.values() if BETWEEN not in facts]
+    for facts in judged if too_small else ():
+        facts |= {VMAF: None, REASONS: {**facts.get(REASONS, {}), VMAF: too_small}}
+    for facts, value in zip(judged, values, strict=not too_small):
+        facts[VMAF] = value
 
 
 def _add_neighbour(
@@ -250,6 +261,7 @@ def assemble_result(shots: Sequence[JudgedShot], judgement: Judgement) -> dict[s
             tests[key] = {
                 "method": method,
                 "shot": name,
+                "predicted": sorted(shot.comparison.tests[method].predicted),
                 **summary,
                 "notes": list_notes(shot.comparison, method, frames),
             }

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from torch import Tensor
@@ -164,6 +164,7 @@ class MetricRow:
         measure: its map; None for one that judges whole frames or sequences.
         whole: one figure of the frame.
         needs_motion: only pixels count that the frame before shows, along motion.
+        of_change: it compares a frame with the one before it.
     """
 
     title: str
@@ -173,6 +174,7 @@ class MetricRow:
     measure: Measure | None = None
     whole: Callable[[JudgedPair], float] | None = None
     needs_motion: bool = False
+    of_change: bool = False
 
 
 def _measure_ms_ssim(pair: JudgedPair) -> float:
@@ -231,6 +233,7 @@ METRICS: dict[str, MetricRow] = {
         better=Better.HIGHER,
         meaning="PSNR of differences between consecutive frames",
         measure=_measure_tpsnr,
+        of_change=True,
     ),
     "temporal": MetricRow(
         title="Temporal change",
@@ -238,6 +241,7 @@ METRICS: dict[str, MetricRow] = {
         meaning="change of (test - reference) along motion, where the surface was seen before",
         measure=_measure_temporal_change,
         needs_motion=True,
+        of_change=True,
     ),
     WARPED: MetricRow(
         title="Warped error",
@@ -245,6 +249,12 @@ METRICS: dict[str, MetricRow] = {
         meaning="difference to the frame before along motion; the reference's own stands beside",
         measure=lambda pair: warp_change(pair.test, pair.test_before, pair.motion_px),
         needs_motion=True,
+        of_change=True,
     ),
 }
 """Every metric by the name users type, in the order of tables."""
+
+
+def keep_changes(rules: MetricRules) -> MetricRules:
+    """Leave the metrics that compare a frame with the one before it."""
+    return replace(rules, metrics=tuple(m for m in rules.metrics if METRICS[m].of_change))

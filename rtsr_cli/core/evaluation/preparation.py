@@ -17,7 +17,7 @@ from rtsr_cli.core.evaluation.comparisons import (
 )
 from rtsr_cli.core.evaluation.events import MetricUnavailable
 from rtsr_cli.core.evaluation.judgement import Judgement
-from rtsr_cli.core.evaluation.metric_table import MetricRules
+from rtsr_cli.core.evaluation.metric_table import METRICS, MetricRules
 from rtsr_cli.core.evaluation.protocols import PROTOCOLS
 from rtsr_cli.core.evaluation.request import EvaluateRequest
 from rtsr_cli.core.evaluation.shot_scores import ScoringOptions
@@ -47,6 +47,7 @@ def open_request(request: EvaluateRequest) -> list[Comparison]:
         samples=request.samples_per_pixel,
         selection=make_selection(request),
         predicted_only=PROTOCOLS[request.protocol].predicted_only,
+        changes=any(METRICS[name].of_change for name in request.metrics),
         read=ReadOptions(
             layout=request.layout,
             layer=request.layer,

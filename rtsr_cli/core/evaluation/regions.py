@@ -28,6 +28,7 @@ from rtsr_cli.core.imaging.disocclusion import (
     SurfaceBuffers,
     disocclusion_mask,
 )
+from rtsr_cli.core.imaging.warping import inside_frame
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 
@@ -36,6 +37,7 @@ class Region(StrEnum):
 
     ALL = "all"
     DISOCCLUDED = "disoccluded"
+    OFF_SCREEN = "off-screen"
     EDGES = "edges"
     LIGHTING = "shadows-and-highlights"
     SKY = "sky"
@@ -43,7 +45,9 @@ class Region(StrEnum):
 
 REGION_MEANINGS = {
     Region.ALL: "every pixel that is judged",
-    Region.DISOCCLUDED: "the previous frame does not show this surface (motion, depth, object id)",
+    Region.DISOCCLUDED: "another surface is where this one was in the previous frame (motion, "
+    "depth, object id)",
+    Region.OFF_SCREEN: "this surface lay outside of the previous frame (motion)",
     Region.EDGES: "a neighbour is another object, 10 % farther, or turned by more than 37 degrees "
     "(by normals without normal map; others count only where there is neither depth nor id)",
     Region.LIGHTING: "the tenth of the other surface pixels where log lighting changes most",
@@ -99,8 +103,11 @@ def find_regions(
     if Buffer.DEPTH in gbuffer or Buffer.NORMAL in gbuffer:
         masks[Region.SKY] = derive_sky(gbuffer) > 0
     masks[Region.EDGES] = find_edges(gbuffer)
-    if previous is not None:
-        masks[Region.DISOCCLUDED] = find_disoccluded(current, previous)
+    if previous is not None and Buffer.MOTION in gbuffer:
+        inside = inside_frame(gbuffer[Buffer.MOTION]) > 0
+        hidden = find_disoccluded(current, previous)
+        masks[Region.OFF_SCREEN] = ~inside
+        masks[Region.DISOCCLUDED] = None if hidden is None else hidden & inside
     if Buffer.ALBEDO in gbuffer:
         apart = [m for m in (masks[Region.SKY], masks[Region.EDGES]) if m is not None]
         surface = torch.ones_like(radiance[:, :1], dtype=torch.bool)

@@ -12,7 +12,7 @@ from typing import Any
 
 from rtsr_cli.core.documents import check_regular, parse_json, read_json, shorten_value
 from rtsr_cli.core.errors import OutputError
-from rtsr_cli.core.evaluation.score_summary import REASONS
+from rtsr_cli.core.evaluation.score_summary import BETWEEN, PAST, REASONS
 from rtsr_cli.core.files.atomic_write import check_writable
 from rtsr_cli.core.files.ownership import is_own, list_foreign
 from rtsr_cli.core.limits import LARGEST_FRAME
@@ -107,6 +107,7 @@ def _parse_frame(number: str, entry: Any, what: str) -> dict[str, Any]:
     _require(right and abs(int(number[:MOST_DIGITS])) <= LARGEST_FRAME, f"{what} has no number")
     _require(len(number) < MOST_DIGITS, f"{what} has no number")
     plain = {"nonfinite": int, "counted": bool, "regions": dict}
+    plain |= {k: kind for k, kind in ((PAST, int), (BETWEEN, bool)) if k in entry}
     _check_fields(entry, plain, what)
     reasons = entry.get(REASONS, {})
     _check_fields(reasons, dict.fromkeys(reasons, str), f"'{REASONS}' of {what}")

@@ -13,8 +13,12 @@ from typing import Any
 
 from rtsr_cli.core import statistics
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.cadence import FULL_PAST
 from rtsr_cli.core.frames.gaps import format_gaps, list_gaps
 from rtsr_cli.core.frames.selection import format_ranges
+
+HISTORY = "history"
+"""Of a test: "full" and "less", the frames with so much history and their means."""
 
 Scores = Mapping[str, float | None]
 """Metric -> value; None where a frame has none."""
@@ -22,10 +26,16 @@ Scores = Mapping[str, float | None]
 REASONS = "reasons"
 """Of a frame: metric -> why it has no value; there only where one has none."""
 
+PAST, BETWEEN = "past", "between"
+"""Of a predicted frame: rendered ones before it, as its file says. Of a frame that lies between
+predicted ones: true; it has scores of its change alone."""
+
 BELOW_ZERO = ("negative", "negative_reference")
 """Of a frame: values of radiance below 0 in the test and in the reference."""
 
-FACTS = frozenset({"nonfinite", "nonfinite_reference", "counted", "regions", REASONS, *BELOW_ZERO})
+FACTS = frozenset(
+    {"nonfinite", "nonfinite_reference", "counted", "regions", REASONS, PAST, BETWEEN, *BELOW_ZERO}
+)
 """What a frame's entry holds beside its scores."""
 
 INFINITE_RULE = (
@@ -79,6 +89,8 @@ class FrameScores:
         negative, negative_reference: values of radiance below 0.
         reasons: metric -> why it has no value.
         counted: False where the frame is shown but takes no part in means (`--skip-first`).
+        past: rendered frames before a predicted one, None where nothing says so.
+        between: whether it lies between predicted frames, and has scores of its change alone.
     """
 
     number: int
@@ -90,6 +102,8 @@ class FrameScores:
     negative_reference: int = 0
     reasons: Mapping[str, str] = field(default_factory=dict)
     counted: bool = True
+    past: int | None = None
+    between: bool = False
 
     def facts(self) -> dict[str, Any]:
         """Return the plain values of the JSON file."""
@@ -101,6 +115,8 @@ class FrameScores:
             "negative_reference": self.negative_reference,
             **({REASONS: dict(self.reasons)} if self.reasons else {}),
             "counted": self.counted,
+            **({} if self.past is None else {PAST: self.past}),
+            **({BETWEEN: True} if self.between else {}),
             "regions": {name: None if r is None else dict(r) for name, r in self.regions.items()},
         }
 
@@ -117,12 +133,34 @@ def summarise_frames(frames: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "confidence": {name: score_interval(f.get(name) for f in counted) for name in names},
         "frames": dict(frames),
         "regions": _average_regions([f["regions"] for f in counted]),
+        **_split_by_history(frames, names),
         "nonfinite": sum(int(f["nonfinite"]) for f in frames.values()),
         **{
             name: sum(int(f.get(name, 0)) for f in frames.values())
             for name in ("nonfinite_reference", *BELOW_ZERO)
         },
     }
+
+
+def _split_by_history(
+    frames: Mapping[str, Mapping[str, Any]], names: Sequence[str]
+) -> dict[str, Any]:
+    """Means of predicted frames with full history, and of the others; nothing without stamps."""
+    told = {n: f for n, f in frames.items() if f["counted"] and PAST in f}
+    groups = {
+        "full": {n: f for n, f in told.items() if f[PAST] >= FULL_PAST},
+        "less": {n: f for n, f in told.items() if f[PAST] < FULL_PAST},
+    }
+    split = {
+        name: {
+            "frames": [int(n) for n in held],
+            "mean": {metric: pooled_mean(f.get(metric) for f in held.values()) for metric in names},
+            "regions": _average_regions([f["regions"] for f in held.values()]),
+        }
+        for name, held in groups.items()
+        if held
+    }
+    return {HISTORY: split} if split else {}
 
 
 def _list_keys(mappings: Iterable[Mapping[str, Any]]) -> list[str]:

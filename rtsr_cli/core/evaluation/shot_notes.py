@@ -34,6 +34,7 @@ def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -
         where = format_ranges(int(n) for n in hidden)
         count = sum(hidden.values())
         notes.append(f"{count} pixels of the reference are NaN or Inf in frames {where}; left out")
+    notes += _describe_stamped(comparison)
     notes += _describe_negative(frames)
     notes += _describe_reasons(frames)
     if comparison.gbuffer is not None and comparison.gbuffer.lent_motion is not None:
@@ -43,9 +44,21 @@ def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -
     elif all(comparison.previous(number) is None for number in comparison.numbers):
         notes.append(
             "no judged frame has history (the frame before it in all folders, no cut between): "
-            "temporal metrics and the disoccluded region cannot be made"
+            "temporal metrics cannot be made"
         )
     return notes
+
+
+def _describe_stamped(comparison: Comparison) -> list[str]:
+    """Say that the stamped frames alone are judged, if they are, and what of."""
+    if not comparison.stamped:
+        return []
+    between = comparison.between
+    change = "; temporal metrics are of the frames between them, too" if between else ""
+    return [
+        f"frames {format_ranges(comparison.numbers)} are stamped rtsr:predicted, and they alone "
+        f"are judged{change}"
+    ]
 
 
 def _describe_negative(frames: Mapping[str, Any]) -> list[str]:

@@ -11,9 +11,10 @@ from typing import Any
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.evaluation.comparisons import Comparison
 from rtsr_cli.core.evaluation.frame_scores import score_frame
-from rtsr_cli.core.evaluation.judged_frames import JudgedFrame, read_judged
-from rtsr_cli.core.evaluation.metric_table import MetricRules
+from rtsr_cli.core.evaluation.judged_frames import JudgedFrame, read_judged, read_surfaces
+from rtsr_cli.core.evaluation.metric_table import MetricRules, keep_changes
 from rtsr_cli.core.evaluation.score_summary import FrameScores
+from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.memory import release_freed
 from rtsr_cli.core.threads import worker_pool
 
@@ -41,7 +42,10 @@ class ScoringOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredFrame:
-    """One frame's scores by method, and what `keep` took of it; or why it cannot be judged."""
+    """One frame's scores by method, and what `keep` took of it; or why it cannot be judged.
+
+    Of a frame that lies between judged ones nothing is kept.
+    """
 
     number: int
     scores: Mapping[str, FrameScores] = field(default_factory=dict)
@@ -67,10 +71,11 @@ class _Frames:
         """
         previous = self._comparison.previous(number)
         before = None if previous is None else self._begin_reading(previous)
+        surfaces = None if before is not None else self._read_surfaces_before(number)
         current = self._begin_reading(number)
         for later in ahead:
             self._begin_reading(later)
-        scored = self._pool.submit(self._score, number, current, before)
+        scored = self._pool.submit(self._score, number, current, before, surfaces)
         needed = {number, previous, *ahead}
         self._read = {n: f for n, f in self._read.items() if n in needed}
         return scored
@@ -83,17 +88,34 @@ class _Frames:
             )
         return self._read[number]
 
+    def _read_surfaces_before(self, number: int) -> Future[Frame | None] | None:
+        """Read the buffers of the frame before one that not every folder has; None without."""
+        before = self._comparison.surfaces_before(number)
+        if before is None:
+            return None
+        border, device = self._options.border, self._options.device
+        return self._pool.submit(
+            read_surfaces, self._comparison, before, border=border, device=device
+        )
+
     def _score(
-        self, number: int, frame: Future[JudgedFrame], before: Future[JudgedFrame] | None
+        self,
+        number: int,
+        frame: Future[JudgedFrame],
+        before: Future[JudgedFrame] | None,
+        surfaces_before: Future[Frame | None] | None,
     ) -> ScoredFrame:
         error = frame.exception()
         if isinstance(error, RtsrError):
             return ScoredFrame(number=number, failed=str(error))
         current = frame.result()
         previous = None if before is None or before.exception() else before.result()
-        counted = number not in self._first
-        scores = score_frame(current, previous, self._options.rules, counted=counted)
-        keep = self._options.keep
+        counted, rules, keep = number not in self._first, self._options.rules, self._options.keep
+        if current.between:
+            changes = score_frame(current, previous, keep_changes(rules), counted=counted)
+            return ScoredFrame(number=number, scores=changes)
+        surfaces = None if surfaces_before is None else surfaces_before.result()
+        scores = score_frame(current, previous, rules, counted=counted, surfaces_before=surfaces)
         return ScoredFrame(number=number, scores=scores, kept=keep(current) if keep else None)
 
 
@@ -111,8 +133,8 @@ def score_shot(comparison: Comparison, options: ScoringOptions) -> Iterator[Scor
     with worker_pool(options.jobs, "rtsr-judge") as pool:
         frames = _Frames(comparison, options, pool)
         try:
-            for place, number in enumerate(comparison.numbers, start=1):
-                ahead = comparison.numbers[place : place + options.jobs - 1]
+            for place, number in enumerate(comparison.shown, start=1):
+                ahead = comparison.shown[place : place + options.jobs - 1]
                 pending.append(frames.submit(number, ahead))
                 if len(pending) > options.jobs:
                     yield pending.popleft().result()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict
 
 import torch
@@ -11,11 +11,15 @@ from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.extrapolate.prediction import Extrapolation
 from rtsr_cli.core.extrapolate.request import ExtrapolateRequest
-from rtsr_cli.core.frames.cadence import measure_reach
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.cadence import count_past, measure_reach
+from rtsr_cli.core.frames.camera_needs import say_frames
+from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.network.load import load_network
 from rtsr_cli.core.network.precision import resolve_precision
 from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_single_sets
+from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.default_system import choose_default, describe_passed_over
 from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
@@ -54,7 +58,7 @@ def extrapolate_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    opened = open_single_sets(request.in_folder, read_options(request))
+    opened = open_single_sets(request.in_folder, read_options(request, unrendered=True))
     jobs = [plan_extrapolation(name, source, request, systems) for name, source in opened]
     check_selection(request.selection, [job.plan.inputs for job, _ in jobs])
     for job, details in jobs:
@@ -73,16 +77,23 @@ def plan_extrapolation(
     """
     numbers = source.reader.numbers
     rendered, predicted = split_by_cadence(source.reader, request.cadence)
+    outputs_of = frozenset(numbers) if request.keep_rendered else predicted
+    selected = [n for n in request.selection.of(numbers) if n in outputs_of]
+    reach = measure_reach(numbers, rendered)
+    nearest = list_read(numbers, selected, reach) & rendered
+    _check_rendered(source, nearest)
 
     def refuse(system: System) -> str:
         return describe_other_cadence(system, numbers, rendered)
 
-    system, better = choose_extrapolator(request, source, systems, refuse)
+    system, better = choose_extrapolator(request, source, systems, refuse, nearest)
     device = resolve_device(request.device)
     precision = resolve_precision(request.precision, torch.device(device))
     loaded = load_network(system, 1, device, request.weights_file)
-    reading = read_without_radiance(source, system, request, predicted, loaded.config)
-    frames = max(system.history_frames, measure_reach(numbers, rendered))
+    frames = max(system.history_frames, reach)
+    reading = read_without_radiance(
+        source, system, request, (list_read(numbers, selected, frames), predicted), loaded.config
+    )
     plan = plan_shot(
         reading.of_shot(name),
         reading.plan_outputs(
@@ -98,17 +109,23 @@ def plan_extrapolation(
             [loaded.digest, precision.value] if loaded.weights else [],
             sorted(rendered),
             request.on_nonfinite,
+            request.passthrough,
         ],
         selection=request.selection,
         overwrite=request.overwrite,
         history=HistoryReach(frames=frames),
-        outputs_of=numbers if request.keep_rendered else predicted,
+        outputs_of=outputs_of,
     )
     run = NetworkRun(
         system=system, network=loaded.network, device=device, precision=precision, tile=0
     )
+    past = count_past(plan.sequence.runs(), rendered)
     work = Extrapolation(
-        run, source, predicted, previews=request.previews, debug=request.debug_buffers
+        run,
+        source,
+        {n: past[n] for n in predicted},
+        previews=request.previews,
+        debug=request.debug_buffers,
     )
     height, width = source.lr_size
     details: dict[str, object] = {
@@ -125,21 +142,32 @@ def read_without_radiance(
     source: PairSource,
     system: System,
     request: ExtrapolateRequest,
-    predicted: frozenset[int],
+    frames: tuple[frozenset[int], frozenset[int]],
     config: object,
 ) -> PairReading:
     """Say what is read of rendered frames, and of the others, whose radiance never is.
 
+    Args:
+        source: of the frames.
+        system: that reads them.
+        request: what is asked for.
+        frames: those that are read, and all that were not rendered.
+        config: of the system.
+
     Raises:
         FrameFolderError: a buffer is missing.
     """
+    read, predicted = frames
     inputs = resolve_system_inputs(system, request.on_nonfinite, config)
     unshaded = resolve_unshaded_inputs(system, request.on_nonfinite, config)
     reads = f"system '{system.name}'"
-    for wanted in (inputs, unshaded):
-        check_inputs(reads, source, wanted, remedy=", or choose another --system")
+    for wanted, numbers in ((inputs, read - predicted), (unshaded, read & predicted)):
+        check_inputs(reads, source, wanted, remedy=", or choose another --system", numbers=numbers)
     return PairReading(
-        source=source, inputs=inputs, unshaded=dict.fromkeys(sorted(predicted), unshaded)
+        source=source,
+        inputs=inputs,
+        passed=find_passthrough(source, request.passthrough, radiance=False),
+        unshaded=dict.fromkeys(sorted(predicted), unshaded),
     )
 
 
@@ -148,6 +176,7 @@ def choose_extrapolator(
     source: PairSource,
     systems: SystemTable,
     refuse: Callable[[System], str],
+    rendered: frozenset[int],
 ) -> tuple[System, str]:
     """Return the system asked for, that of the weights, or the first preferred one that can run.
 
@@ -160,7 +189,9 @@ def choose_extrapolator(
     if name is None and request.weights_file is not None:
         name = read_weights(request.weights_file).system
     if name is None:
-        system, passed_over = choose_default(source, systems, request.on_nonfinite, refuse=refuse)
+        system, passed_over = choose_default(
+            source, systems, request.on_nonfinite, rendered, refuse=refuse
+        )
         return system, describe_passed_over(source, passed_over)
     system = systems.load(name)
     if unfit := refuse(system):
@@ -177,3 +208,34 @@ def describe_other_cadence(system: System, numbers: Sequence[int], rendered: fro
     if not every or measure_reach(numbers, rendered) < every:
         return ""
     return f"made for frames of which one in {every} is rendered"
+
+
+def list_read(numbers: Sequence[int], selected: Collection[int], reach: int) -> frozenset[int]:
+    """Return the frames that outputs depend on.
+
+    Args:
+        numbers: of all frames, ascending.
+        selected: of the outputs.
+        reach: frames that an output looks back.
+    """
+    places = {number: place for place, number in enumerate(numbers)}
+    spans = ((max(0, places[number] - reach), places[number] + 1) for number in selected)
+    return frozenset(n for start, end in spans for n in numbers[start:end])
+
+
+def _check_rendered(source: PairSource, rendered: frozenset[int]) -> None:
+    """Raise where frames that are to be rendered hold no radiance.
+
+    Raises:
+        FrameFolderError: names the folder, the frames, and what to say instead.
+    """
+    reader = source.reader
+    without = reader.list_lacking(rendered, (Buffer.COLOR,)).get(Buffer.COLOR, ())
+    if not without:
+        return
+    there = format_ranges(set(reader.cameras) - reader.unrendered).replace(", ", ",")
+    raise FrameFolderError(
+        f"{reader.frames.root}, {say_frames(without)}: buffer 'color' is missing, though "
+        f"{'it counts' if len(without) == 1 else 'they count'} as rendered; render radiance there, "
+        f"or name the frames that hold it with --rendered {there}"
+    )

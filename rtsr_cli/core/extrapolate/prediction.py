@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.files.provenance import PREDICTED, name_color_space
+from rtsr_cli.core.files.provenance import PAST, PREDICTED, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.imaging.coverage import CoveredColor
@@ -28,7 +30,7 @@ class Extrapolation:
         self,
         run: NetworkRun,
         source: PairSource,
-        predicted: frozenset[int],
+        past: Mapping[int, int],
         *,
         previews: bool,
         debug: bool,
@@ -38,12 +40,12 @@ class Extrapolation:
         Args:
             run: how the system is run.
             source: of the frames.
-            predicted: numbers of those that were not rendered.
+            past: of those that were not rendered, how many rendered ones lie before them.
             previews: a PNG beside each EXR.
             debug: an EXR of what the system saw and decided.
         """
         self._predictor, self._system = Predictor(run), run.system
-        self._predicted = predicted
+        self._past = past
         self._colorspace = source.reader.conventions.colorspace
         self._tag = name_color_space(source.reader.conventions)
         self._previews, self._debug = previews, debug
@@ -51,7 +53,7 @@ class Extrapolation:
 
     def __call__(self, moment: FrameInTurn) -> Product | None:
         """Return what writes a frame; None where it is only history."""
-        rendered = moment.number not in self._predicted
+        rendered = moment.number not in self._past
         if rendered:
             self._covered = moment.pair.covered
         if not moment.wanted:
@@ -81,7 +83,10 @@ class Extrapolation:
         if made.image is None:
             raise FrameFolderError(f"{moment.source}: {name} gave no image")
         largest = moment.check_output(made.image, name)
-        stamp = {PREDICTED: 1, "rtsr:system": self._system.name} if predicted else {}
+        stamp: dict[str, Any] = {}
+        if predicted:
+            past = {PAST: self._past[moment.number]}
+            stamp = {PREDICTED: 1, **past, "rtsr:system": self._system.name}
         picture = OutputFrame(
             path=moment.path,
             color=made.image,
@@ -89,6 +94,7 @@ class Extrapolation:
             as_float=largest > MAX_HALF,
             attributes={**moment.attributes, **moment.provenance({**stamp, **self._tag})},
             windows=moment.windows,
+            passed=moment.passed,
             colorspace=self._colorspace,
             previews=self._previews,
             debug=list_debug_pictures(moment, made) if self._debug else None,

@@ -20,6 +20,7 @@ class ExtrapolateRequest(FramesRequest):
         every: the first frame is rendered, and every so many after it; None = 2.
         rendered: numbers of the rendered frames, in place of `every`.
         keep_rendered: also write the rendered frames, so that OUT is the whole sequence.
+        passthrough: patterns of input channels, never radiance, that are copied to the output.
         previews: a PNG beside each EXR.
         device: torch device; auto = cuda where there is one.
         precision: number format of network layers.
@@ -31,6 +32,7 @@ class ExtrapolateRequest(FramesRequest):
     every: int | None = None
     rendered: frozenset[int] | None = None
     keep_rendered: bool = False
+    passthrough: tuple[str, ...] = ()
     previews: bool = False
     device: str = "auto"
     precision: Precision = Precision.AUTO

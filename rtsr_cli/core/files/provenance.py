@@ -26,7 +26,13 @@ STAMP = "rtsr:stamp"
 PREDICTED = "rtsr:predicted"
 """Header attribute of frames that no renderer made: 1 where a system predicted them."""
 
+PAST = "rtsr:past"
+"""Header attribute of predicted frames: rendered ones of the unbroken sequence before them."""
+
 DIGEST_BYTES = 16
+
+LONGEST_COUNT = 9
+"""Digits of a count that others wrote, less than so many."""
 
 Signature = tuple[int, int]
 """Size in bytes and time of the last change in ns: tells one content from another unread."""
@@ -146,6 +152,12 @@ def describe_provenance(
         STAMP: stamp,
         **extra,
     }
+
+
+def read_past(attributes: Mapping[str, Any]) -> int | None:
+    """Rendered frames that a predicted one had before it; None where nothing says so."""
+    told = str(attributes.get(PAST, ""))
+    return int(told) if told.isascii() and told.isdecimal() and len(told) < LONGEST_COUNT else None
 
 
 def is_predicted(attributes: Mapping[str, Any]) -> bool:

@@ -11,6 +11,10 @@ FIRST_EVERY = 2
 """Least distance of rendered frames: with 1 there would be nothing to predict."""
 
 
+FULL_PAST = 3
+"""Rendered frames that make a history full: those that ExtraNet reads (t-1, t-3, t-5)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Cadence:
     """Which frames are rendered.
@@ -47,6 +51,22 @@ class Cadence:
         if self.rendered is not None:
             return self.rendered.intersection(numbers)
         return frozenset(n for n in numbers if (n - numbers[0]) // step % self.every == 0)
+
+
+def count_past(runs: Sequence[Sequence[int]], rendered: frozenset[int]) -> dict[int, int]:
+    """Return how many rendered frames lie before each frame of its run, `FULL_PAST` at most.
+
+    Args:
+        runs: of frames, between which history ends.
+        rendered: frames that are.
+    """
+    past: dict[int, int] = {}
+    for run in runs:
+        count = 0
+        for number in run:
+            past[number] = min(FULL_PAST, count)
+            count += number in rendered
+    return past
 
 
 def choose_cadence(every: int | None, rendered: frozenset[int] | None) -> Cadence:

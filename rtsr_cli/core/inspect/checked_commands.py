@@ -15,6 +15,7 @@ from rtsr_cli.core.inspect.readiness import (
     Sources,
     SystemReadiness,
     judge_demand,
+    list_timed_sources,
     make_demand,
 )
 from rtsr_cli.core.pairs.real_pairs import RealPairs
@@ -33,6 +34,9 @@ class FrameUse(StrEnum):
 
     ALONE = "alone"
     """Frames of one size; what lies beside them is not read."""
+
+    IN_TIME = "in time"
+    """The same, where some frames were not rendered."""
 
     LEARNT = "learnt"
     """HR captures with radiance, or LR frames with HR ones and a reference."""
@@ -59,6 +63,7 @@ class ShotSources:
 
     Attributes:
         main: its frames, None if they cannot be read.
+        in_time: its frames, read as such that some of hold no radiance; None if all do.
         hr: the HR frames beside them, None if there are none, or they cannot be read.
         enlarged: ways to upscale them, the one that asks least first.
         referenced: whether radiance of the target size lies beside them.
@@ -68,11 +73,14 @@ class ShotSources:
     hr: FrameReader | None
     enlarged: Sources
     referenced: bool = False
+    in_time: FrameReader | None = None
 
     def of(self, use: FrameUse) -> Sources:
         """Ways in which a use of frames reads them; none where it cannot."""
         if use is FrameUse.ENLARGED or self.main is None:
             return self.enlarged
+        if use is FrameUse.IN_TIME:
+            return list_timed_sources(self.in_time or self.main)
         if use is FrameUse.LEARNT and self.hr is not None:
             return self.enlarged
         if use is FrameUse.LEARNT:
@@ -84,11 +92,13 @@ def judge_commands(
     commands: Iterable[CheckedCommand], sources: ShotSources, problems: Collection[ShotProblem]
 ) -> dict[str, Mapping[str, SystemReadiness]]:
     """Tell, command by command, which systems or parts of it can run."""
-    given = list(problems)
+    lasting = [p for p in problems if not p.radiance]
     return {
         command.name: {
             demand.name: judge_demand(
-                _lighten(demand, command.use, sources), sources.of(command.use), given
+                _lighten(demand, command.use, sources),
+                sources.of(command.use),
+                lasting if command.use is FrameUse.IN_TIME else list(problems),
             )
             for demand in command.demands
         }

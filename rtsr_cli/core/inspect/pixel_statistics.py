@@ -107,7 +107,7 @@ def measure_statistics(
     damaged = []
     for number in numbers:
         try:
-            stored = reader.narrowed([number]).read_raw(number, reader.stored)
+            stored = reader.narrowed([number]).read_raw(number, reader.stored_in([number]))
         except RtsrError as error:
             damaged.append(str(error))
             continue

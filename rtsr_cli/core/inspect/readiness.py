@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import RtsrError
+from rtsr_cli.core.frames.cadence import Cadence
+from rtsr_cli.core.frames.camera_needs import say_frames
+from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs
 from rtsr_cli.core.pairs.simulated_pairs import SimulatedPairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairInputs, PairSource
-from rtsr_cli.core.run.system_inputs import resolve_system_inputs
+from rtsr_cli.core.run.system_inputs import resolve_system_inputs, resolve_unshaded_inputs
 from rtsr_cli.core.system import System
 
 ANY_SCALE = 2
@@ -44,11 +47,13 @@ class ShotProblem:
         text: what, where, and the remedy.
         gravity: what it leads to.
         lacks: what is missing for every system, where commands refuse.
+        radiance: whether it stops only what reads radiance of every frame.
     """
 
     text: str
     gravity: Severity = Severity.REMARK
     lacks: str = "readable frames"
+    radiance: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +109,20 @@ def judge_readiness(
     return judge_demand(make_demand(system), sources, problems)
 
 
+def lacks_radiance(reader: FrameReader) -> str:
+    """Say which frames of a sequence hold no radiance, as what is missing."""
+    return f"color of {say_frames(reader.unrendered)}"
+
+
+def list_timed_sources(main: FrameReader) -> Sources:
+    """The way to run on frames some of which were not rendered: those with radiance are."""
+    source = RealPairs(lr=main, hr=None, scale=1)
+    rendered = frozenset(main.numbers) - main.unrendered
+    if not main.unrendered or Cadence().list_rendered(main.numbers, main.step) <= rendered:
+        return [("", source)]
+    return [(f"--rendered {format_ranges(rendered).replace(', ', ',')}", source)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class InputDemand:
     """What a system, or a part of a command, reads of frames.
@@ -113,23 +132,24 @@ class InputDemand:
         inputs: what is read of a pair.
         scales: factors that it is made for; empty = any.
         weights: scales that it comes with weights for; None if it needs none.
+        unshaded: what is read of frames that were not rendered; None where that is no difference.
     """
 
     name: str
     inputs: PairInputs
     scales: tuple[int, ...] = ()
     weights: tuple[int, ...] | None = None
+    unshaded: PairInputs | None = None
 
 
 def make_demand(system: System) -> InputDemand:
     """What a system reads to run."""
     weighted = system.learning is not None and system.task is SystemTask.UPSCALE
-    inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
-    # frames of every step are of one sequence here, whether they are rendered or not
-    every = tuple(dict.fromkeys((*inputs.lr, *system.unshaded_inputs)))
+    policy = NonfinitePolicy.ERROR
     return InputDemand(
         name=system.name,
-        inputs=replace(inputs, lr=every),
+        inputs=resolve_system_inputs(system, policy),
+        unshaded=resolve_unshaded_inputs(system, policy) if system.unshaded_inputs else None,
         scales=system.scales,
         weights=tuple(s for s in system.scales if has_weights(system, s)) if weighted else None,
     )
@@ -163,7 +183,16 @@ def _list_missing(demand: InputDemand, source: PairSource) -> tuple[str, ...]:
     """What the files lack, and the scale and weights where they are known not to fit."""
     known, scale = len(source.readers) > 1, source.scale
     fits = not known or not demand.scales or scale in demand.scales
-    lacking = list(source.missing(demand.inputs))
+    reader = source.reader
+    if demand.unshaded is None:
+        lacking = list(source.missing(demand.inputs))
+    else:
+        rendered = set(reader.numbers) - reader.unrendered
+        of_both = (
+            *source.missing(demand.inputs, rendered),
+            *source.missing(demand.unshaded, reader.unrendered),
+        )
+        lacking = list(dict.fromkeys(of_both))
     if not fits:
         lacking.append(f"a scale of {', '.join(f'{s}x' for s in demand.scales)}")
     elif demand.weights is not None and not (scale in demand.weights if known else demand.weights):

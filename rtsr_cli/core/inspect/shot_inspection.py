@@ -21,6 +21,7 @@ from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot
+from rtsr_cli.core.captures.unrendered_frames import list_partial_streams
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import LayerChoiceError, RtsrError
 from rtsr_cli.core.files.folders import is_folder
@@ -41,6 +42,7 @@ from rtsr_cli.core.inspect.readiness import (
     ShotProblem,
     Sources,
     SystemReadiness,
+    lacks_radiance,
     list_single_sources,
     match_resolutions,
 )
@@ -50,8 +52,12 @@ from rtsr_cli.core.pairs.opening import (
     check_channels,
     measure_set,
     open_shot,
+    survey_set,
 )
 from rtsr_cli.core.pairs.sources import NAMED_LAYOUT
+
+NEEDS_NO_RADIANCE = "extrapolate needs none there"
+"""Said of radiance that some frames lack."""
 
 MOST_FRAMES = 64
 """Frames whose pixels are looked at, evenly spaced, unless all are asked for."""
@@ -71,6 +77,8 @@ class SetInspection:
         missing: per file sequence, the frames that it lacks.
         layers: names of the layers and views that the files hold; empty where they name none.
         settled: how it is read, None if it cannot be.
+        in_time: how it is read where frames that hold no radiance count as others; None where all
+            hold some.
         statistics: of each buffer.
         looked_at: frames whose pixels were read.
         lossy: buffers of numbers that are compressed with losses.
@@ -90,6 +98,7 @@ class SetInspection:
     layers: tuple[str, ...] = ()
     material: str = ""
     lossy: Mapping[str, LossyBuffer] = field(default_factory=dict)
+    in_time: FrameReader | None = None
 
     @property
     def reader(self) -> FrameReader | None:
@@ -132,9 +141,13 @@ class ShotInspection:
     @property
     def gravity(self) -> Severity:
         """The worst that a command with default options does about them; nothing may run at all."""
-        if not any(system.ready for system in self.systems.values()):
+        in_time = self.commands.get(SystemTask.EXTRAPOLATE.value, {})
+        problems = self.problems
+        if self.main.in_time is not None and any(system.ready for system in in_time.values()):
+            problems = tuple(p for p in problems if not p.radiance)
+        elif not any(system.ready for system in self.systems.values()):
             return Severity.REFUSED
-        return max((p.gravity for p in self.problems), default=Severity.REMARK)
+        return max((p.gravity for p in problems), default=Severity.REMARK)
 
 
 def inspect_shot(
@@ -183,6 +196,7 @@ def inspect_shot(
     )
     known = ShotSources(
         main=main.reader,
+        in_time=main.in_time,
         hr=None if hr is None else hr.reader,
         enlarged=sources,
         referenced=is_folder(shot.root / REFERENCE_FOLDER),
@@ -293,6 +307,8 @@ def _inspect_set(
     inspection = _inspect_unread_set(surveyed.frames, headers, problems)
     if not headers:
         return inspection
+    in_time = _measure_in_time(surveyed, opened) if lr else None
+    inspection = replace(inspection, in_time=None if in_time is None else in_time.reader)
     try:
         if isinstance(opened, RtsrError):
             raise opened
@@ -301,12 +317,35 @@ def _inspect_set(
         problem = _make_problem(error, "a choice of layer")
         return replace(inspection, layers=error.layers, problems=(*problems, problem))
     except RtsrError as error:
+        if in_time is not None:
+            problem = ShotProblem(
+                text=f"{error} ({NEEDS_NO_RADIANCE})",
+                gravity=Severity.REFUSED,
+                lacks=lacks_radiance(in_time.reader),
+                radiance=True,
+            )
+            inspection = replace(inspection, settled=in_time, problems=(*problems, problem))
+            return _with_pixels(inspection, surveyed.frames, in_time, every=every)
         problem = _make_problem(error, "a known layout")
         return _guess_unread(replace(inspection, problems=(*problems, problem)), surveyed)
     if not lr and settled.undecided == settled.motion_undecided:
         # of HR frames beside LR ones commands read no vectors
         settled = replace(settled, undecided="", reader=replace(settled.reader, undecided=""))
     return _with_pixels(replace(inspection, settled=settled), surveyed.frames, settled, every=every)
+
+
+def _measure_in_time(surveyed: _Surveyed, opened: OpenedShot | RtsrError) -> MeasuredReader | None:
+    """Take frames without radiance as others; None where all hold some, or nothing can be read."""
+    if isinstance(opened, RtsrError):
+        return None
+    opened = replace(opened, options=replace(opened.options, unrendered=True))
+    try:
+        reader = survey_set(surveyed.readable, opened, jittered=True, headers=surveyed.headers)
+        if not reader.unrendered:
+            return None
+        return measure_set(surveyed.readable, opened, jittered=True, headers=surveyed.headers)
+    except RtsrError:
+        return None
 
 
 def _guess_unread(inspection: SetInspection, surveyed: _Surveyed) -> SetInspection:
@@ -357,10 +396,16 @@ def _with_pixels(
     unknown = {key: names for key, names in unknown.items() if names}
     check = check_guesses(choose_files(reader.frames, reader.channels), reader.stored)
     missing = list_missing_frames(frames, sorted(bound), reader.step)
+    partial = list_partial_streams(reader.binding) if inspection.in_time is not None else ()
     looked_at = _choose_numbers(reader.numbers, every=every)
     statistics, damaged = measure_statistics(reader, looked_at)
     holes = (
-        f"'{key}' lacks frames {format_gaps(lacking)}: render them, or use --on-missing skip|hold"
+        ShotProblem(
+            text=f"'{key}' lacks frames {format_gaps(lacking)}: render them, or use --on-missing "
+            "skip|hold" + (f" ({NEEDS_NO_RADIANCE})" if key in partial else ""),
+            gravity=Severity.HOLES,
+            radiance=key in partial,
+        )
         for key, lacking in missing.items()
     )
     # radiance needs no proof
@@ -374,7 +419,7 @@ def _with_pixels(
     problems = [
         *inspection.problems,
         *(ShotProblem(text=text, gravity=Severity.PIXELS) for text in damaged),
-        *(ShotProblem(text=text, gravity=Severity.HOLES) for text in holes),
+        *holes,
         *(
             ShotProblem(text=text, gravity=Severity.PIXELS)
             for text in describe_nonfinite(statistics)

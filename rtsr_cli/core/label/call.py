@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.label.kinds import KINDS, FigureKind
 from rtsr_cli.core.label.request import LabelRequest
 from rtsr_cli.core.pairs.opening import open_single_sets
@@ -46,7 +47,9 @@ def label_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    opened = open_single_sets(request.in_folder, read_options(request))
+    # labels that follow from G-buffers need no frame to be rendered
+    unrendered = RADIANCE_BUFFERS.isdisjoint(KINDS[request.kind].buffers)
+    opened = open_single_sets(request.in_folder, read_options(request, unrendered=unrendered))
     planned = [plan_labelling(name, source, request) for name, source in opened]
     plans = [each.job.plan for each in planned]
     check_selection(request.selection, [plan.inputs for plan in plans])

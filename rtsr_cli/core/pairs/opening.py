@@ -55,6 +55,7 @@ class ReadOptions:
         sharded: whether other runs write other parts of the same shots.
         selection: frames that will be written; of those that no output of theirs depends on, no
             header need be read.
+        unrendered: whether frames may hold no radiance.
     """
 
     layout: str | None = None
@@ -65,6 +66,7 @@ class ReadOptions:
     output: Path | None = None
     sharded: bool = False
     selection: Selection = field(default_factory=Selection)
+    unrendered: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,6 +240,7 @@ def survey_set(
         on_missing=opened.options.on_missing,
         wanted=opened.options.selection.frames,
         jittered=jittered,
+        unrendered=opened.options.unrendered,
     )
 
 

@@ -157,8 +157,15 @@ def resize_plane(plane: Plane, size: Size) -> Plane:
     return plane[down // 2 :: down, down // 2 :: down] if down > 1 else plane
 
 
-def find_passthrough(source: PairSource, patterns: Sequence[str]) -> tuple[PassedChannels, ...]:
+def find_passthrough(
+    source: PairSource, patterns: Sequence[str], *, radiance: bool = True
+) -> tuple[PassedChannels, ...]:
     """Find the channels that match any of the patterns, and check that every frame has them.
+
+    Args:
+        source: of the frames.
+        patterns: of channels' names.
+        radiance: whether radiance of LR frames may be among them.
 
     Raises:
         FrameFolderError: a pattern names an output's own channel or matches nothing, or two files
@@ -176,7 +183,7 @@ def find_passthrough(source: PairSource, patterns: Sequence[str]) -> tuple[Passe
     taken: set[str] = set()
     groups: list[PassedChannels] = []
     for reader in (*large, *small):
-        offered = _list_offered(reader, with_radiance=reader in small)
+        offered = _list_offered(reader, with_radiance=radiance and reader in small)
         chosen = _match_patterns(reader, [c for c in offered if c[1] not in taken], patterns)
         taken |= {channel for _, channel in chosen}
         if chosen:

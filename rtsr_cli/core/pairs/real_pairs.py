@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -20,6 +21,7 @@ from rtsr_cli.core.pairs.sources import (
     PairInputs,
     PairReads,
     check_frame,
+    describe_lacking,
     describe_missing,
     resolve_buffers,
 )
@@ -49,7 +51,7 @@ class RealPairs:
         """In the display window of the HR frames, or in that of the LR frame enlarged."""
         plane = None if self.hr is None else self.hr.display
         return place_output(
-            header, self.lr.main_channel, self.lr.region, Fraction(self.scale), plane
+            header, self.lr.channel_of(header), self.lr.region, Fraction(self.scale), plane
         )
 
     @property
@@ -83,11 +85,15 @@ class RealPairs:
             self._resolved[inputs] = PairReads(lr=lr, hr=hr)
         return self._resolved[inputs]
 
-    def missing(self, inputs: PairInputs) -> tuple[str, ...]:
+    def missing(
+        self, inputs: PairInputs, numbers: Collection[int] | None = None
+    ) -> tuple[str, ...]:
         """Name what is missing, with the resolution it is missing at where there are two."""
         reads = self.resolve(inputs)
-        alone = self.hr is None and self.scale == 1
-        lacking = describe_missing(reads.lr.missing, self.lr, "" if alone else "lr ")
+        size = "" if self.hr is None and self.scale == 1 else "lr "
+        lacking = describe_missing(reads.lr.missing, self.lr, size)
+        read = self.lr.numbers if numbers is None else numbers
+        lacking = (*lacking, *describe_lacking(read, reads.lr.stored, self.lr, size))
         if not inputs.hr:
             return lacking
         if self.hr is None:

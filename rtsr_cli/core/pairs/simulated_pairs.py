@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -19,6 +20,7 @@ from rtsr_cli.core.pairs.sources import (
     PairInputs,
     PairReads,
     check_frame,
+    describe_lacking,
     describe_missing,
     resolve_buffers,
 )
@@ -83,10 +85,17 @@ class SimulatedPairs:
             )
         return self._resolved[inputs]
 
-    def missing(self, inputs: PairInputs) -> tuple[str, ...]:
+    def missing(
+        self, inputs: PairInputs, numbers: Collection[int] | None = None
+    ) -> tuple[str, ...]:
         """Name what the capture lacks."""
         reads = self.resolve(inputs)
-        return describe_missing((*reads.lr.missing, *reads.hr.missing), self.capture)
+        read = self.capture.numbers if numbers is None else numbers
+        stored = reads.lr.stored | reads.hr.stored
+        return (
+            *describe_missing((*reads.lr.missing, *reads.hr.missing), self.capture),
+            *describe_lacking(read, stored, self.capture),
+        )
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
         """Files of the capture."""

@@ -17,7 +17,7 @@ from rtsr_cli.core.captures.regions import OutputWindows
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.camera_needs import name_lacking
+from rtsr_cli.core.frames.camera_needs import name_lacking, say_frames
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.coverage import CoveredColor
 from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig
@@ -140,8 +140,10 @@ class PairSource(Protocol):
     def frame_bytes(self) -> int:
         """Memory that reading one frame takes, generously."""
 
-    def missing(self, inputs: PairInputs) -> tuple[str, ...]:
-        """Name what a system needs and these files do not have."""
+    def missing(
+        self, inputs: PairInputs, numbers: Collection[int] | None = None
+    ) -> tuple[str, ...]:
+        """Name what a system needs of some frames, or of all, and these files do not have."""
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
         """Every file that `load` opens for a frame."""
@@ -192,12 +194,29 @@ def describe_missing(
     return tuple(dict.fromkeys(_describe_one(name, reader, size) for name in missing))
 
 
+def describe_lacking(
+    numbers: Collection[int], buffers: Collection[Buffer], reader: FrameReader, size: str = ""
+) -> tuple[str, ...]:
+    """Say which frames lack a buffer that others of the same reader hold.
+
+    Args:
+        numbers: of the frames that are read.
+        buffers: that are read of them.
+        reader: of the frames.
+        size: as for `describe_missing`.
+    """
+    found = reader.list_lacking(numbers, buffers)
+    return tuple(f"{size}{buffer} of {say_frames(without)}" for buffer, without in found.items())
+
+
 def _describe_one(name: str, reader: FrameReader, size: str) -> str:
     if name == CAMERA:
         lacking = reader.without_camera
         every = len(lacking) == len(reader.cameras)
         return f"{size}{CAMERA}{name_lacking(lacking, everywhere=every)}"
-    unmet = reader.unmet.get(Buffer(name))
+    unmet, without = reader.unmet.get(Buffer(name)), reader.lacking.get(Buffer(name))
+    if without:
+        return f"{size}{name} of {say_frames(without)}"
     if unmet is not None:
         return f"{size}{CAMERA}{unmet.frames} for {name} ({unmet.need.stored_as})"
     return DECLARED_MOTION if name in reader.stored - reader.readable else f"{size}{name}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rtsr_cli.core.choices import InputCondition, NonfinitePolicy
@@ -59,6 +59,7 @@ def choose_default(
     source: PairSource,
     systems: SystemTable,
     policy: NonfinitePolicy,
+    rendered: Collection[int] | None = None,
     *,
     refuse: Callable[[System], str] = lambda system: "",
 ) -> tuple[System, list[PassedOver]]:
@@ -70,6 +71,7 @@ def choose_default(
         source: the shot's pairs.
         systems: to choose from.
         policy: for NaN and Inf.
+        rendered: frames whose radiance is read; all if None.
         refuse: what keeps a system back for this run, behind its name; empty if nothing does.
     """
     passed: list[PassedOver] = []
@@ -79,7 +81,7 @@ def choose_default(
         found = (
             PassedOver(system=system, reason=unfit)
             if unfit
-            else judge_preferred(system, source, systems, policy)
+            else judge_preferred(system, source, systems, policy, rendered)
         )
         if found is None:
             return system, passed
@@ -88,15 +90,20 @@ def choose_default(
 
 
 def judge_preferred(
-    system: System, source: PairSource, systems: SystemTable, policy: NonfinitePolicy
+    system: System,
+    source: PairSource,
+    systems: SystemTable,
+    policy: NonfinitePolicy,
+    rendered: Collection[int] | None = None,
 ) -> PassedOver | None:
     """Say why a preferred system is not the default for these inputs; None if it may be."""
     scale = source.scale
     if system.scales and scale not in system.scales:
         return PassedOver(system=system, reason=f"not made for {scale}x")
-    missing = source.missing(resolve_system_inputs(system, policy))
+    missing = source.missing(resolve_system_inputs(system, policy), rendered)
     if system.unshaded_inputs:
-        unshaded = source.missing(resolve_unshaded_inputs(system, policy))
+        others = None if rendered is None else set(source.reader.numbers).difference(rendered)
+        unshaded = source.missing(resolve_unshaded_inputs(system, policy), others)
         missing = tuple(dict.fromkeys((*missing, *unshaded)))
     if missing:
         return PassedOver(system=system, missing=missing)

@@ -40,8 +40,8 @@ from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import FrameWindow
 
 
-def read_options(request: FramesRequest) -> ReadOptions:
-    """Return how the frames of a request are read."""
+def read_options(request: FramesRequest, *, unrendered: bool = False) -> ReadOptions:
+    """Return how the frames of a request are read; `unrendered` ones may hold no radiance."""
     return ReadOptions(
         layout=request.layout,
         layer=request.layer,
@@ -51,6 +51,7 @@ def read_options(request: FramesRequest) -> ReadOptions:
         output=request.out_folder,
         sharded=request.shard is not None,
         selection=request.selection,
+        unrendered=unrendered,
     )
 
 

@@ -55,7 +55,7 @@ SEPARATORS = (".", "_", "-", " ", "")
 
 def name_output(reader: FrameReader, number: int) -> str:
     """Return the name of a frame's output: the input's, with its separator and digits."""
-    return "".join((*split_frame_name(reader.path(number), reader.base, number), ".exr"))
+    return "".join((*split_frame_name(reader.named_like(number), reader.base, number), ".exr"))
 
 
 def find_output(folder: Path, reader: FrameReader, number: int) -> Path:
@@ -67,7 +67,7 @@ def find_output(folder: Path, reader: FrameReader, number: int) -> Path:
     path = folder / name_output(reader, number)
     if not reader.base or os.path.lexists(path):
         return path
-    _, digits = split_frame_name(reader.path(number), reader.base, number)
+    _, digits = split_frame_name(reader.named_like(number), reader.base, number)
     others = (folder / f"{reader.base}{separator}{digits}.exr" for separator in SEPARATORS)
     return next(filter(os.path.lexists, others), path)
 

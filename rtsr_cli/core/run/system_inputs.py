@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 from rtsr_cli.core.captures.reader import FrameReader
@@ -90,7 +90,14 @@ def check_system(system: System, source: PairSource, inputs: PairInputs) -> None
         )
 
 
-def check_inputs(reads: str, source: PairSource, inputs: PairInputs, *, remedy: str = "") -> None:
+def check_inputs(
+    reads: str,
+    source: PairSource,
+    inputs: PairInputs,
+    *,
+    remedy: str = "",
+    numbers: Collection[int] | None = None,
+) -> None:
     """Raise if a shot lacks buffers.
 
     Args:
@@ -98,12 +105,13 @@ def check_inputs(reads: str, source: PairSource, inputs: PairInputs, *, remedy: 
         source: the shot's pairs.
         inputs: what is read of them.
         remedy: what else would help, beside rendering or declaring what is missing.
+        numbers: of the frames that are read so; all if None.
 
     Raises:
         FrameFolderError: names the folder, what is missing and what would help.
     """
     root = source.reader.frames.root
-    missing = source.missing(inputs)
+    missing = source.missing(inputs, numbers)
     unproven = next((r for r in source.readers if r.undecided), None)
     if missing and unproven is not None:
         raise FrameFolderError(

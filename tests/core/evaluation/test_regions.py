@@ -87,6 +87,21 @@ def test_what_the_square_uncovered_is_disoccluded() -> None:
     assert found.equal(expected)
 
 
+def test_what_lay_outside_of_the_frame_before_is_off_screen_and_not_disoccluded() -> None:
+    """Everything moved by three columns: those on the right were not in the picture."""
+    now, then = frame(16), frame(16)
+    motion = torch.zeros(1, 2, HEIGHT, WIDTH)
+    motion[:, 0] = 3.0
+    now = replace(now, gbuffer=now.gbuffer.with_buffers({Buffer.MOTION: motion}))
+    regions = find_regions(now, then, radiance())
+    outside, hidden = regions[Region.OFF_SCREEN], regions[Region.DISOCCLUDED]
+    assert outside is not None
+    assert hidden is not None
+    assert outside[..., :-3].sum() == 0
+    assert bool(outside[..., -3:].all())
+    assert not bool((outside & hidden).any())
+
+
 @pytest.mark.parametrize(
     ("depth_then", "drop", "seen"),
     [
@@ -141,6 +156,7 @@ def test_albedo_is_no_lighting() -> None:
     ("drop", "region"),
     [
         ({Buffer.MOTION}, Region.DISOCCLUDED),
+        ({Buffer.MOTION}, Region.OFF_SCREEN),
         ({Buffer.DEPTH, Buffer.OBJECT_ID}, Region.DISOCCLUDED),
         ({Buffer.ALBEDO}, Region.LIGHTING),
         ({Buffer.DEPTH, Buffer.NORMAL}, Region.SKY),

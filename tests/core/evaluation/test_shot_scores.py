@@ -108,9 +108,28 @@ def test_predicted_frames_alone_are_judged_but_their_neighbours_are_their_histor
     images = {n: reference(n) for n in range(1, 6)}
     test = write(tmp_path / "test", images, predicted=2)
     only = open_comparisons({"test": test}, truth, CompareOptions(predicted_only=True))[0]
-    frames = scored(only)
+    assert only.numbers == (2, 4)
+    frames = {f.number: f.scores["test"] for f in scored(only)}
+    assert [n for n, f in frames.items() if "psnr" in f.scores] == [2, 4]
+    # change is that of the whole sequence: rendered, predicted, rendered, ...
+    assert {n: f.scores["temporal"] for n, f in frames.items()} == dict.fromkeys(range(2, 6), 0.0)
+    assert [n for n, f in frames.items() if f.between] == [3, 5]
+
+
+def test_buffers_tell_regions_where_the_frame_before_was_not_kept(
+    truth: Path, tmp_path: Path
+) -> None:
+    test = write(tmp_path / "test", {n: reference(n) for n in (2, 4)}, predicted=2)
+    frames = scored(open_comparisons({"test": test}, truth, CompareOptions())[0])
     assert [f.number for f in frames] == [2, 4]
-    assert [f.scores["test"].scores["temporal"] for f in frames] == [0.0, 0.0]
+    scores = frames[1].scores["test"]
+    assert scores.scores["temporal"] is None
+    off_screen, hidden = (scores.regions[r] for r in ("off-screen", "disoccluded"))
+    assert off_screen is not None
+    assert hidden is not None
+    # the picture pans: what entered it lay outside before, and nothing uncovers anything
+    assert off_screen["share"] == pytest.approx(PAN_PX / WIDTH)
+    assert hidden["share"] == 0.0
 
 
 def test_any_number_of_threads_gives_the_same(truth: Path, tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def _look_elsewhere(reader: FrameReader, presumed: Conventions) -> SkyFinding | 
     """What is sky in the first and the last frame, if they can be read."""
     own = [n for n in reader.numbers if n not in reader.held]
     ends = tuple(dict.fromkeys((own[0], own[-1])))
-    buffers = reader.stored.intersection(SKY_BUFFERS)
+    buffers = reader.stored_in(ends).intersection(SKY_BUFFERS)
     try:
         narrowed = reader.narrowed(ends)
         frames = map_in_threads(partial(narrowed.read_raw, buffers=buffers), ends)
@@ -122,7 +122,7 @@ def _read_group(
         *SKY_BUFFERS,
         *PICTURES,
     }
-    buffers = wanted & reader.stored
+    buffers = wanted & reader.stored_in(numbers)
     try:
         narrowed = reader.narrowed(numbers)
         frames = map_in_threads(partial(narrowed.read_raw, buffers=buffers), numbers)
@@ -144,7 +144,7 @@ def _measure_group(
     if Buffer.POSITION in reader.stored:
         measured = _place_by_positions(reader, stored, presumed, measured)
     proven = _prove_motion(reader, stored, presumed, measured) if motion else None
-    if motion and len(stored) > 1 and _has_pictures(reader.stored):
+    if motion and len(stored) > 1 and _has_pictures(next(iter(stored.values()))):
         finding = _find_motion(reader, stored, [m for m in (presumed.motion, proven) if m])
         repeats = dict(_find_repeats(stored, reader.step, presumed.motion.zero))
         measured = replace(
