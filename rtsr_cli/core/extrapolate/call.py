@@ -15,7 +15,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.cadence import count_past, measure_reach
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.network.load import load_network
+from rtsr_cli.core.network.load import LoadedNetwork, load_network
 from rtsr_cli.core.network.precision import resolve_precision
 from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_single_sets
@@ -25,7 +25,7 @@ from rtsr_cli.core.run.default_system import choose_default, describe_passed_ove
 from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
-from rtsr_cli.core.run.plan import check_selection, plan_shot
+from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun
 from rtsr_cli.core.run.rendered_frames import split_by_cadence
 from rtsr_cli.core.run.shot_inputs import HistoryReach
@@ -88,36 +88,26 @@ def plan_extrapolation(
 
     system, better = choose_extrapolator(request, source, systems, refuse, nearest)
     device = resolve_device(request.device)
-    precision = resolve_precision(request.precision, torch.device(device))
     loaded = load_network(system, 1, device, request.weights_file)
+    run = NetworkRun(
+        system=system,
+        network=loaded.network,
+        device=device,
+        precision=resolve_precision(request.precision, torch.device(device)),
+        tile=0,
+    )
     frames = max(system.history_frames, reach)
     reading = read_without_radiance(
         source, system, request, (list_read(numbers, selected, frames), predicted), loaded.config
     )
     plan = plan_shot(
         reading.of_shot(name),
-        reading.plan_outputs(
-            request.out_folder / name,
-            COMMAND,
-            pictures=(PREVIEW_SUFFIX,) if request.previews else (),
-            debug=request.debug_buffers,
-        ),
-        settings=[
-            system.name,
-            to_plain(loaded.config),
-            asdict(system.derivation(loaded.config)),
-            [loaded.digest, precision.value] if loaded.weights else [],
-            sorted(rendered),
-            request.on_nonfinite,
-            request.passthrough,
-        ],
+        _name_outputs(name, reading, request),
+        settings=collect_stamp_settings(request, loaded, run, rendered),
         selection=request.selection,
         overwrite=request.overwrite,
         history=HistoryReach(frames=frames),
         outputs_of=outputs_of,
-    )
-    run = NetworkRun(
-        system=system, network=loaded.network, device=device, precision=precision, tile=0
     )
     past = count_past(plan.sequence.runs(), rendered)
     work = Extrapolation(
@@ -127,15 +117,46 @@ def plan_extrapolation(
         previews=request.previews,
         debug=request.debug_buffers,
     )
-    height, width = source.lr_size
-    details: dict[str, object] = {
+    job = PairJob(plan, reading, work, history_frames=frames, device=device)
+    return job, _describe_details(system, source, (rendered, predicted), better)
+
+
+def collect_stamp_settings(
+    request: ExtrapolateRequest, loaded: LoadedNetwork, run: NetworkRun, rendered: frozenset[int]
+) -> object:
+    """Plain values of everything that, beside the inputs, decides the outputs' bytes."""
+    return [
+        run.system.name,
+        to_plain(loaded.config),
+        asdict(run.system.derivation(loaded.config)),
+        [loaded.digest, run.precision.value] if loaded.weights else [],
+        sorted(rendered),
+        request.on_nonfinite,
+        request.passthrough,
+    ]
+
+
+def _name_outputs(name: str, reading: PairReading, request: ExtrapolateRequest) -> FrameOutputs:
+    pictures = (PREVIEW_SUFFIX,) if request.previews else ()
+    folder = request.out_folder / name
+    return reading.plan_outputs(folder, COMMAND, pictures=pictures, debug=request.debug_buffers)
+
+
+def _describe_details(
+    system: System,
+    source: PairSource,
+    frames: tuple[frozenset[int], frozenset[int]],
+    better: str,
+) -> dict[str, object]:
+    """What is told of a shot; `frames` are the rendered ones and those to predict."""
+    (height, width), (rendered, predicted) = source.lr_size, frames
+    return {
         "system": system.name,
         "size": [width, height],
         "rendered": len(rendered),
         "predicted": len(predicted),
         BETTER: better,
     }
-    return PairJob(plan, reading, work, history_frames=frames, device=device), details
 
 
 def read_without_radiance(
