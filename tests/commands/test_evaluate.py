@@ -163,7 +163,7 @@ def test_csv_holds_every_frame_region_and_the_means(
     mean = next(r for r in rows if not r["frame"] and r["region"] == "all")
     assert float(mean["flip"]) == found["tests"]["bicubic"]["mean"]["flip"]
     assert {r["region"] for r in rows} == {
-        "all", "disoccluded", "edges", "shadows-and-highlights", "sky",
+        "all", "disoccluded", "edges", "off-screen", "shadows-and-highlights", "sky",
     }  # fmt: skip
 
 
