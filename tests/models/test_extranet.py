@@ -79,9 +79,25 @@ def test_channels_are_those_of_the_publication(make_windows: MakeWindows) -> Non
     assert inputs["current"].shape[1] == 18
     assert inputs["history"].shape[1] == 12
     known = 1.0 - inputs["hole_mask"]
-    current = inputs["current"]
-    assert torch.equal(current[:, 6:12], current[:, :6] * known)
-    assert torch.equal(inputs["history"][:, 11:], known)
+    current, history = inputs["current"], inputs["history"]
+    assert torch.equal(current[:, 6:9], current[:, :3] * known)
+    assert torch.equal(history[:, 11:], known)
+    seen_at_all = torch.stack([known, history[:, 3:4], history[:, 7:8]]).amax(0)
+    assert torch.equal(current[:, 9:12], current[:, 3:6] * seen_at_all)
+
+
+def test_the_second_picture_is_of_the_frames_before_the_last(make_windows: MakeWindows) -> None:
+    window = make_windows(SYSTEM, 1, count=6)[-1]
+    inputs = prepare(CONFIG, window)
+    second, history = inputs["current"][:, 3:6], inputs["history"]
+    third, fifth = (history[:, i : i + 1].expand_as(second) > 0.5 for i in (7, 3))
+    assert bool(third.any())
+    assert torch.equal(second[third], history[:, 4:7][third])
+    older = fifth & ~third
+    assert torch.equal(second[older], history[:, :3][older])
+    alone = prepare(replace(CONFIG, history=False), window)["current"][:, 3:6]
+    assert not torch.equal(alone, second)
+    assert torch.equal(alone[~(third | fifth)], second[~(third | fifth)])
 
 
 def test_what_was_learnt_nothing_yet_is_the_untrained_system(make_windows: MakeWindows) -> None:

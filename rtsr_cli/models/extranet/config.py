@@ -31,15 +31,17 @@ class PastPictures:
 
     Attributes:
         base: e that the output is added to.
-        occluded: e carried to its surfaces, holes filled by occlusion vectors.
+        second: e beside it.
         holes: 1 where the last rendered frame does not show the surface.
+        second_known: 1 where `second` is of the surface.
         moved: of the rendered frames, oldest first, e along the vectors and 1 where it is of the
             surface; 0 and 0 for those that are not there.
     """
 
     base: Image
-    occluded: Image
+    second: Image
     holes: Mask
+    second_known: Mask
     moved: tuple[tuple[Image, Mask], ...]
 
 
@@ -106,7 +108,7 @@ class ExtraNetConfig:
     Attributes:
         preset: what surrounds the layers.
         base: what the output is added to; in `paper`, warped lighting.
-        history: whether frames before the last rendered one are encoded; else an ablation.
+        history: whether frames before the last rendered one are seen; else an ablation.
         occlusion: whether holes are shown what occlusion vectors fetch; else an ablation.
         loss: weights of its terms.
     """

@@ -1,9 +1,11 @@
 """What ExtraNet sees: past lighting brought to the predicted frame, and that frame's G-buffer.
 
-    current  18   base e 3, occlusion-filled e 3, both times the mask of what is known 6,
+    current  18   base e 3, second e 3, each times the mask of where it is of the surface 6,
                   normal 3, 1 / (1 + depth) 1, roughness 1, metallic 1
     history  12   of t-5, t-3, t-1: moved e 3, mask 1; all 0 where there is no such frame
 
+The second picture is what t-3, or else t-5, shows of the surface: next to the base, how light
+changed, and in many holes what they hide. Elsewhere it is t-1's, holes filled by occlusion vectors.
 e = log(1 + q / k) of `past_lighting`, k that of the last rendered frame for all of them. A frame's
 radiance is k (exp(e) - 1) * material + emission = (exp(e) - 1) * gain + emission.
 """
@@ -67,13 +69,16 @@ def look_back(config: ExtraNetConfig, window: FrameWindow) -> PastPictures:
     """`warp-guided`'s lighting as the base; masks by likeness of surfaces."""
     past = carry_lighting(window)
     moved = move_history(window, past)
-    carried = past.carried.values
+    second, known = past.carried.values, 1.0 - past.holes
+    second = fill_holes_by_occlusion(window, past) if config.occlusion else second * known
+    for image, mask in moved[:-1] if config.history else ():
+        second = torch.where(mask > 0.5, image, second)
+        known = torch.maximum(known, mask)
     return PastPictures(
         base=past.filled if config.base is PredictionBase.GUIDED else moved[-1][0],
-        occluded=fill_holes_by_occlusion(window, past)
-        if config.occlusion
-        else carried * (1.0 - past.holes),
+        second=second,
         holes=past.holes,
+        second_known=known,
         moved=moved,
     )
 
@@ -100,10 +105,10 @@ def prepare(config: ExtraNetConfig, window: FrameWindow) -> Tensors:
     """`current`, `history`; `hole_mask` 1, `gain` 3 and `emission` 3, to make radiance of e."""
     surroundings, now = SURROUNDINGS[config.preset], window.current
     past, rendered = surroundings.look_back(config, window), window.lr[find_rendered(window)]
-    pictures = torch.cat([past.base, past.occluded], dim=1)
+    known = past.base * (1.0 - past.holes), past.second * past.second_known
     surfaces = show_surfaces(now, surroundings)
     return {
-        "current": torch.cat([pictures, pictures * (1.0 - past.holes), surfaces], dim=1),
+        "current": torch.cat([past.base, past.second, *known, surfaces], dim=1),
         "history": torch.cat([part for pair in past.moved for part in pair], dim=1),
         "hole_mask": past.holes,
         "gain": measure_gain(now, rendered, surroundings.scale_of(rendered)),

@@ -68,7 +68,11 @@ def look_back_as_published(config: ExtraNetConfig, window: FrameWindow) -> PastP
         encoded = encode_past(rendered, rendered, keep_unit(rendered))
         occluded = fill_by_occlusion(encoded, motion, occlusion, holes_mask)
     return PastPictures(
-        base=warped, occluded=occluded, holes=holes_mask, moved=order_history(moved, now)
+        base=warped,
+        second=occluded,
+        holes=holes_mask,
+        second_known=known,
+        moved=order_history(moved, now),
     )
 
 
