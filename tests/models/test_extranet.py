@@ -86,8 +86,18 @@ def test_channels_are_those_of_the_publication(make_windows: MakeWindows) -> Non
     assert torch.equal(current[:, 9:12], current[:, 3:6] * seen_at_all)
 
 
+def relight(window: FrameWindow, ages: dict[int, float]) -> FrameWindow:
+    """The same window with past frames under brighter light."""
+    frames = list(window.lr)
+    for age, gain in ages.items():
+        held = frames[age].gbuffer
+        lights = {b: gain * held[b] for b in (Buffer.LIGHTING, Buffer.COLOR)}
+        frames[age] = replace(frames[age], gbuffer=held.with_buffers(lights))
+    return FrameWindow(lr=tuple(frames), hr=window.hr, scale=window.scale)
+
+
 def test_the_second_picture_is_of_the_frames_before_the_last(make_windows: MakeWindows) -> None:
-    window = make_windows(SYSTEM, 1, count=6)[-1]
+    window = relight(make_windows(SYSTEM, 1, count=6)[-1], ages={3: 1.5, 5: 2.0})
     inputs = prepare(CONFIG, window)
     second, history = inputs["current"][:, 3:6], inputs["history"]
     third, fifth = (history[:, i : i + 1].expand_as(second) > 0.5 for i in (7, 3))
