@@ -4,10 +4,11 @@
 
 Every second frame of the `val` and `test` sequences of DATA is predicted at the size it has. Judged
 are the predicted frames whose history is full, three rendered ones (`--all` judges every one): PSNR
-after c / (1 + c) of all pixels and inside holes, which are those of `warp-guided` for every system;
-FLIP, and LPIPS, as `rtsr evaluate` has them. The residual temporal error is that of the sequence
-rendered, predicted, rendered, ...: what its difference to the truth changes along motion (0 for the
-truth). Warped is what the sequence itself changes along motion, beside what the truth does.
+after c / (1 + c) of all pixels and inside holes, which are those of `warp-guided` for every system,
+those that lay off screen in the last rendered frame apart; FLIP, and LPIPS, as `rtsr evaluate` has
+them. The residual temporal error is that of the sequence rendered, predicted, rendered, ...: what
+its difference to the truth changes along motion (0 for the truth). Warped is what the sequence
+itself changes along motion, beside what the truth does.
 `--marks` adds what is compared with and is no system: `benchmarks/extrapolation_marks.py`.
 """
 
@@ -20,17 +21,21 @@ from pathlib import Path
 
 import click
 import numpy as np
+import torch
 from ablations import judged_sequences
 from extrapolation_marks import MARKS, draw_marks, list_predicted
 from numpy.typing import NDArray
 from results import rtsr
 
 from rtsr_cli.core.files.exr import read_channels
+from rtsr_cli.core.imaging.warping import inside_frame
 
-SYSTEMS = ("warp", "warp-guided")
+SYSTEMS = ("warp", "warp-guided", "extranet")
 GUIDED = "warp-guided"
 FULL_HISTORY = 6
 """First number of a sequence whose predicted frame has t-1, t-3 and t-5 before it."""
+
+HEADS = ("PSNR dB", "in holes", "disoccluded", "off screen", "disoccluded %", "off screen %")
 
 CHANGES = ("temporal", "warped")
 TITLES = {
@@ -51,21 +56,24 @@ def load(path: Path, channels: tuple[str, ...] = ("R", "G", "B")) -> Image:
 
 
 def psnr(test: Image, reference: Image, mask: Image) -> float:
-    """After c / (1 + c), over the pixels of a mask."""
+    """After c / (1 + c), over the pixels of a mask; NaN where it holds none."""
     difference = test / (1 + test) - reference / (1 + reference)
     chosen = difference[:, mask[0] > 0.5].astype(np.float64)
-    return float(-10 * np.log10(np.mean(chosen**2)))
+    return float(-10 * np.log10(np.mean(chosen**2))) if chosen.size else float("nan")
 
 
-def judge_shot(output: Path, truth: Path, holes: Path, first: int) -> tuple[float, float, float]:
-    """Means over a shot's predicted frames: PSNR, PSNR inside holes, share of holes."""
+def judge_shot(output: Path, truth: Path, holes: Path, first: int) -> list[float]:
+    """Means over a shot's predicted frames, as `HEADS` names them."""
     rows = []
     for path in list_predicted(output, first):
         hole = load(holes / "debug" / path.name, ("hole.Y",))
+        motion = torch.from_numpy(load(truth / path.name, ("motion.X", "motion.Y")))
+        outside = 1.0 - inside_frame(motion[None])[0].float().numpy()
+        masks = (np.ones_like(hole), hole, hole * (1 - outside), hole * outside)
         test, reference = load(path), load(truth / path.name)
-        whole = np.ones_like(hole)
-        rows.append((psnr(test, reference, whole), psnr(test, reference, hole), float(hole.mean())))
-    return tuple(statistics.fmean(column) for column in zip(*rows, strict=True))  # type: ignore[return-value]
+        scores = [psnr(test, reference, mask) for mask in masks]
+        rows.append([*scores, float(masks[2].mean()), float(masks[3].mean())])
+    return [statistics.fmean(v for v in column if v == v) for column in zip(*rows, strict=True)]
 
 
 def perceived(
@@ -104,7 +112,7 @@ def main(*, data: Path, systems: tuple[str, ...], marks: bool, lpips: bool, ever
         if marks:
             draw_marks(work / "data", work, first)
         means = perceived([work / n for n in judged], work / "data", work, first, ",".join(metrics))
-        titles = ("PSNR dB", "in holes", "holes %", *(TITLES[m] for m in metrics))
+        titles = (*HEADS, *(TITLES[m] for m in metrics))
         print("| sequence | |", " | ".join(titles), "| of the truth |")
         print("|---|---|" + "---:|" * (len(titles) + 1))
         table: dict[str, list[list[float]]] = {name: [] for name in judged}
@@ -123,8 +131,8 @@ def main(*, data: Path, systems: tuple[str, ...], marks: bool, lpips: bool, ever
 
 def write_cells(values: list[float]) -> str:
     """Cells of a row."""
-    decibels, inside, holes, *others = values
-    cells = [f"{decibels:.2f}", f"{inside:.2f}", f"{100 * holes:.1f}"]
+    decibels, shares, others = values[:4], values[4:6], values[6:]
+    cells = [*(f"{v:.2f}" for v in decibels), *(f"{100 * v:.1f}" for v in shares)]
     return " | ".join([*cells, *(f"{v:.4f}" for v in others)])
 
 
