@@ -1,12 +1,15 @@
 """Camera matrices of wrong kinds through every command: who is told, and who is not.
 
     python benchmarks/wrong_cameras.py DATA [--part KINDS|COMMANDS|FILES] [--only SEQUENCE]
+        [--kind KIND] [--way both|view|ndc|each] [--held WHAT]
 
 Copies of a few frames get matrices that are wrong in one way. A cell says what came of them:
-`not used` (with the reason; `refused` where the command needs them), `open` (verified, but for what
-the message names), `unverified` (nothing could tell, and that is said), or `SILENT`: used without a
-word, as those alone may be that are right. Part KINDS varies what the files hold, COMMANDS runs
-every command that reads cameras, FILES reads side-cars in place of headers.
+`not used` (with the reason; `refused` where the command needs them), `named` (warned of, with what
+they look like), `open` (verified, but for what the message names), `unverified` (nothing could
+tell, and that is said), `right` (matrices that are used, and are right, as those of another frame
+are where the camera stands still), or `SILENT`: wrong, and used without a word. Part KINDS varies
+what the files hold, and ends with one table of all sequences; COMMANDS runs every command that
+reads cameras, FILES reads side-cars in place of headers.
 """
 
 from __future__ import annotations
@@ -38,13 +41,18 @@ Matrix4 = NDArray[np.float64]
 Camera = tuple[Matrix4, Matrix4]
 """World to camera, and the projection behind it."""
 
-SEQUENCES = ("court/fly", "bath/wash", "yard/stroll", "court/fly still")
+STATIC = "static camera"
+"""Made by `rtsr synth --static-camera`: objects and lights move."""
+
+SEQUENCES = ("court/fly", "bath/wash", "yard/stroll", "court/fly still", STATIC)
 STILL = " still"
 """One frame several times, and no motion: a locked-off camera, and nothing that moves."""
 
-FRAMES = 4
-CROP = PixelWindow(left=120, top=72, width=200, height=120)
+FRAMES = 3
+CROP = PixelWindow(left=120, top=72, width=240, height=144)
+DISPLAY = PixelWindow(left=0, top=0, width=480, height=288)
 SILENT = "SILENT"
+SAME = "right"
 
 HELD: Mapping[str, tuple[str, ...]] = {
     "positions": ("position", "motion", "depth", "normal"),
@@ -127,13 +135,23 @@ class Sequence:
                     "worldToNDC": np.ascontiguousarray(ndc, np.float32),
                 },
                 data_window=CROP,
-                display_window=PixelWindow(left=0, top=0, width=480, height=288),
+                display_window=DISPLAY,
             )
 
 
 def read_sequence(data: Path, name: str) -> Sequence:
+    if name == STATIC:
+        with tempfile.TemporaryDirectory() as folder:
+            size = f"{DISPLAY.width}x{DISPLAY.height}"
+            words = ("--size", size, "--frames", f"1-{FRAMES + 1}", "--static-camera")
+            run("synth", Path(folder) / "made", *words)
+            return _read_frames(Path(folder), "made", name)
+    return _read_frames(data, name.removesuffix(STILL), name)
+
+
+def _read_frames(data: Path, folder: str, name: str) -> Sequence:
     still = name.endswith(STILL)
-    paths = sorted((data / name.removesuffix(STILL)).glob("frame.*.exr"))[: FRAMES + 1]
+    paths = sorted((data / folder).glob("frame.*.exr"))[: FRAMES + 1]
     cameras = {}
     for number, path in enumerate(paths, 1):
         attributes = read_header(path).attributes
@@ -178,6 +196,8 @@ def judge(code: int, output: str) -> str:
     text = " ".join(output.split())
     if "are not used" in text:
         return "refused" if code == 3 else "not used"
+    if "one frame's matrices in every frame" in text:
+        return "named"
     if "unverified" in text:
         return "unverified"
     if "cannot tell them" in text:
@@ -204,10 +224,13 @@ def list_commands(shot: Path, out: Path, *, real: bool) -> Iterator[tuple[str, l
     for system in ("warp", "warp-guided"):
         yield system, ["extrapolate", shot, out / system, "--system", system, *dry]
     yield "demodulate", ["demodulate", shot, out / "parts", *dry]
-    yield "- by nov", ["demodulate", shot, out / "more", "--emit", "nov", *dry]
+    yield "- by albedo", ["demodulate", shot, out / "more", "--mode", "albedo", *dry]
     yield "label", ["label", shot, out / "label", "--kind", "vrs", *dry]
-    for estimator in ("rt-percept", "analytic"):
-        yield estimator, ["predict-vrs", shot, out / estimator, "--estimator", estimator, *dry]
+    for estimator in ("network", "analytic"):
+        yield (
+            f"vrs {estimator}",
+            ["predict-vrs", shot, out / estimator, "--estimator", estimator, *dry],
+        )
     yield "evaluate", ["evaluate", shot, "--ref", shot, *dry]
     yield "train", ["train", "nsrd", shot, "--pack", out / "pack", "--pack-crops", 1]
     yield "inspect", ["inspect", shot]
@@ -222,36 +245,69 @@ def show_table(title: str, head: tuple[str, ...], rows: Iterator[tuple[str, list
     print("in all:", ", ".join(f"{n} {what}" for what, n in counts.most_common()))
 
 
-def list_cases(kinds: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+def list_cases(kinds: tuple[str, ...], ways: tuple[str, ...]) -> Iterator[tuple[str, str]]:
     """Kinds and ways; one way where all are the same."""
-    for kind, way in product(kinds, WAYS):
+    for kind, way in product(kinds, ways):
         alike = kind == RIGHT and way != "both"
         if not alike and not (kind in OTHERS and way == "each"):
             yield kind, way
 
 
-def try_kinds(sequence: Sequence, kinds: tuple[str, ...]) -> Iterator[tuple[str, list[str]]]:
-    for kind, way in list_cases(kinds):
-        cells = []
+def is_right(sequence: Sequence, kind: str, way: str) -> bool:
+    """Tell whether matrices come out right, as another frame's do where the camera stands still."""
+
+    def differ(number: int) -> float:
+        view, lens = sequence.cameras[number]
+        pairs = zip(spoil(kind, way, sequence.cameras, number), (view, view @ lens), strict=True)
+        return max(float(np.abs(one - other).max()) for one, other in pairs)
+
+    return max(map(differ, sequence.planes)) < 1e-6
+
+
+def settle(outcome: str, *, right: bool) -> str:
+    """A word alone is no proof: matrices that are used without one may be right."""
+    return SAME if outcome == SILENT and right else outcome
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What is tried.
+
+    Attributes:
+        kinds: of wrong matrices.
+        ways: how they are wrong.
+        held: keys of `HELD`.
+        real: run commands, in place of a dry run.
+    """
+
+    kinds: tuple[str, ...]
+    ways: tuple[str, ...]
+    held: tuple[str, ...]
+    real: bool
+
+
+def try_kinds(sequence: Sequence, trials: Trials) -> Iterator[tuple[str, list[str]]]:
+    for kind, way in list_cases(trials.kinds, trials.ways):
+        right, cells = is_right(sequence, kind, way), []
         # the form of matrices that do not belong together is wrong whatever files hold
-        for held in [HELD["depth"]] if way in {"view", "ndc"} else HELD.values():
+        form = way in {"view", "ndc"}
+        for held in [HELD["depth"]] if form else [HELD[h] for h in trials.held]:
             with tempfile.TemporaryDirectory() as folder:
                 sequence.write(Path(folder), held, kind, way)
-                cells.append(look(Path(folder)))
-        yield f"{kind}, {way}", cells if len(cells) > 1 else cells * len(HELD)
+                cells.append(settle(look(Path(folder)), right=right))
+        yield f"{kind}, {way}", cells * len(trials.held) if form else cells
 
 
-def try_commands(
-    sequence: Sequence, kinds: tuple[str, ...], *, real: bool
-) -> Iterator[tuple[str, list[str]]]:
-    for kind, way in list_cases(kinds):
-        if way not in {"both", "view"}:
-            continue
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            sequence.write(folder / "shot", HELD["motion, normals"], kind, way)
-            commands = list_commands(folder / "shot", folder / "out", real=real)
-            yield f"{kind}, {way}", [judge(*run(*words)) for _, words in commands]
+def try_commands(sequence: Sequence, trials: Trials) -> Iterator[tuple[str, list[str]]]:
+    for kind, way in list_cases(trials.kinds, trials.ways):
+        right = is_right(sequence, kind, way)
+        for held in trials.held:
+            with tempfile.TemporaryDirectory() as name:
+                folder = Path(name)
+                sequence.write(folder / "shot", HELD[held], kind, way)
+                commands = list_commands(folder / "shot", folder / "out", real=trials.real)
+                cells = [settle(judge(*run(*words)), right=right) for _, words in commands]
+                yield f"{kind}, {way}, {held}", cells
 
 
 def _write_rows(folder: Path, form: str, cameras: Mapping[int, Camera]) -> None:
@@ -285,17 +341,36 @@ def _write_rows(folder: Path, form: str, cameras: Mapping[int, Camera]) -> None:
 FORMS = ("CSV", "JSON", "projection", "angles")
 
 
-def try_files(sequence: Sequence, kinds: tuple[str, ...]) -> Iterator[tuple[str, list[str]]]:
-    for kind, way in list_cases(kinds):
-        cells = []
-        for form in FORMS:
-            with tempfile.TemporaryDirectory() as name:
-                folder = Path(name)
-                sequence.write(folder, HELD["motion, normals"], "as it is", "both")
-                cameras = {n: spoil(kind, way, sequence.cameras, n) for n in sequence.planes}
-                _write_rows(folder, form, cameras)
-                cells.append(look(Path(folder)))
-        yield f"{kind}, {way}", cells
+def try_files(sequence: Sequence, trials: Trials) -> Iterator[tuple[str, list[str]]]:
+    for kind, way in list_cases(trials.kinds, trials.ways):
+        right = is_right(sequence, kind, way)
+        for held in trials.held:
+            cells = []
+            for form in FORMS:
+                with tempfile.TemporaryDirectory() as name:
+                    folder = Path(name)
+                    sequence.write(folder, HELD[held], RIGHT, "both")
+                    cameras = {n: spoil(kind, way, sequence.cameras, n) for n in sequence.planes}
+                    _write_rows(folder, form, cameras)
+                    cells.append(settle(look(Path(folder)), right=right))
+            yield f"{kind}, {way}, {held}", cells
+
+
+def show_outcomes(rows: Mapping[str, list[list[str]]], head: tuple[str, ...]) -> None:
+    """Print one table, kind by kind, of the outcomes in all sequences."""
+    print(f"\n| matrices | {' | '.join(head)} |\n|---|{'---|' * len(head)}")
+    for name, found in rows.items():
+        columns = zip(*found, strict=True)
+        cells = (", ".join(c for c, _ in Counter(column).most_common()) for column in columns)
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+
+
+def keep_rows(
+    rows: Iterator[tuple[str, list[str]]], kept: dict[str, list[list[str]]]
+) -> Iterator[tuple[str, list[str]]]:
+    for name, cells in rows:
+        kept.setdefault(name, []).append(cells)
+        yield name, cells
 
 
 @click.command()
@@ -303,20 +378,35 @@ def try_files(sequence: Sequence, kinds: tuple[str, ...]) -> Iterator[tuple[str,
 @click.option("--part", type=click.Choice(["KINDS", "COMMANDS", "FILES"]), multiple=True)
 @click.option("--only", multiple=True, help="Sequences, 'SCENE/NAME' or 'SCENE/NAME still'.")
 @click.option("--kind", multiple=True, default=(*TURNS, *OTHERS), help="Of wrong matrices.")
+@click.option("--way", type=click.Choice(WAYS), multiple=True, default=WAYS)
+@click.option("--held", type=click.Choice(tuple(HELD)), multiple=True, help="What files hold.")
 @click.option("--real", is_flag=True, help="Run the commands, in place of a dry run.")
 def main(
-    data: Path, part: tuple[str, ...], only: tuple[str, ...], kind: tuple[str, ...], *, real: bool
+    data: Path,
+    *,
+    part: tuple[str, ...],
+    only: tuple[str, ...],
+    kind: tuple[str, ...],
+    way: tuple[str, ...],
+    held: tuple[str, ...],
+    real: bool,
 ) -> None:
     torch.set_num_threads(1)
+    few = Trials(kind, way, held or ("motion, normals",), real)
+    every = Trials(kind, way, held or tuple(HELD), real)
+    outcomes: dict[str, list[list[str]]] = {}
     for name in only or SEQUENCES:
         sequence = read_sequence(data, name)
         if not part or "KINDS" in part:
-            show_table(f"{name}: what files hold", tuple(HELD), try_kinds(sequence, kind))
+            rows = keep_rows(try_kinds(sequence, every), outcomes)
+            show_table(f"{name}: what files hold", every.held, rows)
         if not part or "COMMANDS" in part:
             head = tuple(n for n, _ in list_commands(Path(), Path(), real=real))
-            show_table(f"{name}: commands", head, try_commands(sequence, kind, real=real))
+            show_table(f"{name}: commands", head, try_commands(sequence, few))
         if not part or "FILES" in part:
-            show_table(f"{name}: side-cars", FORMS, try_files(sequence, kind))
+            show_table(f"{name}: side-cars", FORMS, try_files(sequence, few))
+    if outcomes:
+        show_outcomes(outcomes, every.held)
 
 
 if __name__ == "__main__":

@@ -91,6 +91,7 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
         "gbuffer": None if plan.gbuffer is None else str(plan.gbuffer),
         "remarks": list(plan.remarks),
         "predicted": plan.stamped,
+        "notes": list(plan.notes),
     }
     if as_json:
         emit({"event": "plan", **facts})
@@ -109,6 +110,8 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
         facts["reference"],
         facts["gbuffer"] or "none",
     )
+    for note in plan.notes:
+        LOG.info("    %s", note)
 
 
 def show_result(result: Result, *, as_json: bool) -> None:

@@ -230,7 +230,8 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     if found is None or not found.proofs:
         return "unverified"
     but = f"; not told from {found.likenesses}" if found.undecided else ""
-    return f"verified by {', '.join(found.proofs)}{but}"
+    apart = "; single frames are in doubt: see the problems" if found.strays else ""
+    return f"verified by {', '.join(found.proofs)}{but}{apart}"
 
 
 def _list_convention_lines(settled: MeasuredReader) -> Iterator[str]:

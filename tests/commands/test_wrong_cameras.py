@@ -97,3 +97,61 @@ def test_hr_cameras_that_are_not_the_lr_ones_are_named(
     said = f"of frames {FIRST_FRAMES[0]}-{FIRST_FRAMES[-2]} are not those of the LR frames"
     for words in commands:
         assert said in " ".join(rtsr(*words).output.split())
+
+
+def write_synth(rtsr: Any, folder: Path, frames: int) -> Path:
+    """A made shot whose camera moves; depth, motion, normals."""
+    made = rtsr("synth", folder, "--size", "96x54", "--frames", f"1-{frames}", "--seed", "3")
+    assert made.exit_code == 0, made.output
+    return folder
+
+
+def give_matrices(shot: Path, of: Mapping[int, int], *, transpose: bool = False) -> None:
+    """Write matrices of other frames of a shot into some of its frames, or for column vectors."""
+    paths = sorted(shot.glob("*.exr"))
+    headers = [read_header(path) for path in paths]
+    for frame, other in of.items():
+        found = {n: np.asarray(headers[other - 1].attributes[n], np.float32) for n in MATRICES}
+        attributes = {n: np.ascontiguousarray(m.T if transpose else m) for n, m in found.items()}
+        path, names = paths[frame - 1], sorted(headers[frame - 1].channels)
+        write_exr(path, read_pixels(path, names)[0], attributes=attributes)
+
+
+def test_evaluate_names_matrices_of_the_buffers_that_are_not_used(
+    rtsr: Any, tmp_path: Path
+) -> None:
+    shot = write_synth(rtsr, tmp_path / "shot", 3)
+    words = ("evaluate", shot, "--ref", write_synth(rtsr, tmp_path / "ref", 3), "--metric", "psnr")
+    assert "are not used" not in rtsr(*words).output
+    give_matrices(tmp_path / "ref", {n: n for n in FIRST_FRAMES}, transpose=True)
+    for more in ((), ("--dry-run",)):
+        said = " ".join(rtsr(*words, *more).output.split())
+        assert "the buffers: the camera matrices of frame 1 are not used" in said
+        assert "transposed" in said
+
+
+def test_evaluate_names_one_camera_in_all_frames(rtsr: Any, tmp_path: Path) -> None:
+    shot = write_synth(rtsr, tmp_path / "shot", 3)
+    give_matrices(shot, dict.fromkeys(FIRST_FRAMES, 1))
+    said = " ".join(rtsr("evaluate", shot, "--ref", shot, "--dry-run").output.split())
+    assert "one frame's matrices in every frame?" in said
+
+
+def test_train_says_what_is_unverified_each_time(rtsr: Any, tmp_path: Path) -> None:
+    shot = write_synth(rtsr, tmp_path / "shot", 3)
+    give_matrices(shot, dict.fromkeys(FIRST_FRAMES, 1))
+    words = ("train", "nsrd", shot, "--pack-crops", "1", "--cache", tmp_path / "cache")
+    for pack in ("first", "second"):
+        said = " ".join(rtsr(*words, "--pack", tmp_path / pack).output.split())
+        assert "the camera matrices are unverified" in said
+        assert "one frame's matrices in every frame?" in said
+
+
+def test_facts_of_single_frames_are_those_of_the_text(rtsr: Any, tmp_path: Path) -> None:
+    shot = write_synth(rtsr, tmp_path / "shot", 12)
+    give_matrices(shot, {10: 2})
+    found = inspect_camera(rtsr, shot)
+    assert "the camera of frame 10 lies off the path" in found["unverified"]
+    assert found["refused"] is None
+    give_matrices(shot, {12: 12}, transpose=True)
+    assert "of frame 12, worldToCamera has a last column" in inspect_camera(rtsr, shot)["refused"]

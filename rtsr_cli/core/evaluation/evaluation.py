@@ -32,6 +32,7 @@ from rtsr_cli.core.evaluation.result_files import (
     encode_csv,
     encode_json,
 )
+from rtsr_cli.core.evaluation.shot_notes import list_buffer_notes
 from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.reporting.report import write_html_report
 
@@ -115,6 +116,7 @@ def describe_comparison(comparison: Comparison, skip_first: int) -> ComparisonPl
         counts=bool(set(comparison.numbers) - set(comparison.available[:skip_first])),
         remarks=comparison.remarks,
         stamped=comparison.stamped,
+        notes=tuple(list_buffer_notes(comparison)),
     )
 
 

@@ -37,6 +37,7 @@ class ComparisonPlanned:
         counts: True if some frame takes part in means.
         remarks: what the search for frames left out.
         stamped: whether these are the frames that are stamped as predicted, and no others.
+        notes: what is to be said of the buffers; the result has them as well.
     """
 
     shot: str
@@ -48,6 +49,7 @@ class ComparisonPlanned:
     counts: bool
     remarks: tuple[str, ...] = ()
     stamped: bool = False
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,6 +37,7 @@ def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -
     notes += _describe_stamped(comparison)
     notes += _describe_negative(frames)
     notes += _describe_reasons(frames)
+    notes += list_buffer_notes(comparison)
     if comparison.gbuffer is not None and comparison.gbuffer.lent_motion is not None:
         notes.append(comparison.gbuffer.lent_motion.note)
     if comparison.gbuffer is None:
@@ -59,6 +60,20 @@ def _describe_stamped(comparison: Comparison) -> list[str]:
         f"frames {format_ranges(comparison.numbers)} are stamped rtsr:predicted, and they alone "
         f"are judged{change}"
     ]
+
+
+def list_buffer_notes(comparison: Comparison) -> list[str]:
+    """List what is to be said of the buffers that regions and history are made of.
+
+    Disocclusion is told by depth, carried along the camera and held against the vectors: matrices
+    that are not used or not verified count there.
+    """
+    gbuffer = comparison.gbuffer
+    if gbuffer is None:
+        return []
+    said = {*comparison.reference.warnings, *comparison.reference.notes}
+    own = dict.fromkeys((*gbuffer.warnings, *gbuffer.notes))
+    return [f"the buffers: {text}" for text in own if text not in said]
 
 
 def _describe_negative(frames: Mapping[str, Any]) -> list[str]:

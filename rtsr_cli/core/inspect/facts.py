@@ -161,15 +161,19 @@ def _describe_best(
 
 
 def _describe_camera_check(inspected: SetInspection) -> dict[str, Any] | None:
-    """`verified` names what agrees with the matrices; `refused` says why they are not used."""
-    found = None if inspected.settled is None else inspected.settled.measured.camera
-    if found is None:
+    """What holds of the matrices of all frames, as the text says it.
+
+    `verified` names what agrees with those that were looked at, `refused` says why none are used,
+    `unverified` what is in doubt: all, or those of single frames, which lie off the path.
+    """
+    if inspected.settled is None or inspected.settled.measured.camera is None:
         return None
+    found = inspected.settled.measured.camera
     return {
         "verified": list(found.proofs),
         "undecided": list(found.undecided),
-        "refused": found.unfit or None,
-        "unverified": found.doubt or None,
+        "refused": inspected.settled.reader.camera_unfit or None,
+        "unverified": " ".join(text for text in (found.doubt, found.strays) if text) or None,
         "errors": {name: float(f"{error:.4g}") for name, error in found.errors.items()},
     }
 

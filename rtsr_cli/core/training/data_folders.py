@@ -219,9 +219,10 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     shot = chosen.shot
     opened = open_shot(shot, chosen.folder, how.options, files=chosen.files)
     index = how.cache / f"{_hash_shot(opened, how)}.json"
-    recorded = _list_recorded(index)
+    recorded = _read_index(index)
     if recorded is not None:
-        return recorded
+        yield from recorded.remarks
+        return recorded.paths
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
     source = open_pair(
@@ -234,30 +235,59 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
         _open_reference(opened, source) if real else None,
         () if real else _find_auxiliary(source, how),
     )
-    for reader in captured.readers:
-        for text in reader.warnings:
-            yield f"Warning: {reader.frames.root}: {text}"
+    remarks = _list_remarks(captured.readers)
+    yield from remarks
     if source.scale != how.wanted.scale:
         raise FrameFolderError(
             f"{shot.root}: HR is {source.scale} times the size of LR; training.scale is "
             f"{how.wanted.scale}; set that, or name a folder of frames of one size"
         )
     paths = yield from record_clips_of(captured, how.wanted, cache=how.cache, policy=how.policy)
-    names = json.dumps([path.name for path in paths])
-    write_text_atomically(index, names)
+    content = {"files": [path.name for path in paths], "remarks": remarks}
+    write_text_atomically(index, json.dumps(content))
     return paths
 
 
-def _list_recorded(index: Path) -> list[Path] | None:
-    """Files that an index names beside it, None unless all of them are there, and whole."""
+def _list_remarks(readers: Iterable[FrameReader]) -> list[str]:
+    """What contradicts, and what is unverified or left open, each said once."""
+    texts = (
+        f"{prefix}{reader.frames.root}: {text}"
+        for reader in readers
+        for prefix, said in (("Warning: ", reader.warnings), ("", reader.notes))
+        for text in said
+    )
+    return list(dict.fromkeys(texts))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Recorded:
+    """Clips of a shot that were recorded before, and what was said of its frames."""
+
+    paths: list[Path]
+    remarks: list[str]
+
+
+def _read_index(index: Path) -> _Recorded | None:
+    """What an index names beside it, None unless all of the files are there, and whole."""
     try:
-        names = read_json(index)
+        content = read_json(index)
     except DocumentError:
         return None
-    listed = names if isinstance(names, list) else []
-    plain = [name for name in listed if isinstance(name, str) and Path(name).name == name]
-    paths = [index.with_name(name) for name in plain]
-    return paths if plain and plain == names and all(map(is_whole_tensor_file, paths)) else None
+    known = content if isinstance(content, dict) else {}
+    names, remarks = (_list_texts(known.get(key)) for key in ("files", "remarks"))
+    if not names or remarks is None or any(Path(name).name != name for name in names):
+        return None
+    paths = [index.with_name(name) for name in names]
+    whole = all(map(is_whole_tensor_file, paths))
+    return _Recorded(paths=paths, remarks=remarks) if whole else None
+
+
+def _list_texts(value: object) -> list[str] | None:
+    """A list of texts, None if it is none."""
+    if not isinstance(value, list):
+        return None
+    texts = [text for text in value if isinstance(text, str)]
+    return texts if len(texts) == len(value) else None
 
 
 def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | None:

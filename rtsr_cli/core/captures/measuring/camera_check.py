@@ -35,6 +35,8 @@ class CameraFinding:
     Attributes:
         unfit: why they are not used; empty if they are.
         doubt: why they are unverified; empty if they are not.
+        contradicted: whether they are unverified because something does not agree with them.
+        strays: why those of single frames are in doubt; empty if none are.
         proofs: what agrees with them.
         undecided: what they might be as well, by all that is known.
         errors: of each kind of evidence, in its own unit.
@@ -44,6 +46,8 @@ class CameraFinding:
 
     unfit: str = ""
     doubt: str = ""
+    contradicted: bool = False
+    strays: str = ""
     proofs: tuple[str, ...] = ()
     undecided: tuple[str, ...] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
@@ -239,9 +243,13 @@ def _judge_unopposed(
     told = len(open_) < len(plausible)
     # what agrees is no proof where something that tells more does not
     if not proofs or not told or not trials[0].fits:
-        doubt = " ".join(_describe_doubt(trials, mirrored=mirrored))
-        return CameraFinding(doubt=doubt, errors=errors)
+        doubt = " ".join(_describe_doubt(trials, mirrored=mirrored, resting=_rest(given)))
+        apart = any(not t.fits for t in trials)
+        return CameraFinding(doubt=doubt, contradicted=apart, errors=errors)
     undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))
+    if _rest(given) and not any(t.evidence.tells_step for t in proofs):
+        # where one camera is in all frames, no neighbour's is another reading
+        undecided[OF_NEIGHBOUR] = None
     return CameraFinding(
         proofs=tuple(t.evidence.name for t in proofs),
         undecided=tuple(undecided),
@@ -250,20 +258,33 @@ def _judge_unopposed(
     )
 
 
+OF_NEIGHBOUR = "those of a neighbouring frame"
+
+
+def _rest(given: Cameras) -> bool:
+    """Tell whether one camera is in all frames."""
+    return len(given) > 1 and len({m.digits for m in given.values()}) == 1
+
+
 def _shorten(reading: CameraReading) -> str:
     if reading.of_neighbour:
-        return "those of a neighbouring frame"
+        return OF_NEIGHBOUR
     return "of a mirrored world" if reading.mirrors_world else reading.text
 
 
 UNVERIFIED = "the camera matrices are unverified"
 
 
-def _describe_doubt(trials: Sequence[_Trial], *, mirrored: bool) -> Iterator[str]:
+def _describe_doubt(trials: Sequence[_Trial], *, mirrored: bool, resting: bool) -> Iterator[str]:
     apart = [t for t in trials if not t.fits]
     if apart:
         listed = "; ".join(f"{t.evidence.name}: {_format(t.own, t)}" for t in apart)
         yield f"{UNVERIFIED}: what the frames show does not agree with them ({listed})."
+        if resting and any(t.evidence.tells_step for t in apart):
+            yield (
+                "They are the same in all frames, though what is seen moves: one frame's matrices "
+                "in every frame? Write each frame's own."
+            )
     elif trials:
         yield f"{UNVERIFIED}: nothing in these frames moves or turns so that it could tell."
     else:

@@ -36,10 +36,13 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         unfit = find_form_fault(run, mirrored=_is_mirrored(settled))
     if unfit:
         reader = settled.reader.without_matrices(unfit)
-        return add_warning(replace(settled, reader=reader), f"{unfit}; {REFUSED}")
+        settled = replace(_note_finding(settled, unfit=unfit), reader=reader)
+        return add_warning(settled, f"{unfit}; {REFUSED}")
     strays = "" if run is None or not leads else _find_strays(settled.reader, run)
     if strays:
-        settled = add_warning(settled, strays)
+        settled = add_warning(_note_finding(settled, strays=strays), strays)
+    if found.contradicted and leads:
+        return add_warning(settled, found.doubt)
     if found.doubt and leads:
         return replace(settled, notes=(*settled.notes, found.doubt))
     if found.undecided and leads:
@@ -49,6 +52,14 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         )
         return replace(settled, notes=(*settled.notes, note))
     return settled
+
+
+def _note_finding(settled: MeasuredReader, **said: str) -> MeasuredReader:
+    """Add what the numbers of all frames say to what was found of some."""
+    found = settled.measured.camera
+    if found is None:
+        return settled
+    return replace(settled, measured=replace(settled.measured, camera=replace(found, **said)))
 
 
 def _find_strays(reader: FrameReader, run: CameraRun) -> str:

@@ -80,6 +80,10 @@ class CameraEvidence(Protocol):
     def tells_world(self) -> bool:
         """Whether it tells how the axes of the world are named."""
 
+    @property
+    def tells_step(self) -> bool:
+        """Whether it tells a frame's camera from that of the frame beside it."""
+
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Errors of a reading of the matrices.
 
@@ -126,6 +130,7 @@ class PositionEvidence:
     name = "world positions"
     unit = "px from their pixels"
     tells_world = True
+    tells_step = True
     slack = 0.02
     factor = 4.0
 
@@ -198,6 +203,7 @@ class VectorEvidence:
     name = "motion with depth"
     unit = "px of motion"
     tells_world = False
+    tells_step = True
     slack = 0.02
     factor = 4.0
 
@@ -284,6 +290,7 @@ class NormalEvidence:
     name = "normals with depth"
     unit = "% of the surfaces elsewhere"
     tells_world = True
+    tells_step = False
     slack = 8.0
     factor = 1.1
     limit = 70.0

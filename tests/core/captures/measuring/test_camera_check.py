@@ -376,3 +376,21 @@ def test_unreal_axes_are_converted() -> None:
     # x forward, y right, z up: (2, 3, 5) lies 3 to the right, 5 up, 2 ahead
     point = torch.tensor([2.0, 3.0, 5.0, 1.0], dtype=torch.float64) @ view
     assert point.tolist() == [3.0, 5.0, -2.0, 1.0]
+
+
+@pytest.mark.parametrize("kinds", [("positions",), ("motion",), ("motion", "normals")])
+def test_one_camera_in_all_frames_is_named_where_positions_or_motion_tell(
+    room: Room, kinds: tuple[str, ...]
+) -> None:
+    found = check(room, dict.fromkeys(room.cameras, room.cameras[1]), *kinds)
+    assert "one frame's matrices in every frame?" in found.doubt
+    assert found.contradicted
+    assert not found.fits
+
+
+def test_normals_cannot_tell_whether_one_camera_in_all_frames_is_right(room: Room) -> None:
+    still = dict.fromkeys(room.cameras, room.cameras[1])
+    frames = dict.fromkeys(room.cameras, room.frames[1])
+    normals = dict.fromkeys(room.cameras, room.normals[1])
+    found = check(Room(still, frames, normals), still, "normals")
+    assert found.likenesses == "those of a neighbouring frame"
