@@ -126,7 +126,11 @@ class Sequence:
         dropped = {"position", "motion", "depth", "normal"} - set(held)
         for number, planes in self.planes.items():
             view, ndc = spoil(kind, way, self.cameras, number)
-            kept = {c: p for c, p in planes.items() if c.split(".")[0] not in dropped}
+            kept = {
+                c: p
+                for c, p in planes.items()
+                if c.split(".")[0].removeprefix("geo") not in dropped
+            }
             write_exr(
                 folder / f"frame.{number:04d}.exr",
                 kept,

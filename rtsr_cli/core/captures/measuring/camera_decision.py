@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
 from rtsr_cli.core.captures.measuring.camera_path import (
     CameraRun,
     find_apart,
@@ -36,11 +37,11 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         unfit = find_form_fault(run, mirrored=_is_mirrored(settled))
     if unfit:
         reader = settled.reader.without_matrices(unfit)
-        settled = replace(_note_finding(settled, unfit=unfit), reader=reader)
+        settled = replace(_hold_finding(settled, replace(found, unfit=unfit)), reader=reader)
         return add_warning(settled, f"{unfit}; {REFUSED}")
     strays = "" if run is None or not leads else _find_strays(settled.reader, run)
     if strays:
-        settled = add_warning(_note_finding(settled, strays=strays), strays)
+        settled = add_warning(_hold_finding(settled, replace(found, strays=strays)), strays)
     if found.contradicted and leads:
         return add_warning(settled, found.doubt)
     if found.doubt and leads:
@@ -54,12 +55,9 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
     return settled
 
 
-def _note_finding(settled: MeasuredReader, **said: str) -> MeasuredReader:
-    """Add what the numbers of all frames say to what was found of some."""
-    found = settled.measured.camera
-    if found is None:
-        return settled
-    return replace(settled, measured=replace(settled.measured, camera=replace(found, **said)))
+def _hold_finding(settled: MeasuredReader, found: CameraFinding) -> MeasuredReader:
+    """Keep what is known of the cameras once the numbers of all frames are looked at."""
+    return replace(settled, measured=replace(settled.measured, camera=found))
 
 
 def _find_strays(reader: FrameReader, run: CameraRun) -> str:
