@@ -101,7 +101,7 @@ def test_hr_cameras_that_are_not_the_lr_ones_are_named(
 
 def write_synth(rtsr: Any, folder: Path, frames: int) -> Path:
     """A made shot whose camera moves; depth, motion, normals."""
-    made = rtsr("synth", folder, "--size", "96x54", "--frames", f"1-{frames}", "--seed", "3")
+    made = rtsr("synth", folder, "--size", "96x56", "--frames", f"1-{frames}", "--seed", "3")
     assert made.exit_code == 0, made.output
     return folder
 
