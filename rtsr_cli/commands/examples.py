@@ -27,6 +27,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     "label": (
         "rtsr label my_frames labels --kind vrs --preview",
         "rtsr label my_frames holes --kind holes --every 2 --preview",
+        "rtsr label my_captures classes --kind cgts --samples-per-pixel 2 --preview",
     ),
     "train": (
         "rtsr train fusesr-fast my_captures --scale 4 --out runs/mine",

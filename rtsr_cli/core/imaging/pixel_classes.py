@@ -91,11 +91,14 @@ class AliasingConfig:
         depth: T_D, share of the nearest D.
         normal: T_N, sum of the absolute differences of components.
         color: T_I, share of a channel's largest radiance.
+        planes: depth counts beyond what one plane spans; else (7) as printed, which marks every
+            floor that is seen at a grazing angle.
     """
 
     depth: float = 0.01
     normal: float = 0.5
     color: float = 0.5
+    planes: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -310,17 +313,17 @@ def find_aliasing(ranges: SampleRanges, config: AliasingConfig) -> tuple[Mask, M
         (Dmax - Dmin) / Dmax > T_D  (7)    or    max_i |N_0 - N_i|_1 > T_N  (8)
         or    max_rgb |(Imax - Imin) / Imax| > T_I  (9)
 
-    Geometry is (7) or (8), of normals without normal map; texture the rest of (7), (8) or (9), of
-    normals with it. Where there are no normals without normal map, geometry is a range of depth
-    beyond what a plane spans, or several objects, and the rest of (8) or (9) is texture.
+    Geometry is (7), less what one plane spans, or (8), of normals without normal map; texture is
+    the rest of (8), of normals with it, or (9). Where there are no normals without normal map,
+    several objects are geometry in place of (8).
     """
     span = ranges.nearest - ranges.farthest
+    beyond = span - ranges.slope_range if config.planes else span
+    geometry = beyond > config.depth * ranges.nearest
     if ranges.geonormals is not None:
-        geometry = (span > config.depth * ranges.nearest) | _bends(ranges.geonormals, config)
-    else:
-        geometry = span - ranges.slope_range > config.depth * ranges.nearest
-        if ranges.other_ids is not None:
-            geometry = geometry | (ranges.other_ids > 0)
+        geometry = geometry | _bends(ranges.geonormals, config)
+    elif ranges.other_ids is not None:
+        geometry = geometry | (ranges.other_ids > 0)
     most, least = (color.clamp(min=0.0) for color in (ranges.color_max, ranges.color_min))
     aliased = (most - least > config.color * most).any(1, keepdim=True)
     if ranges.normals is not None:

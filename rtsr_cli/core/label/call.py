@@ -10,6 +10,7 @@ from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.label.kinds import KINDS, FigureKind
 from rtsr_cli.core.label.request import LabelRequest
 from rtsr_cli.core.pairs.opening import open_single_sets
+from rtsr_cli.core.pairs.sampled_frames import open_sampled_frames
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.figures import SUMMARY, RunFigures, gather_figures, write_figures
@@ -46,7 +47,7 @@ def label_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    opened = open_single_sets(request.in_folder, read_options(request))
+    opened = _open_shots(request)
     planned = [plan_labelling(name, source, request) for name, source in opened]
     plans = [each.job.plan for each in planned]
     check_selection(request.selection, [plan.inputs for plan in plans])
@@ -60,6 +61,14 @@ def label_frames(
     yield from run_shots([each.job for each in planned], request)
     if figures is not None:
         yield _write_summary(request, figures, plans)
+
+
+def _open_shots(request: LabelRequest) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot of IN, as captures where a pixel has several samples."""
+    options, samples = read_options(request), request.samples_per_pixel
+    if samples is None:
+        return open_single_sets(request.in_folder, options)
+    return open_sampled_frames(request.in_folder, options, samples)
 
 
 def plan_labelling(name: str, source: PairSource, request: LabelRequest) -> LabelJob:
