@@ -8,7 +8,7 @@ import click
 
 from rtsr_cli.commands import options as opt
 from rtsr_cli.core.choices import LabelKind, Pool, VrsMetric
-from rtsr_cli.core.label.request import LabelRequest
+from rtsr_cli.core.label.request import SAMPLES, LabelRequest
 
 
 @opt.take_defaults_of(LabelRequest)
@@ -19,7 +19,8 @@ from rtsr_cli.core.label.request import LabelRequest
     "--kind",
     type=opt.Member(LabelKind),
     show_default=True,
-    help="vrs: true errors of shading rates; holes: what past frames do not show.",
+    help="vrs: true errors of shading rates; holes: what past frames do not show; cgts: ghosting "
+    "and aliasing pixels.",
 )
 @click.option("--tile", type=opt.RATE_TILE, show_default=True, help="vrs: side, pixels.")
 @click.option(
@@ -58,11 +59,36 @@ from rtsr_cli.core.label.request import LabelRequest
     metavar="RANGE",
     help="holes: numbers of the rendered frames, in place of --every.",
 )
-@click.option("--paper", is_flag=True, help="holes: the plain union of all tests.")
+@click.option(
+    "--paper",
+    is_flag=True,
+    help="holes: the plain union of all tests; cgts: depth as printed, slanted floors are marked.",
+)
 @click.option(
     "--compat",
     is_flag=True,
     help="holes: compose motion in the order of ExtraNet's published code.",
+)
+@click.option(
+    "--samples-per-pixel",
+    type=click.IntRange(*SAMPLES),
+    metavar="K",
+    help="cgts: frames hold K x K samples of each pixel.",
+)
+@click.option(
+    "--depth-only", is_flag=True, help="cgts: what hides a surface need not move otherwise."
+)
+@click.option(
+    "--least-change",
+    type=opt.FiniteRange(0.0, 1.0),
+    show_default=True,
+    help="cgts: of colour, c / (1 + c), that is a change of light.",
+)
+@click.option(
+    "--most-overlap",
+    type=opt.FiniteRange(0.0, 1.0),
+    show_default=True,
+    help="cgts: of a pixel's colours with those it had, where light changed.",
 )
 @click.option("--preview", "previews", is_flag=True, help="A PNG of the labels beside each EXR.")
 @opt.overwrite
@@ -78,6 +104,10 @@ def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     holes: 1 where a past frame shows nothing of a surface, told by object ids (stencil), normals,
     positions, or lying outside: past1.holes, past1.stencil, ... of the last past frame, and past2,
     past3. Radiance is never read.
+
+    cgts: ghosting (0 none, 1 visibility, 2 shading) and aliasing (0 none, 1 geometry, 2 texture) of
+    each pixel, told by its K x K samples and those of the frame before. Frames are captures of K
+    times the size, as rtsr synth --samples K writes them.
     """
     request = opt.request_from(LabelRequest, chosen)
     from rtsr_cli.api import label
@@ -85,4 +115,4 @@ def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     from rtsr_cli.commands.progress import Progress
 
     progress = Progress(request, as_json=as_json)
-    ctx.exit(progress.follow(label(request), describe_plan(request), show_figures))
+    ctx.exit(progress.follow(label(request), describe_plan(request), show_figures(request)))

@@ -126,6 +126,8 @@ class LabelKind(StrEnum):
     """True errors of shading rates."""
     HOLES = "holes"
     """What past frames do not show."""
+    CGTS = "cgts"
+    """Ghosting and aliasing pixels."""
 
 
 class MetricName(StrEnum):

@@ -107,6 +107,7 @@ def _parse_frame(number: str, entry: Any, what: str) -> dict[str, Any]:
     _require(right and abs(int(number[:MOST_DIGITS])) <= LARGEST_FRAME, f"{what} has no number")
     _require(len(number) < MOST_DIGITS, f"{what} has no number")
     plain = {"nonfinite": int, "counted": bool, "regions": dict}
+    _check_fields(entry, plain, what)
     plain |= {k: kind for k, kind in ((PAST, int), (BETWEEN, bool)) if k in entry}
     _check_fields(entry, plain, what)
     reasons = entry.get(REASONS, {})

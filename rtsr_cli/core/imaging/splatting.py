@@ -107,7 +107,7 @@ def forward_splat(
     rows, columns = h + 2 * MARGIN, w + 2 * MARGIN
     target = keys.new_full((n, rows * columns), _NO_SOURCE)
     for index in _place_sources(motion, usable, (h, w), spread=spread):
-        target.scatter_reduce_(1, index.view(n, -1), keys, "amin")
+        target.scatter_reduce_(1, index.reshape(n, -1), keys, "amin")
     inner = slice(MARGIN, -MARGIN)
     winner = target.view(n, rows, columns)[:, inner, inner].reshape(n, h * w)
     hit = winner != _NO_SOURCE

@@ -11,6 +11,7 @@ from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.label.kinds import KINDS, FigureKind
 from rtsr_cli.core.label.request import LabelRequest
 from rtsr_cli.core.pairs.opening import open_single_sets
+from rtsr_cli.core.pairs.sampled_frames import open_sampled_frames
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.figures import SUMMARY, RunFigures, gather_figures, write_figures
@@ -47,9 +48,7 @@ def label_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    # labels that follow from G-buffers need no frame to be rendered
-    unrendered = RADIANCE_BUFFERS.isdisjoint(KINDS[request.kind].buffers)
-    opened = open_single_sets(request.in_folder, read_options(request, unrendered=unrendered))
+    opened = _open_shots(request)
     planned = [plan_labelling(name, source, request) for name, source in opened]
     plans = [each.job.plan for each in planned]
     check_selection(request.selection, [plan.inputs for plan in plans])
@@ -63,6 +62,16 @@ def label_frames(
     yield from run_shots([each.job for each in planned], request)
     if figures is not None:
         yield _write_summary(request, figures, plans)
+
+
+def _open_shots(request: LabelRequest) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot of IN, as captures where a pixel has several samples."""
+    # labels that follow from G-buffers need no frame to be rendered
+    unrendered = RADIANCE_BUFFERS.isdisjoint(KINDS[request.kind].buffers)
+    options, samples = read_options(request, unrendered=unrendered), request.samples_per_pixel
+    if samples is None:
+        return open_single_sets(request.in_folder, options)
+    return open_sampled_frames(request.in_folder, options, samples)
 
 
 def plan_labelling(name: str, source: PairSource, request: LabelRequest) -> LabelJob:

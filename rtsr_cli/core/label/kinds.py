@@ -8,6 +8,13 @@ from typing import Any
 
 from rtsr_cli.core.choices import LabelKind
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.label.class_labels import (
+    CLASS_BUFFERS,
+    CLASSES,
+    declare_class_labels,
+    describe_classes,
+    summarise_classes,
+)
 from rtsr_cli.core.label.hole_labels import (
     HOLE_BUFFERS,
     SHARES,
@@ -58,5 +65,12 @@ KINDS: Mapping[LabelKind, KindRow] = {
         buffers=HOLE_BUFFERS,
         declare=declare_hole_labels,
         figures=FigureKind(attribute=SHARES, options=describe_config, summarise=summarise_shares),
+    ),
+    LabelKind.CGTS: KindRow(
+        buffers=CLASS_BUFFERS,
+        declare=declare_class_labels,
+        figures=FigureKind(
+            attribute=CLASSES, options=describe_classes, summarise=summarise_classes
+        ),
     ),
 }

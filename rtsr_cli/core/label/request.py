@@ -8,13 +8,24 @@ from dataclasses import dataclass, fields
 from rtsr_cli.core.choices import LabelKind, Pool, VrsMetric
 from rtsr_cli.core.errors import RequestError
 from rtsr_cli.core.frames.cadence import Cadence, choose_cadence
+from rtsr_cli.core.requests import check_ranges
 from rtsr_cli.core.run.request import FramesRequest
 
 SETTINGS: Mapping[LabelKind, tuple[str, ...]] = {
     LabelKind.VRS: ("tile", "metric", "pool", "env_luminance", "ppd", "keep_edges"),
     LabelKind.HOLES: ("every", "rendered", "paper", "compat"),
+    LabelKind.CGTS: (
+        "samples_per_pixel",
+        "depth_only",
+        "least_change",
+        "most_overlap",
+        "paper",
+    ),
 }
-"""Fields that only one kind of labels knows."""
+"""Fields that not every kind of labels knows."""
+
+SAMPLES = (2, 16)
+"""Least and most of `samples_per_pixel`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +42,12 @@ class LabelRequest(FramesRequest):
         keep_edges: emulated rates stop at other objects.
         every: the first frame is rendered, and every so many after it; None = see `cadence`.
         rendered: numbers of the rendered frames, in place of `every`.
-        paper: holes are the plain union of all tests.
+        paper: holes are the plain union of all tests; slanted floors are geometry aliasing.
         compat: vectors are composed in the order of ExtraNet's published code.
+        samples_per_pixel: K: frames hold K x K samples of each pixel that is labelled.
+        depth_only: hidden surfaces are told by depth, however little they move.
+        least_change: of colour, c / (1 + c), that is a change of light.
+        most_overlap: of a pixel's colours with those it had, where light changed.
         previews: a PNG of the labels beside each EXR.
     """
 
@@ -47,22 +62,35 @@ class LabelRequest(FramesRequest):
     rendered: frozenset[int] | None = None
     paper: bool = False
     compat: bool = False
+    samples_per_pixel: int | None = None
+    depth_only: bool = False
+    least_change: float = 0.05
+    most_overlap: float = 0.10
     previews: bool = False
 
     def __post_init__(self) -> None:
         """Check what goes together.
 
         Raises:
-            RequestError: a setting is of another kind, or of the cadence something is wrong.
+            RequestError: a setting is of another kind or out of range, of the cadence something is
+                wrong, or how many samples a pixel has is not said.
         """
         super().__post_init__()
         _ = self.cadence
+        check_ranges(
+            self, samples_per_pixel=SAMPLES, least_change=(0.0, 1.0), most_overlap=(0.0, 1.0)
+        )
         defaults = {field.name: field.default for field in fields(self)}
-        for kind, names in SETTINGS.items():
-            changed = [n for n in names if getattr(self, n) != defaults[n]]
-            if kind is not self.kind and changed:
-                option = changed[0].replace("_", "-")
-                raise RequestError(f"--{option} is of --kind {kind}, not of --kind {self.kind}")
+        for name in dict.fromkeys(name for names in SETTINGS.values() for name in names):
+            owners = [kind for kind, names in SETTINGS.items() if name in names]
+            if self.kind not in owners and getattr(self, name) != defaults[name]:
+                option, those = name.replace("_", "-"), " and ".join(owners)
+                raise RequestError(f"--{option} is of --kind {those}, not of --kind {self.kind}")
+        if self.kind is LabelKind.CGTS and self.samples_per_pixel is None:
+            raise RequestError(
+                "--kind cgts needs --samples-per-pixel K: frames that hold K x K samples of each "
+                "pixel, such as rtsr synth --samples K writes"
+            )
 
     @property
     def cadence(self) -> Cadence | None:

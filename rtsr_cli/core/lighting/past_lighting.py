@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
@@ -125,11 +126,26 @@ def find_divided(frame: Frame) -> Mask:
     return (material & (gbuffer[Buffer.SKY] < 0.5)).to(gbuffer[Buffer.MATERIAL])
 
 
+def encode_past(frame: Frame, rendered: Frame, scale: Tensor) -> Image:
+    """e of a past frame at the exposure of the last rendered one.
+
+    Args:
+        frame: whose lighting it is, or radiance where nothing is divided.
+        rendered: the last rendered frame.
+        scale: k of it.
+    """
+    return encode_lighting(find_quantity(frame) * exposure_ratio(rendered, frame), scale)
+
+
 def encode_quantity(rendered: Frame) -> Image:
-    """e of a rendered frame: of lighting where there is any, else of radiance less emission."""
-    divided = rendered.gbuffer[Buffer.LIGHTING_MASK] > 0.5
-    radiance = take_emission_out(rendered)
-    return _encode(rendered, torch.where(divided, rendered.gbuffer[Buffer.LIGHTING], radiance))
+    """e of a rendered frame, with its own k."""
+    return _encode(rendered, find_quantity(rendered))
+
+
+def find_quantity(frame: Frame) -> Color:
+    """q: lighting where there is any, else radiance less emission."""
+    divided = frame.gbuffer[Buffer.LIGHTING_MASK] > 0.5
+    return torch.where(divided, frame.gbuffer[Buffer.LIGHTING], take_emission_out(frame))
 
 
 def take_emission_out(frame: Frame) -> Color:

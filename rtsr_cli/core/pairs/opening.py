@@ -331,10 +331,7 @@ def open_pair(
     check_shot(opened, hr)
     shot = opened.shot
     if simulation is not None:
-        capture = open_set(shot.hr or shot.frames, opened, jittered=False)
-        if shot.hr is not None and Buffer.MOTION not in capture.stored:
-            capture = lend_motion(capture, open_set(shot.frames, opened, jittered=True))
-        return open_simulated_pairs(capture, simulation)
+        return open_simulated_pairs(open_capture(opened), simulation)
     lr = open_set(shot.frames, opened, jittered=True)
     target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
     if target is not None:
@@ -346,6 +343,19 @@ def open_pair(
         skip_missing=opened.options.on_missing is MissingPolicy.SKIP,
         wanted=opened.options.selection.frames,
     )
+
+
+def open_capture(opened: OpenedShot) -> FrameReader:
+    """Survey a shot's frames of the largest size; motion is lent by LR frames where it is missing.
+
+    Raises:
+        RtsrError: a folder, file or declaration is wrong.
+    """
+    shot = opened.shot
+    capture = open_set(shot.hr or shot.frames, opened, jittered=False)
+    if shot.hr is not None and Buffer.MOTION not in capture.stored:
+        return lend_motion(capture, open_set(shot.frames, opened, jittered=True))
+    return capture
 
 
 def _list_frame_sets(

@@ -34,15 +34,15 @@ class PastPictures:
         second: e beside it.
         holes: 1 where the last rendered frame does not show the surface.
         second_known: 1 where `second` is of the surface.
-        moved: of the rendered frames, oldest first, e along the vectors and 1 where it is of the
-            surface; 0 and 0 for those that are not there.
+        moved: of the frames at `PLACES`, as far as the window goes, e along the vectors and 1
+            where it is of the surface; None of one that was not rendered.
     """
 
     base: Image
     second: Image
     holes: Mask
     second_known: Mask
-    moved: tuple[tuple[Image, Mask], ...]
+    moved: tuple[tuple[Image, Mask] | None, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

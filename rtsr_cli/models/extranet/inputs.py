@@ -42,6 +42,7 @@ from rtsr_cli.core.lighting.past_lighting import (
     LEAST_WEIGHT,
     PastLighting,
     carry_lighting,
+    encode_past,
     find_divided,
     find_rendered,
 )
@@ -54,7 +55,6 @@ from rtsr_cli.models.extranet.config import (
     PastPictures,
     PredictionBase,
 )
-from rtsr_cli.models.extranet.history import encode_past, make_empty, order_history
 from rtsr_cli.models.extranet.published import PUBLISHED
 
 PICTURES = tuple(slice(first, first + 3) for first in (0, 3, 6, 9))
@@ -71,11 +71,12 @@ def look_back(config: ExtraNetConfig, window: FrameWindow) -> PastPictures:
     moved = move_history(window, past)
     second, known = past.carried.values, 1.0 - past.holes
     second = fill_holes_by_occlusion(window, past) if config.occlusion else second * known
-    for image, mask in moved[:-1] if config.history else ():
+    older = [pair for pair in moved[:0:-1] if pair is not None] if config.history else []
+    for image, mask in older:
         second = torch.where(mask > 0.5, image, second)
         known = torch.maximum(known, mask)
     return PastPictures(
-        base=past.filled if config.base is PredictionBase.GUIDED else moved[-1][0],
+        base=past.filled if config.base is PredictionBase.GUIDED else warp_lighting(past),
         second=second,
         holes=past.holes,
         second_known=known,
@@ -109,11 +110,19 @@ def prepare(config: ExtraNetConfig, window: FrameWindow) -> Tensors:
     surfaces = show_surfaces(now, surroundings)
     return {
         "current": torch.cat([past.base, past.second, *known, surfaces], dim=1),
-        "history": torch.cat([part for pair in past.moved for part in pair], dim=1),
+        "history": stack_history(past),
         "hole_mask": past.holes,
         "gain": measure_gain(now, rendered, surroundings.scale_of(rendered)),
         "emission": take_emission(now),
     }
+
+
+def stack_history(past: PastPictures) -> Image:
+    """Oldest first, e and mask of each; 0 of frames that are not there."""
+    empty = torch.zeros_like(past.base), torch.zeros_like(past.holes)
+    missing = [empty] * (len(PLACES) - len(past.moved))
+    pairs = [*missing, *(pair or empty for pair in reversed(past.moved))]
+    return torch.cat([part for pair in pairs for part in pair], dim=1)
 
 
 def show_surfaces(frame: Frame, surroundings: ExtraNetSurroundings) -> Image:
@@ -144,16 +153,16 @@ def measure_gain(now: Frame, rendered: Frame, scale: Tensor) -> Color:
     return material * scale * exposure_ratio(now, rendered)
 
 
-def move_history(window: FrameWindow, past: PastLighting) -> tuple[tuple[Image, Mask], ...]:
+def move_history(window: FrameWindow, past: PastLighting) -> tuple[tuple[Image, Mask] | None, ...]:
     """`PastPictures.moved` by likeness of surfaces."""
     now, rendered = window.current, past.rendered
     own = describe_surfaces(now, find_divided(now))
     scale = lighting_scale_of(rendered)
-    moved = []
+    moved: list[tuple[Image, Mask] | None] = []
     for place, motion in zip(PLACES, find_past_motions(window, own), strict=False):
         then = window.lr[place]
         if Buffer.COLOR not in then.gbuffer:
-            moved.append(make_empty(now))
+            moved.append(None)
             continue
         encoded = encode_past(then, rendered, scale)
         image, _ = backward_warp(encoded, motion)
@@ -165,7 +174,7 @@ def move_history(window: FrameWindow, past: PastLighting) -> tuple[tuple[Image, 
             weight = warp_along_surfaces(encoded, motion, wide, surfaces).weight
             mask = (weight >= LEAST_WEIGHT).to(weight)
         moved.append((image * inside_frame(motion), mask))
-    return order_history(moved, now)
+    return tuple(moved)
 
 
 def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
@@ -183,6 +192,12 @@ def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
         if camera_px is not None:
             motions[i] = torch.where(stands & camera_px.isfinite(), camera_px, motions[i])
     return motions
+
+
+def warp_lighting(past: PastLighting) -> Image:
+    """e of the last rendered frame along the vectors, whatever surface it is of; 0 outside."""
+    encoded = encode_past(past.rendered, past.rendered, lighting_scale_of(past.rendered))
+    return backward_warp(encoded, past.motion_px)[0] * inside_frame(past.motion_px)
 
 
 def fill_holes_by_occlusion(window: FrameWindow, past: PastLighting) -> Image:

@@ -15,10 +15,10 @@ from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.frame_motion import fill_by_occlusion, find_occlusion_motion
-from rtsr_cli.core.imaging.holes import find_holes
+from rtsr_cli.core.imaging.holes import Holes, find_holes
 from rtsr_cli.core.imaging.warping import backward_warp, inside_frame
-from rtsr_cli.core.lighting.past_lighting import find_rendered
-from rtsr_cli.core.shapes import Plane
+from rtsr_cli.core.lighting.past_lighting import encode_past, find_rendered
+from rtsr_cli.core.shapes import Image, Mask, Plane
 from rtsr_cli.core.system import FrameWindow
 from rtsr_cli.models.extranet.config import (
     PLACES,
@@ -26,7 +26,6 @@ from rtsr_cli.models.extranet.config import (
     ExtraNetSurroundings,
     PastPictures,
 )
-from rtsr_cli.models.extranet.history import encode_past, make_empty, order_history
 
 FARTHEST_M = 1e4
 """Depth from which it counts as 0: 100 of the exported unit, 100 m   [ExtraNet, code]."""
@@ -48,32 +47,33 @@ def stretch_depth(depth_m: Plane) -> Plane:
 
 def look_back_as_published(config: ExtraNetConfig, window: FrameWindow) -> PastPictures:
     """Warped lighting as the base; masks by the code's tests."""
-    now, rendered = window.current, window.lr[find_rendered(window)]
-    moved = []
-    for place in PLACES:
-        if place >= len(window.lr):
-            break
-        then = window.lr[place]
-        if Buffer.COLOR not in then.gbuffer:
-            moved.append(make_empty(now))
-            continue
-        holes = find_holes(window.lr[: place + 1])
-        image, _ = backward_warp(encode_past(then, rendered, keep_unit(then)), holes.motion_px)
-        moved.append((image * inside_frame(holes.motion_px), 1.0 - holes.union))
-    (warped, known), holes_mask = moved[0], 1.0 - moved[0][1]
-    occluded = warped * known
+    places = [place for place in PLACES if place < len(window.lr)]
+    (warped, known), holes = _look_at(window, places[0])
+    older = (
+        _look_at(window, place)[0] if Buffer.COLOR in window.lr[place].gbuffer else None
+        for place in places[1:]
+    )
+    second = warped * known
     if config.occlusion:
-        motion = find_holes(window.lr[:2]).motion_px
-        occlusion = find_occlusion_motion(window.lr[:2], motion)
+        rendered, motion = window.lr[places[0]], holes.motion_px
+        occlusion = find_occlusion_motion(window.lr[: places[0] + 1], motion)
         encoded = encode_past(rendered, rendered, keep_unit(rendered))
-        occluded = fill_by_occlusion(encoded, motion, occlusion, holes_mask)
+        second = fill_by_occlusion(encoded, motion, occlusion, 1.0 - known)
     return PastPictures(
         base=warped,
-        second=occluded,
-        holes=holes_mask,
+        second=second,
+        holes=1.0 - known,
         second_known=known,
-        moved=order_history(moved, now),
+        moved=((warped, known), *older),
     )
+
+
+def _look_at(window: FrameWindow, place: int) -> tuple[tuple[Image, Mask], Holes]:
+    """e of a rendered frame along the vectors and 1 where it is of the surface; its holes."""
+    then, rendered = window.lr[place], window.lr[find_rendered(window)]
+    holes = find_holes(window.lr[: place + 1])
+    image, _ = backward_warp(encode_past(then, rendered, keep_unit(then)), holes.motion_px)
+    return (image * inside_frame(holes.motion_px), 1.0 - holes.union), holes
 
 
 PUBLISHED = ExtraNetSurroundings(

@@ -1,0 +1,120 @@
+"""What the samples of a pixel span: ranges of depth and colour, all normals.
+
+A capture of K x K samples a pixel is an image of K times the size, whose blocks are the pixels.
+Depth is reversed here, as classifier guided supersampling [Guo et al. 2022] has it:
+
+    D = 1 / z,  sky 0        (larger = nearer)
+
+which along a plane is linear in image coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from rtsr_cli.core.frames.buffers import Buffer, sky_mask
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.disocclusion import bound_depth, depth_slope
+from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleRanges:
+    """Ranges of the samples of every pixel, at the pixels' resolution.
+
+    Attributes:
+        nearest, farthest: largest and smallest D, 1/m.
+        slope_range: how far the samples of one plane lie apart in D there, 1/m.
+        color_min, color_max: corners of the box of linear radiance, channel by channel.
+        motion_px: of the nearest sample, in pixels.
+        normals, geonormals: of every sample, n 3 k*k h w; the latter without normal map. None where
+            the frame holds none.
+        other_ids: 1 where samples show several objects; None where the frame holds no ids.
+    """
+
+    nearest: Plane
+    farthest: Plane
+    slope_range: Plane
+    color_min: Color
+    color_max: Color
+    motion_px: MotionPx
+    normals: Tensor | None
+    geonormals: Tensor | None
+    other_ids: Mask | None
+
+
+def split_samples(capture: Image, k: int) -> Tensor:
+    """Take a capture apart: n c k*h k*w -> n c k*k h w, the samples of a pixel row by row.
+
+    Args:
+        capture: k x k samples a pixel.
+        k: samples along an axis; it divides both sides.
+    """
+    n, c, height, width = capture.shape
+    blocks = capture.reshape(n, c, height // k, k, width // k, k).permute(0, 1, 3, 5, 2, 4)
+    return blocks.reshape(n, c, k * k, height // k, width // k)
+
+
+def reverse_depth(depth_m: Plane) -> Plane:
+    """D = 1 / z; 0 on sky, and where there is no depth."""
+    depth = bound_depth(depth_m)
+    nowhere = (sky_mask(depth) > 0) | (depth <= 0)
+    return torch.where(nowhere, 0.0, 1.0 / depth.masked_fill(nowhere, 1.0))
+
+
+def pick_nearest(capture: Image, depth_m: Plane, k: int) -> Image:
+    """Of each pixel's samples, what the nearest one holds; of several as near, the first.
+
+    Args:
+        capture: k x k samples a pixel.
+        depth_m: of the same samples.
+        k: samples along an axis.
+    """
+    index = split_samples(reverse_depth(depth_m), k).argmax(2, keepdim=True)
+    samples = split_samples(capture, k)
+    return samples.gather(2, index.expand(-1, samples.shape[1], -1, -1, -1))[:, :, 0]
+
+
+def gather_ranges(frame: Frame, k: int) -> SampleRanges:
+    """Gather what the samples of each pixel span.
+
+    Args:
+        frame: a capture of k x k samples a pixel, with colour, depth and motion; normals, normals
+            without normal map, and object ids where they are there.
+        k: samples along an axis; it divides both sides.
+
+    Raises:
+        MissingBufferError: colour, depth or motion is not there.
+    """
+    gbuffer = frame.gbuffer
+    depth, color = gbuffer[Buffer.DEPTH], split_samples(gbuffer[Buffer.COLOR], k)
+    reversed_depth = reverse_depth(depth)
+    nearness = split_samples(reversed_depth, k)
+    # an edge is one step wide between samples: the slope beside it is that of the surface
+    slope = functional.max_pool2d(depth_slope(reversed_depth), k)
+    ids = gbuffer.buffers.get(Buffer.OBJECT_ID)
+    return SampleRanges(
+        nearest=nearness.amax(2),
+        farthest=nearness.amin(2),
+        slope_range=(k - 1) * slope,
+        color_min=color.amin(2),
+        color_max=color.amax(2),
+        motion_px=pick_nearest(gbuffer[Buffer.MOTION], depth, k) / k,
+        normals=_split_buffer(frame, Buffer.NORMAL, k),
+        geonormals=_split_buffer(frame, Buffer.GEONORMAL, k),
+        other_ids=None if ids is None else _tell_apart(split_samples(ids, k)).to(depth),
+    )
+
+
+def _split_buffer(frame: Frame, buffer: Buffer, k: int) -> Tensor | None:
+    held = frame.gbuffer.buffers.get(buffer)
+    return None if held is None else split_samples(held, k)
+
+
+def _tell_apart(samples: Tensor) -> Tensor:
+    """True where not all samples are one value."""
+    return samples.amax(2) != samples.amin(2)
