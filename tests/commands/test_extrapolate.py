@@ -57,11 +57,11 @@ def test_every_second_frame_is_predicted_and_says_so(
 ) -> None:
     result = rtsr("extrapolate", sequence, tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert "3 rendered, 3 to predict, system warp-guided" in result.output
+    assert "3 rendered, 3 to predict, system extranet" in result.output
     assert names_in(tmp_path / "out") == [f"frame.{n:04d}.exr" for n in PREDICTED]
     attributes = read_header(tmp_path / "out" / "frame.0004.exr").attributes
     assert int(attributes["rtsr:predicted"]) == 1
-    assert attributes["rtsr:system"] == "warp-guided"
+    assert attributes["rtsr:system"] == "extranet"
 
 
 def test_lighting_on_surfaces_beats_moved_radiance(

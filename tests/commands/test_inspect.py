@@ -424,7 +424,8 @@ def test_hr_frames_that_do_not_match_are_a_problem(
     (shot / "hr" / "frame.0004.exr").unlink()
     found = facts(rtsr, shot)
     assert found["systems"]["bicubic"]["how"] == "--on-missing skip"
-    assert "HR lacks frames 4" in found["hr"]["problems"][0]
+    # beside that the crop's camera is of the whole frame
+    assert any("HR lacks frames 4" in problem for problem in found["hr"]["problems"])
     shutil.rmtree(shot / "hr")
     shutil.copytree(shot / "lr", shot / "hr")
     (shot / "hr" / "frame.0001.exr").unlink()
