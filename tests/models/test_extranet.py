@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,6 +27,7 @@ from rtsr_cli.models.extranet.inputs import measure_gain, prepare
 from rtsr_cli.models.extranet.loss import (
     average_largest,
     change,
+    cover_rectangle,
     decode_radiance,
     encode_goal,
     goal,
@@ -295,8 +297,11 @@ def test_a_sample_that_nothing_happens_to_is_the_frame(make_windows: MakeWindows
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_changed_samples_have_changed_goals(make_windows: MakeWindows, seed: int) -> None:
+def test_changed_samples_have_changed_goals(
+    make_windows: MakeWindows, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What the base is wrong by, in e, is the same before and after, turned and reordered."""
+    monkeypatch.setattr(importlib.import_module(change.__module__), "COVERED", 0.0)
     inputs, target = sample(make_windows)
     rng = np.random.default_rng(seed)
     turn = draw_turn(rng)
@@ -329,3 +334,27 @@ def test_older_frames_are_lost_now_and_then(make_windows: MakeWindows) -> None:
     assert 20 < lost[0] < 65
     assert 4 < lost[1] < 30
     assert math.isfinite(float(made["current"].sum()))
+
+
+def test_a_rectangle_is_hidden_of_the_last_rendered_frame_alone(make_windows: MakeWindows) -> None:
+    inputs, _ = sample(make_windows)
+    current, history, holes = (inputs[name].clone() for name in ("current", "history", "hole_mask"))
+    cover_rectangle(current, history, holes, np.random.default_rng(3))
+    covered = (holes > inputs["hole_mask"])[0, 0]
+    rows, columns = (torch.nonzero(covered.any(dim)).flatten() for dim in (1, 0))
+    inside = (..., slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    assert 0.1 < len(rows) / covered.shape[0] < 0.41
+    assert bool((holes[inside] == 1.0).all())
+    before = inputs["current"][inside]
+    assert torch.allclose(current[inside][:, :3], before[:, :3].mean((-2, -1), keepdim=True))
+    assert not bool(current[inside][:, 6:9].any())
+    assert not bool(history[inside][:, 11].any())
+    older = (history[inside][:, [3, 7]] > 0.5).any(1, keepdim=True)
+    assert bool(older.any())
+    assert torch.equal(current[inside][:, 3:6] * older, before[:, 3:6] * older)
+    assert not bool((current[inside][:, 9:12] * ~older).any())
+    assert torch.equal(history[:, :8], inputs["history"][:, :8])
+    outside = torch.ones_like(holes)
+    outside[inside] = 0.0
+    assert torch.equal(current * outside, inputs["current"] * outside)
+    assert torch.equal(history * outside, inputs["history"] * outside)

@@ -64,6 +64,9 @@ NORMAL = slice(12, 15)
 HISTORY_PARTS = tuple(slice(first, first + 3) for first in (0, 4, 8))
 """Channels of `history` that are pictures."""
 
+OLDER_MASKS, LAST_MASK = [3, 7], 11
+"""Channels of `history` that say where t-5 and t-3, and t-1, are of the surface."""
+
 
 def look_back(config: ExtraNetConfig, window: FrameWindow) -> PastPictures:
     """`warp-guided`'s lighting as the base; masks by likeness of surfaces."""

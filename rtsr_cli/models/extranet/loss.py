@@ -21,10 +21,16 @@ from rtsr_cli.core.lighting.lighting import batch_masked_mean
 from rtsr_cli.core.lighting.past_lighting import carry_lighting, shade
 from rtsr_cli.core.metrics.fidelity import psnr
 from rtsr_cli.core.metrics.flip import ldr_flip
-from rtsr_cli.core.shapes import Color, Image
+from rtsr_cli.core.shapes import Color, Image, Mask
 from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
 from rtsr_cli.models.extranet.config import ExtraNetConfig
-from rtsr_cli.models.extranet.inputs import HISTORY_PARTS, NORMAL, PICTURES
+from rtsr_cli.models.extranet.inputs import (
+    HISTORY_PARTS,
+    LAST_MASK,
+    NORMAL,
+    OLDER_MASKS,
+    PICTURES,
+)
 
 MAX_ENCODED = 8.0
 """Bound of e in the loss: quotients over dark materials have none."""
@@ -36,6 +42,12 @@ SHADING_SHARE = 10
 
 LOST = (0.15, 0.07)
 """Share of the samples without t-5, and without t-3 either, as at a start or after a cut."""
+
+COVERED = 0.15
+"""Share of the samples with a rectangle that the last rendered frame does not show."""
+
+RECTANGLE = (0.1, 0.4)
+"""Least and largest side of such a rectangle, as a share of the crop's."""
 
 
 def goal(config: ExtraNetConfig, window: FrameWindow, reference: Frame) -> Tensors:
@@ -85,7 +97,7 @@ def average_largest(difference: Image) -> Tensor:
 def change(
     config: ExtraNetConfig, inputs: Tensors, target: Tensors, choices: Any, rng: Any
 ) -> tuple[Tensors, Tensors]:
-    """Turn and relight a sample, exchange its colours, and lose older frames now and then.
+    """Turn and relight a sample, exchange its colours; hide parts and lose older frames at times.
 
     e stays what it is under any exposure, as k goes along.
     """
@@ -101,10 +113,37 @@ def change(
     older, oldest = (rng.random() < share for share in LOST[::-1])
     if older or oldest:
         history[:, : 8 if older else 4] = 0.0
+    covered = turned["hole_mask"].clone()
+    if rng.random() < COVERED:
+        cover_rectangle(current, history, covered, rng)
     exposure = choices.mean_gain
     lights = {name: turned[name][:, colors] * exposure for name in ("gain", "emission")}
     color = choices.turn.image(target["color"])[:, colors] * exposure
-    return {**turned, **lights, "current": current, "history": history}, {"color": color}
+    seen = {"current": current, "history": history, "hole_mask": covered}
+    return {**turned, **lights, **seen}, {"color": color}
+
+
+def cover_rectangle(current: Image, history: Image, holes: Mask, rng: Any) -> None:
+    """Hide a rectangle of the last rendered frame, in place, as if something had stood before it.
+
+    What came of that frame becomes its mean there, the least that a fill can tell; where older
+    frames show the surface they still do.
+    """
+    frame = holes.shape[-2:]
+    sides = [max(1, round(extent * rng.uniform(*RECTANGLE))) for extent in frame]
+    starts = [int(rng.integers(0, e - side + 1)) for e, side in zip(frame, sides, strict=True)]
+    rows, columns = (slice(a, a + side) for a, side in zip(starts, sides, strict=True))
+    now, past, covered = (tensor[..., rows, columns] for tensor in (current, history, holes))
+    base, second, known, second_known = (now[:, part] for part in PICTURES)
+    unseen = past[:, OLDER_MASKS].amax(dim=1, keepdim=True) < 0.5
+    mean = base.mean(dim=(-2, -1), keepdim=True)
+    second.copy_(torch.where(unseen, mean, second))
+    second_known.copy_(torch.where(unseen, 0.0, second_known))
+    for picture in (base, past[:, HISTORY_PARTS[-1]]):
+        picture.copy_(mean.expand_as(picture))
+    known.zero_()
+    past[:, LAST_MASK].zero_()
+    covered.fill_(1.0)
 
 
 def scores(

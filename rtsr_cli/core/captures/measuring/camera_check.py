@@ -35,7 +35,7 @@ class CameraFinding:
     Attributes:
         unfit: why they are not used; empty if they are.
         doubt: why they are unverified; empty if they are not.
-        contradicted: whether they are unverified because something does not agree with them.
+        stuck: whether they are one frame's in all, though what is seen moves.
         strays: why those of single frames are in doubt; empty if none are.
         proofs: what agrees with them.
         undecided: what they might be as well, by all that is known.
@@ -46,7 +46,7 @@ class CameraFinding:
 
     unfit: str = ""
     doubt: str = ""
-    contradicted: bool = False
+    stuck: bool = False
     strays: str = ""
     proofs: tuple[str, ...] = ()
     undecided: tuple[str, ...] = ()
@@ -244,8 +244,8 @@ def _judge_unopposed(
     # what agrees is no proof where something that tells more does not
     if not proofs or not told or not trials[0].fits:
         doubt = " ".join(_describe_doubt(trials, mirrored=mirrored, resting=_rest(given)))
-        apart = any(not t.fits for t in trials)
-        return CameraFinding(doubt=doubt, contradicted=apart, errors=errors)
+        stuck = _rest(given) and any(t.evidence.tells_step and not t.fits for t in trials)
+        return CameraFinding(doubt=doubt, stuck=stuck, errors=errors)
     undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))
     if _rest(given) and not any(t.evidence.tells_step for t in proofs):
         # where one camera is in all frames, no neighbour's is another reading

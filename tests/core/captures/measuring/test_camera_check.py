@@ -384,7 +384,7 @@ def test_one_camera_in_all_frames_is_named_where_positions_or_motion_tell(
 ) -> None:
     found = check(room, dict.fromkeys(room.cameras, room.cameras[1]), *kinds)
     assert "one frame's matrices in every frame?" in found.doubt
-    assert found.contradicted
+    assert found.stuck
     assert not found.fits
 
 
