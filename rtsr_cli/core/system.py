@@ -36,11 +36,14 @@ class FrameWindow:
             Of frames that were not rendered it holds no radiance.
         hr: the current frame's G-buffer at the target size, without radiance; None if not asked.
         scale: output pixels per LR pixel.
+        captures: where `TrainingRecipe.samples` asks for them, every sample of this frame's pixels
+            and, if it is known, of those of the frame before, newest first.
     """
 
     lr: tuple[Frame, ...]
     hr: Frame | None = None
     scale: int = 1
+    captures: tuple[Frame, ...] = ()
     _known: dict[Callable[[FrameWindow], Any], Any] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -138,11 +141,14 @@ class TrainingRecipe:
         prepare: a window -> inputs.
         reference: buffers of the captured frame at the target size that `goal` reads, radiance
             among them.
+        reference_optional: buffers that `goal` reads where they are there.
         goal: (config, window, reference frame) -> what outputs are held against.
         loss: (config, inputs, outputs, goal) -> its terms, weighted, each averaged over a batch;
             their sum is minimised.
         unroll: successive frames of a training sample, state carried from one to the next.
         beside: names of further radiance that `goal` reads where it was captured.
+        samples: whether `goal` reads every sample of a pixel, in the window's `captures`, beside
+            the reference, which holds their means.
         judge: of whole frames; None judges a picture by PSNR, SSIM and FLIP.
         measured: statistics of the network that are of its labels: weights to start from may have
             been trained on others, so that these begin anew.
@@ -153,10 +159,12 @@ class TrainingRecipe:
 
     prepare: Prepare
     reference: tuple[Buffer, ...]
+    reference_optional: tuple[Buffer, ...] = ()
     goal: Callable[[Any, FrameWindow, Frame], Tensors]
     loss: Callable[[Any, Tensors, Tensors, Tensors], Tensors]
     unroll: int = 1
     beside: tuple[str, ...] = ()
+    samples: bool = False
     judge: FrameJudge | None = None
     measured: tuple[str, ...] = ()
     keep_goals: bool = False

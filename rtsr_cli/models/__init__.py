@@ -54,6 +54,7 @@ ROWS = (
     SystemRow(name="fusesr-fast", module="fusesr", trainable=True, rank=2),
     SystemRow(name="fusesr-direct", module="fusesr", trainable=True),
     SystemRow(name="nsrd", module="nsrd", trainable=True),
+    SystemRow(name="cgts", module="cgts", trainable=True),
     SystemRow(name="warp", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=3),
     SystemRow(name="warp-guided", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=2),
     SystemRow(

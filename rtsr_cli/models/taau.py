@@ -32,19 +32,19 @@ from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
 from rtsr_cli.core.imaging.disocclusion import bound_depth, depth_slope
 from rtsr_cli.core.imaging.resampling import (
     BILINEAR,
-    Kernel,
-    cubic_kernel,
     sample_at_lr,
     upsample,
     upsample_nearest,
+)
+from rtsr_cli.core.imaging.sample_splats import (
+    MAX_ENCODED,
+    interpolate_samples,
+    splat_samples,
 )
 from rtsr_cli.core.imaging.splatting import forward_splat
 from rtsr_cli.core.imaging.warping import backward_warp, dilate_motion, fetch_nearest
 from rtsr_cli.core.shapes import Color, IdMap, Image, Mask, MotionPx, Plane
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
-
-MAX_ENCODED = 0.9999
-"""Largest tone-mapped value that interpolation may reach: radiance of 10^4."""
 
 NEIGHBOURHOOD = 9
 """Samples in a 3x3 neighbourhood."""
@@ -145,29 +145,6 @@ def mean_3x3(image: Image) -> Image:
     return F.avg_pool2d(F.pad(image, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
 
 
-def splat_samples(samples: LrSamples, scale: int, sigma_px: float) -> tuple[Color, Plane]:
-    """Sum of the samples around each output pixel, and the sum of their weights.
-
-    w = exp(-d^2 / (2 sigma^2)),   d in output pixels, 3x3 samples
-    """
-    kernel = Kernel(
-        weight=lambda distance: torch.exp(-0.5 * (distance * scale / sigma_px) ** 2),
-        support_px=1.5,
-        normalised=False,
-    )
-    color = samples.color_tonemapped
-    stacked = torch.cat([color, torch.ones_like(color[:, :1])], dim=1)
-    summed = upsample(stacked, scale, samples.jitter_px, kernel=kernel)
-    return summed[:, :3], summed[:, 3:]
-
-
-def spatial_estimate(samples: LrSamples, scale: int, a: float) -> Color:
-    """Cubic enlargement of the frame alone."""
-    kernel = Kernel(weight=lambda distance: cubic_kernel(distance, a), support_px=2.0)
-    enlarged = upsample(samples.color_tonemapped, scale, samples.jitter_px, kernel=kernel)
-    return enlarged.clamp_(0.0, samples.brightest)
-
-
 def find_rejected(now: LrSamples, before: LrSamples, depth_tolerance: float) -> Mask:
     """1 where the surface of a sample was not seen in the previous frame.
 
@@ -236,8 +213,11 @@ def accumulate(
     Returns:
         Linear radiance at the target size, and the new history.
     """
-    prior = spatial_estimate(samples, scale, config.prior_a)
-    summed, weight = splat_samples(samples, scale, config.sample_sigma_px)
+    colors, jitter_px = samples.color_tonemapped, samples.jitter_px
+    prior = interpolate_samples(
+        colors, jitter_px, scale, a=config.prior_a, brightest=samples.brightest
+    )
+    summed, weight = splat_samples(colors, jitter_px, scale, sigma_px=config.sample_sigma_px)
     if state is None:
         total = weight + config.prior_weight
         color = (summed + prior * config.prior_weight) / total

@@ -10,6 +10,7 @@ import torch
 
 from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
 from rtsr_cli.core.imaging.resampling import decimate, halton_offset, sample_jitter
+from rtsr_cli.core.imaging.sample_splats import splat_samples
 from rtsr_cli.models.taau import (
     LrSamples,
     TaauConfig,
@@ -18,7 +19,6 @@ from rtsr_cli.models.taau import (
     clip_to_neighbourhood,
     find_rejected,
     from_ycocg,
-    splat_samples,
     to_ycocg,
 )
 
@@ -72,7 +72,8 @@ def test_ycocg_returns_the_colour() -> None:
 
 def test_a_sample_on_a_pixel_centre_weighs_most_there() -> None:
     frame = samples(checkers(), (0, 0))
-    _, weight = splat_samples(frame, SCALE, 0.4)
+    color = frame.color_tonemapped
+    _, weight = splat_samples(color, frame.jitter_px, SCALE, sigma_px=0.4)
     # samples lie on even pixels; half a pixel further on, exp(-1 / (2 * 0.16)) is left
     inner = weight[0, 0, 8:16, 8:16]
     assert float(inner[0, 0]) == pytest.approx(1.0, abs=0.01)

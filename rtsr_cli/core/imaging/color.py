@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.shapes import Color, Image, Plane
@@ -37,6 +38,14 @@ def decode_reinhard(tonemapped: Image, most: float = MAX_HALF) -> Image:
     bounded = tonemapped.clamp(0.0, most / (1.0 + most))
     # float32 has few steps left so near 1, and rounds past it
     return (bounded / (1.0 - bounded)).clamp(max=most)
+
+
+def relight_reinhard(tonemapped: Image, gain: Tensor) -> Image:
+    """What c / (1 + c) becomes when c is multiplied by a gain, without expanding it.
+
+    y' = g y / (1 + (g - 1) y)
+    """
+    return gain * tonemapped / (1.0 + (gain - 1.0) * tonemapped)
 
 
 def encode_reinhard_wide(color: Image) -> Image:

@@ -148,6 +148,24 @@ def upsample_nearest(image: Tensor, scale: int) -> Tensor:
     return image.repeat_interleave(scale, dim=-2).repeat_interleave(scale, dim=-1)
 
 
+def repeat_samples(image: Tensor, scale: int, jitter_px: Jitter = (0.0, 0.0)) -> Tensor:
+    """Give every output pixel the nearest *sample*, any type; without jitter, `upsample_nearest`.
+
+        out(X) = image(round(u)),   u = (X + 0.5) / S - 0.5 - jitter      per axis
+
+    Args:
+        image: n c h w.
+        scale: S.
+        jitter_px: sample position minus pixel centre of `image`.
+    """
+    for dim, jitter in ((ROWS, jitter_px[1]), (COLUMNS, jitter_px[0])):
+        extent = image.shape[dim]
+        place = torch.arange(extent * scale, dtype=torch.float64, device=image.device)
+        index = ((place + 0.5) / scale - jitter).floor().long()
+        image = image.index_select(dim, index.clamp(0, extent - 1))
+    return image
+
+
 def upsample_masked_bicubic(
     image: Image, mask: Mask, scale: int, jitter_px: Jitter = (0.0, 0.0)
 ) -> tuple[Image, Mask]:

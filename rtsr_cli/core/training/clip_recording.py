@@ -99,7 +99,9 @@ def list_recorded_inputs(system: System, config: object, scale: int) -> Recorded
         lr=tuple(dict.fromkeys((*system.lr_inputs, *system.unshaded_inputs))),
         hr=tuple(dict.fromkeys((*system.hr_inputs, *reference))),
         lr_optional=tuple(dict.fromkeys((*system.lr_optional, *system.unshaded_optional))),
-        hr_optional=tuple(dict.fromkeys((*system.hr_optional, Buffer.ALBEDO))),
+        hr_optional=tuple(
+            dict.fromkeys((*system.hr_optional, *system.learning.reference_optional, Buffer.ALBEDO))
+        ),
         derivation=system.derivation(config),
         scale=scale,
         history=system.history_frames,

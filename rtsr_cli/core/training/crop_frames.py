@@ -113,7 +113,7 @@ def plan_cut(clip: Clip, region: SampleRegion, choices: SampleChoices, task: Sam
         unshaded=resolve(_lr_size(clip), system.unshaded_inputs, system.unshaded_optional),
         is_rendered=system.is_rendered,
         hr=resolve("hr", system.hr_inputs, system.hr_optional),
-        reference=resolve("hr", task.learning.reference, ()),
+        reference=resolve("hr", task.learning.reference, task.learning.reference_optional),
         beside=beside,
     )
     reads = (cut.lr, cut.unshaded, cut.hr, cut.reference)
@@ -166,6 +166,12 @@ def make_hr_frame(cut: Cut, planes: Planes, position: int) -> Frame | None:
         return None
     frame = select_hr(_make_frame(cut, position, planes, cut.hr, _view(cut)), cut.hr)
     return build_hr(frame, cut.hr, cut.derivation, cut.simulation.samples_per_pixel)
+
+
+def make_capture(cut: Cut, planes: Planes, position: int) -> Frame:
+    """Make every sample of the crop's pixels from `cut_hr`."""
+    frame = _make_frame(cut, position, planes, cut.reference, _view(cut))
+    return replace(frame, gbuffer=frame.gbuffer.only(cut.reference.used))
 
 
 def make_reference(cut: Cut, planes: Planes, position: int) -> Frame:

@@ -21,6 +21,7 @@ from rtsr_cli.core.training.config import SampleJitter
 from rtsr_cli.core.training.crop_frames import (
     Cut,
     cut_hr,
+    make_capture,
     make_hr_frame,
     make_lr_frame,
     make_reference,
@@ -52,22 +53,26 @@ def build_steps(
 ) -> list[SampleStep]:
     """Make the steps of a sample: `unroll` successive targets, each with its history.
 
-    `goals` are those of the same sample, if it was made before.
+    What came before the first target is unknown to all of them but as its history. `goals` are
+    those of the same sample, if it was made before.
     """
     learning, config = task.learning, task.config
     cut = plan_cut(clip, region, choices, task)
     last = min(region.position + learning.unroll, len(clip.facts.numbers))
     positions = range(region.position, last)
     frames = _make_lr_frames(cut, positions, task)
+    captures: tuple[Frame, ...] = ()
     steps = []
     for i, position in enumerate(positions):
         planes = cut_hr(cut, position, goal=goals is None)
         window = _make_window(cut, planes, position, frames, task)
-        goal = (
-            learning.goal(config, window, make_reference(cut, planes, position))
-            if goals is None
-            else goals[i]
-        )
+        if goals is None:
+            if learning.samples:
+                captures = (make_capture(cut, planes, position), *captures[:1])
+            seen = replace(window, captures=captures)
+            goal = learning.goal(config, seen, make_reference(cut, planes, position))
+        else:
+            goal = goals[i]
         steps.append(SampleStep(learning.prepare(config, window), goal))
     return steps
 

@@ -1,0 +1,364 @@
+"""The two networks: classes of every pixel, and the weight of the frame against its history.
+
+Guo et al., "Classifier Guided Temporal Supersampling for Real-time Rendering", Computer Graphics
+Forum 41(7), 2022, supplement, section 1. The classifier works on half the output's size, over four
+scales; the composition pixel by pixel.
+
+Conventions: `CgtsState` is all that goes from frame to frame, at the output's size; colours are
+c / (1 + c), history moves along (x, y) + motion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from rtsr_cli.core.imaging.auxiliary_buffers import (
+    count_frames,
+    measure_depth_difference,
+    merge_range,
+    span_colors,
+)
+from rtsr_cli.core.imaging.color import relight_reinhard
+from rtsr_cli.core.imaging.row_strips import cut_pixels
+from rtsr_cli.core.imaging.warping import backward_warp, fetch_nearest
+from rtsr_cli.core.shapes import Color, Image, Mask, Plane
+from rtsr_cli.core.system import State, Tensors
+from rtsr_cli.models.cgts.config import CgtsConfig, Stage
+from rtsr_cli.models.cgts.inputs import SURROUNDINGS
+
+CLASSIFIED_CHANNELS = 20
+"""Colour 3, depth 1, motion 2, counter 1, range 6, depth difference 1, logits 6."""
+
+COMPOSED_CHANNELS = 14
+"""Logits 6, counter 1, depth difference 1, colour 3, history 3."""
+
+CLASSES = 3
+"""Of ghosting: visibility, shading, none; of aliasing: geometry, texture, none."""
+
+VISIBILITY = 0
+"""Logit of visibility ghosting."""
+
+WIDTHS = (32, 64, 128, 256)
+"""Filters of the four scales."""
+
+DECODED = 32
+"""Channels of the decoder: 16 + 8 + 4 + 4 come in."""
+
+HIDDEN = 64
+"""Width of the composition network."""
+
+DIVISOR = 16
+"""Sizes that the classifier takes are multiples of it: a half, then three halvings."""
+
+MOST_FRAMES = 16.0
+"""Frames that the counter is shown to the networks up to."""
+
+MOTION_UNIT_PX, MOST_MOTION = 16.0, 4.0
+"""What a motion of 1 is for the classifier, and the largest one."""
+
+CERTAIN = 4.0
+"""Logit of visibility ghosting where nothing is known of the frame before."""
+
+MOST_LOGIT = 10.0
+"""Bound of the logits that go on to the next frame."""
+
+MOST_WORTH = 1e3
+"""Samples that history is worth at most."""
+
+STRIP_PIXELS = 1 << 15
+"""Pixels of a strip in which weights are computed: what 64 channels of them take stays cached."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CgtsState:
+    """What one frame leaves to the next.
+
+    Attributes:
+        color: output, c / (1 + c).
+        counter: frames that it holds.
+        worth: samples that it is worth.
+        span: range of colours, smallest then largest, n 6 h w.
+        depth: D.
+        logits: n 6 h w, before softmax.
+        exposure: n 1 1 1.
+        linked: frames that gradients reach back through.
+    """
+
+    color: Color
+    counter: Plane
+    worth: Plane
+    span: Image
+    depth: Plane
+    logits: Image
+    exposure: Tensor
+    linked: int
+
+    def detached(self) -> CgtsState:
+        """Return the same state, where gradients end."""
+        kept = {name: value.detach() for name, value in vars(self).items() if name != "linked"}
+        return CgtsState(**kept, linked=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarriedHistory:
+    """The state where each pixel was.
+
+    Attributes:
+        color, counter, worth, span, logits: of the state, at x + V(x).
+        difference: of depth.
+        inside: 1 where there is any.
+    """
+
+    color: Color
+    counter: Plane
+    worth: Plane
+    span: Image
+    logits: Image
+    difference: Plane
+    inside: Mask
+
+
+def make_scale(channels_in: int, channels: int) -> nn.Sequential:
+    """1x1, batch norm, ReLU, depthwise 3x3, 1x1, batch norm, ReLU."""
+    return nn.Sequential(
+        nn.Conv2d(channels_in, channels, 1),
+        nn.BatchNorm2d(channels),
+        nn.ReLU(inplace=True),
+        nn.Conv2d(channels, channels, 3, padding=1, groups=channels),
+        nn.Conv2d(channels, channels, 1),
+        nn.BatchNorm2d(channels),
+        nn.ReLU(inplace=True),
+    )
+
+
+def make_decoder() -> nn.Sequential:
+    """Three 1x1 with batch norm and ReLU, one without ReLU."""
+    layers: list[nn.Module] = []
+    for _ in range(3):
+        layers += [nn.Conv2d(DECODED, DECODED, 1), nn.BatchNorm2d(DECODED), nn.ReLU(inplace=True)]
+    return nn.Sequential(*layers, nn.Conv2d(DECODED, 2 * CLASSES, 1), nn.BatchNorm2d(2 * CLASSES))
+
+
+class Classifier(nn.Module):
+    """n 20 h w -> logits n 6 h w; 122,354 parameters."""
+
+    def __init__(self) -> None:
+        """Make the layers."""
+        super().__init__()
+        halves = [width // 2 for width in WIDTHS[:-1]]
+        before = (4 * CLASSIFIED_CHANNELS, *halves)
+        self.scales = nn.ModuleList(
+            make_scale(c, width) for c, width in zip(before, WIDTHS, strict=True)
+        )
+        self.decoder = make_decoder()
+
+    def forward(self, seen: Image) -> Image:
+        """Classify; sides that are no multiple of 16 are continued by their borders."""
+        height, width = seen.shape[2:]
+        below, beside = (math.ceil(n / DIVISOR) * DIVISOR - n for n in (height, width))
+        if below or beside:
+            seen = F.pad(seen, (0, beside, 0, below), mode="replicate")
+        rest = F.pixel_unshuffle(seen, 2)
+        parts = []
+        for level, scale in enumerate(self.scales):
+            features = scale(rest)
+            half = features.shape[1] // 2
+            last = level == len(self.scales) - 1
+            own = features if last else features[:, :half]
+            parts.append(own if level == 0 else F.pixel_shuffle(own, 1 << level))
+            if not last:
+                rest = F.max_pool2d(features[:, half:], 2)
+        small: Image = self.decoder(torch.cat(parts, dim=1))
+        large = F.interpolate(small.float(), scale_factor=2.0, mode="bilinear", align_corners=False)
+        return large[:, :, :height, :width]
+
+
+class Composition(nn.Module):
+    """n c h w -> the logit of the frame's weight, n 1 h w; 1,025 parameters at 14 channels."""
+
+    def __init__(self, channels: int) -> None:
+        """Make two layers, the last one of zeros."""
+        super().__init__()
+        self.hidden = nn.Conv2d(channels, HIDDEN, 1)
+        self.weight = nn.Conv2d(HIDDEN, 1, 1)
+        nn.init.zeros_(self.weight.weight)
+        nn.init.zeros_(cast(Tensor, self.weight.bias))
+
+    def forward(self, seen: Image) -> Plane:
+        """Weigh; without gradients in strips of rows, which gives the same."""
+        if torch.is_grad_enabled():
+            return self._weigh(seen)
+        strips = cut_pixels((seen.shape[2], seen.shape[3]), STRIP_PIXELS)
+        return torch.cat([self._weigh(seen[:, :, r.start : r.stop]) for r in strips], dim=2)
+
+    def _weigh(self, seen: Image) -> Plane:
+        logit: Plane = self.weight(F.relu_(self.hidden(seen)))
+        return logit.float()
+
+
+class CgtsNetwork(nn.Module):
+    """Both networks and what goes from frame to frame; its state is a `CgtsState`."""
+
+    def __init__(self, config: CgtsConfig, scale: int) -> None:
+        """Make the layers; they are the same at every scale."""
+        super().__init__()
+        del scale
+        self.config = config
+        self.surroundings = SURROUNDINGS[config.preset]
+        self.classifier = Classifier()
+        self.composition = Composition(COMPOSED_CHANNELS + self.surroundings.signals)
+
+    def train(self, mode: bool = True) -> CgtsNetwork:
+        """Switch to training; a classifier that is not trained keeps its statistics."""
+        super().train(mode)
+        if self.config.stage is Stage.COMPOSITION:
+            self.classifier.eval()
+        return self
+
+    def forward(self, inputs: Tensors, state: State) -> tuple[dict[str, Tensor], State]:
+        """Carry history along, classify, weigh, and accumulate."""
+        before = cast(CgtsState | None, state)
+        span = span_colors(inputs["color"])
+        history = carry_history(before, inputs, span)
+        logits = self._classify(inputs, history)
+        ghosting = logits[:, :CLASSES].argmax(1, keepdim=True)
+        useless = ((ghosting == VISIBILITY) | (history.inside == 0)).to(logits.dtype)
+        counter = count_frames(history.counter, useless)
+        weight = self._weigh(inputs, history, span, logits, counter)
+        color = torch.lerp(history.color, inputs["color"], weight)
+        kept = CgtsState(
+            color=color,
+            counter=counter,
+            worth=(inputs["worth"] / weight.detach()).clamp(max=MOST_WORTH),
+            span=merge_range(span, history.span, useless),
+            depth=inputs["depth"],
+            logits=logits.detach().clamp(-MOST_LOGIT, MOST_LOGIT),
+            exposure=inputs["exposure"],
+            linked=1 if before is None else before.linked + 1,
+        )
+        outputs = {
+            "color": color,
+            "history": history.color,
+            "logits": logits,
+            "weight": weight,
+            "counter": counter,
+        }
+        return outputs, kept if kept.linked < self.config.gradient_frames else kept.detached()
+
+    def _classify(self, inputs: Tensors, history: CarriedHistory) -> Image:
+        depth = inputs["depth"]
+        motion = (inputs["motion"].nan_to_num() / MOTION_UNIT_PX).clamp(-MOST_MOTION, MOST_MOTION)
+        seen = torch.cat(
+            [
+                inputs["color"],
+                depth / (1.0 + depth),
+                motion,
+                _show_counter(history.counter),
+                history.span,
+                history.difference,
+                history.logits,
+            ],
+            dim=1,
+        )
+        if self.config.stage is Stage.COMPOSITION:
+            with torch.no_grad():
+                return cast(Image, self.classifier(seen))
+        return cast(Image, self.classifier(seen))
+
+    def _weigh(
+        self,
+        inputs: Tensors,
+        history: CarriedHistory,
+        span: Image,
+        logits: Image,
+        counter: Plane,
+    ) -> Plane:
+        """Weight of the frame: 1 where there is no history."""
+        shown = logits.clamp(-MOST_LOGIT, MOST_LOGIT)
+        known = {
+            "worth": inputs["worth"],
+            "history_worth": history.worth,
+            "history": history.color,
+            "span": span,
+            "motion": inputs["motion"].nan_to_num(),
+        }
+        seen = torch.cat(
+            [
+                shown if self.config.classes else torch.zeros_like(shown),
+                _show_counter(counter),
+                history.difference,
+                inputs["color"],
+                history.color,
+                self.surroundings.see(known),
+            ],
+            dim=1,
+        )
+        start = self.surroundings.start(inputs["worth"], history.worth)
+        weight = torch.sigmoid(self.composition(seen) + start)
+        weight = torch.maximum(weight, inputs["reactive"])
+        return torch.where(history.inside > 0, weight, 1.0)
+
+
+def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> CarriedHistory:
+    """Fetch the state where each pixel was; colours by Catmull-Rom, logits bilinearly.
+
+    Counter, worth, range and depth are those of the nearest pixel. Where there is no history, the
+    frame stands for it, and its logits say so.
+
+    Args:
+        before: the state; None at a reset.
+        inputs: of the frame.
+        own: range of its colours.
+    """
+    color, depth, motion = inputs["color"], inputs["depth"], inputs["motion"]
+    if before is None:
+        nothing = torch.zeros_like(depth)
+        return CarriedHistory(
+            color=color,
+            counter=nothing,
+            worth=nothing,
+            span=own,
+            logits=_doubt_history(depth),
+            difference=nothing + 1.0,
+            inside=nothing,
+        )
+    gain = inputs["exposure"] / before.exposure
+    fetched, inside = backward_warp(before.color, motion, mode="bicubic")
+    fetched = fetched.clamp(0.0, 1.0)
+    logits, _ = backward_warp(before.logits, motion)
+    planes = torch.cat([before.counter, before.worth, before.depth, before.span], dim=1)
+    nearest = fetch_nearest(planes, motion)
+    span = nearest[:, 3:]
+    if bool((gain != 1.0).any()):
+        fetched, span = relight_reinhard(fetched, gain), relight_reinhard(span, gain)
+    shown = inside > 0
+    return CarriedHistory(
+        color=torch.where(shown, fetched, color),
+        counter=nearest[:, :1] * inside,
+        worth=nearest[:, 1:2] * inside,
+        span=torch.where(shown, span, own),
+        logits=torch.where(shown, logits, _doubt_history(depth)),
+        difference=measure_depth_difference(depth, nearest[:, 2:3], inside),
+        inside=inside,
+    )
+
+
+def _doubt_history(like: Plane) -> Image:
+    """Logits that say visibility ghosting, and nothing of aliasing."""
+    return torch.cat(
+        [
+            like.new_full(like.shape, CERTAIN),
+            like.new_zeros(like.shape).expand(-1, 2 * CLASSES - 1, -1, -1),
+        ],
+        dim=1,
+    )
+
+
+def _show_counter(counter: Plane) -> Plane:
+    return counter.clamp(max=MOST_FRAMES) / MOST_FRAMES
