@@ -10,6 +10,7 @@ c / (1 + c), history moves along (x, y) + motion.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from typing import cast
@@ -41,9 +42,6 @@ COMPOSED_CHANNELS = 14
 CLASSES = 3
 """Of ghosting: visibility, shading, none; of aliasing: geometry, texture, none."""
 
-VISIBILITY = 0
-"""Logit of visibility ghosting."""
-
 WIDTHS = (32, 64, 128, 256)
 """Filters of the four scales."""
 
@@ -71,7 +69,7 @@ MOST_LOGIT = 10.0
 MOST_WORTH = 1e3
 """Samples that history is worth at most."""
 
-STRIP_PIXELS = 1 << 15
+STRIP_PIXELS = 1 << 14
 """Pixels of a strip in which weights are computed: what 64 channels of them take stays cached."""
 
 
@@ -153,10 +151,23 @@ class Classifier(nn.Module):
         super().__init__()
         halves = [width // 2 for width in WIDTHS[:-1]]
         before = (4 * CLASSIFIED_CHANNELS, *halves)
+        self.halve: nn.Module = nn.PixelUnshuffle(2)
         self.scales = nn.ModuleList(
             make_scale(c, width) for c, width in zip(before, WIDTHS, strict=True)
         )
         self.decoder = make_decoder()
+
+    def for_inference(self) -> Classifier:
+        """Return the same function whose first layer takes 2 x 2 pixels as they lie."""
+        merged = copy.deepcopy(self)
+        first = cast(nn.Sequential, merged.scales[0])
+        layer = cast(nn.Conv2d, first[0])
+        blocks = nn.Conv2d(CLASSIFIED_CHANNELS, layer.out_channels, 2, stride=2)
+        # the order in which pixels are unshuffled: channel, row, column
+        blocks.weight = nn.Parameter(layer.weight.reshape(blocks.weight.shape))
+        blocks.bias = layer.bias
+        first[0], merged.halve = blocks, nn.Identity()
+        return merged
 
     def forward(self, seen: Image) -> Image:
         """Classify; sides that are no multiple of 16 are continued by their borders."""
@@ -164,7 +175,7 @@ class Classifier(nn.Module):
         below, beside = (math.ceil(n / DIVISOR) * DIVISOR - n for n in (height, width))
         if below or beside:
             seen = F.pad(seen, (0, beside, 0, below), mode="replicate")
-        rest = F.pixel_unshuffle(seen, 2)
+        rest = self.halve(seen)
         parts = []
         for level, scale in enumerate(self.scales):
             features = scale(rest)
@@ -191,15 +202,28 @@ class Composition(nn.Module):
         nn.init.zeros_(cast(Tensor, self.weight.bias))
 
     def forward(self, seen: Image) -> Plane:
-        """Weigh; without gradients in strips of rows, which gives the same."""
-        if torch.is_grad_enabled():
-            return self._weigh(seen)
-        strips = cut_pixels((seen.shape[2], seen.shape[3]), STRIP_PIXELS)
-        return torch.cat([self._weigh(seen[:, :, r.start : r.stop]) for r in strips], dim=2)
-
-    def _weigh(self, seen: Image) -> Plane:
+        """Weigh."""
         logit: Plane = self.weight(F.relu_(self.hidden(seen)))
         return logit.float()
+
+
+class ColumnComposition(nn.Module):
+    """The same as products of matrices, a pixel a column; for inference, in strips."""
+
+    def __init__(self, composition: Composition) -> None:
+        """Take over the layers."""
+        super().__init__()
+        layers = (composition.hidden, composition.weight)
+        self.weights = nn.ParameterList(layer.weight.flatten(1) for layer in layers)
+        self.biases = nn.ParameterList(cast(Tensor, layer.bias).view(-1, 1) for layer in layers)
+
+    def forward(self, seen: Image) -> Plane:
+        """Weigh."""
+        columns = seen.flatten(2)
+        (inner, outer), (shift, last) = self.weights, self.biases
+        hidden = torch.matmul(inner, columns).add_(shift).relu_()
+        logit = torch.matmul(outer, hidden).add_(last)
+        return logit.view(seen.shape[0], 1, *seen.shape[2:]).float()
 
 
 class CgtsNetwork(nn.Module):
@@ -209,10 +233,10 @@ class CgtsNetwork(nn.Module):
         """Make the layers; they are the same at every scale."""
         super().__init__()
         del scale
-        self.config = config
+        self.config, self.strip_pixels = config, 0
         self.surroundings = SURROUNDINGS[config.preset]
         self.classifier = Classifier()
-        self.composition = Composition(COMPOSED_CHANNELS + self.surroundings.signals)
+        self.composition: nn.Module = Composition(COMPOSED_CHANNELS + self.surroundings.signals)
 
     def train(self, mode: bool = True) -> CgtsNetwork:
         """Switch to training; a classifier that is not trained keeps its statistics."""
@@ -221,14 +245,21 @@ class CgtsNetwork(nn.Module):
             self.classifier.eval()
         return self
 
+    def for_inference(self) -> CgtsNetwork:
+        """Return the same function, weights computed strip by strip."""
+        fast = copy.deepcopy(self)
+        fast.classifier = self.classifier.for_inference()
+        fast.composition = ColumnComposition(cast(Composition, self.composition))
+        fast.strip_pixels = STRIP_PIXELS
+        return fast
+
     def forward(self, inputs: Tensors, state: State) -> tuple[dict[str, Tensor], State]:
         """Carry history along, classify, weigh, and accumulate."""
         before = cast(CgtsState | None, state)
         span = span_colors(inputs["color"])
         history = carry_history(before, inputs, span)
         logits = self._classify(inputs, history)
-        ghosting = logits[:, :CLASSES].argmax(1, keepdim=True)
-        useless = ((ghosting == VISIBILITY) | (history.inside == 0)).to(logits.dtype)
+        useless = (find_hidden(logits) | (history.inside == 0)).to(logits.dtype)
         counter = count_frames(history.counter, useless)
         weight = self._weigh(inputs, history, span, logits, counter)
         color = torch.lerp(history.color, inputs["color"], weight)
@@ -280,29 +311,43 @@ class CgtsNetwork(nn.Module):
         counter: Plane,
     ) -> Plane:
         """Weight of the frame: 1 where there is no history."""
-        shown = logits.clamp(-MOST_LOGIT, MOST_LOGIT)
-        known = {
+        seen = {
+            "logits": logits,
+            "counter": counter,
+            "difference": history.difference,
+            "color": inputs["color"],
+            "history": history.color,
             "worth": inputs["worth"],
             "history_worth": history.worth,
-            "history": history.color,
             "span": span,
-            "motion": inputs["motion"].nan_to_num(),
+            "motion": inputs["motion"],
+            "reactive": inputs["reactive"],
+            "inside": history.inside,
         }
-        seen = torch.cat(
-            [
-                shown if self.config.classes else torch.zeros_like(shown),
-                _show_counter(counter),
-                history.difference,
-                inputs["color"],
-                history.color,
-                self.surroundings.see(known),
-            ],
-            dim=1,
-        )
-        start = self.surroundings.start(inputs["worth"], history.worth)
-        weight = torch.sigmoid(self.composition(seen) + start)
-        weight = torch.maximum(weight, inputs["reactive"])
-        return torch.where(history.inside > 0, weight, 1.0)
+        if not self.strip_pixels:
+            return self._weigh_pixels(seen)
+        strips = cut_pixels((span.shape[2], span.shape[3]), self.strip_pixels)
+        parts = [{n: t[:, :, r.start : r.stop] for n, t in seen.items()} for r in strips]
+        return torch.cat([self._weigh_pixels(part) for part in parts], dim=2)
+
+    def _weigh_pixels(self, seen: Tensors) -> Plane:
+        shown = seen["logits"].clamp(-MOST_LOGIT, MOST_LOGIT)
+        known = {**seen, "motion": seen["motion"].nan_to_num()}
+        channels = [
+            shown if self.config.classes else torch.zeros_like(shown),
+            _show_counter(seen["counter"]),
+            *(seen[name] for name in ("difference", "color", "history")),
+            self.surroundings.see(known),
+        ]
+        start = self.surroundings.start(seen["worth"], seen["history_worth"])
+        weight = torch.sigmoid(self.composition(torch.cat(channels, dim=1)) + start)
+        return torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
+
+
+def find_hidden(logits: Image) -> Tensor:
+    """True where visibility ghosting is the likeliest kind."""
+    visibility, others = logits[:, :1], logits[:, 1:CLASSES]
+    return visibility >= others.amax(1, keepdim=True)
 
 
 def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> CarriedHistory:
