@@ -1,6 +1,6 @@
-"""Gain of `taau` over `bicubic` on a static camera with jitter, frame by frame.
+"""Gain of `taau` and `cgts` over `bicubic` on a static camera with jitter, frame by frame.
 
-    python benchmarks/taau_static.py ../shared/data
+    python benchmarks/taau_static.py ../shared/data [--frames 16] [--weights FILE]
 
 One frame of each sequence is written eight times with its motion set to zero. Output: 2 x 2 capture
 pixels a pixel, LR: one of each 4 x 4 by a Halton sequence (`--simulate-lr 2 --samples-per-pixel 2
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rtsr_cli.cli import group
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 
-SYSTEMS = ("bicubic", "taau")
+SYSTEMS = ("bicubic", "taau", "cgts")
 SAMPLES, SCALE = 2, 2
 BORDER_PX = 8
 CHOSEN_FRAME = 3
@@ -55,14 +55,15 @@ def psnr(test: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
     return float(-10 * np.log10(np.mean(difference**2)))
 
 
-def scores(source: Path, count: int) -> Iterator[tuple[str, list[float]]]:
+def scores(source: Path, count: int, weights: Path | None) -> Iterator[tuple[str, list[float]]]:
     """Yield each system's PSNR by frame."""
     with tempfile.TemporaryDirectory() as scratch:
         reference = still_sequence(source, Path(scratch) / "in", count)
         for system in SYSTEMS:
             out = Path(scratch) / system
             options = ["--simulate-lr", SCALE, "--samples-per-pixel", SAMPLES, "--jitter", "halton"]
-            arguments = ["upscale", Path(scratch) / "in", out, "--system", system, *options]
+            named = ["--weights", weights] if weights and system == "cgts" else ["--system", system]
+            arguments = ["upscale", Path(scratch) / "in", out, *named, *options]
             result = CliRunner().invoke(group, [str(a) for a in arguments])
             if result.exit_code:
                 raise click.ClickException(result.output)
@@ -72,22 +73,25 @@ def scores(source: Path, count: int) -> Iterator[tuple[str, list[float]]]:
 @click.command()
 @click.argument("data", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--frames", "count", default=8, show_default=True)
-def main(data: Path, count: int) -> None:
-    """Print a line a sequence, and the mean gain after the last frame."""
-    gains = []
+@click.option("--weights", type=click.Path(path_type=Path, exists=True), help="Of cgts.")
+def main(data: Path, count: int, weights: Path | None) -> None:
+    """Print a line a sequence, and the mean gains after the last frame."""
+    gains: dict[str, list[float]] = {system: [] for system in SYSTEMS[1:]}
     name = f"frame.{CHOSEN_FRAME:04d}.exr"
     sources = [p for p in data.glob(f"*/*/{name}") if p.parts[-3] != "dumps"]
-    print("| sequence | bicubic, last frame | taau, last frame | gain by frame |")
-    print("|---|---|---|---|")
+    print(f"| sequence | {' | '.join(SYSTEMS)} |", " | ".join(f"{s}, by frame" for s in gains), "|")
+    print("|---" * (1 + len(SYSTEMS) + len(gains)) + "|")
     for source in sorted(sources):
-        by_system = dict(scores(source, count))
-        gain = [t - b for b, t in zip(*(by_system[s] for s in SYSTEMS), strict=True)]
-        gains.append(gain[-1])
-        listed = " ".join(f"{g:+.1f}" for g in gain)
-        last = " | ".join(f"{by_system[s][-1]:.2f}" for s in SYSTEMS)
-        print(f"| {source.parent.relative_to(data)} | {last} | {listed} |", flush=True)
-    print(f"mean gain after {count} frames: {statistics.fmean(gains):+.2f} dB, "
-          f"lowest {min(gains):+.2f} dB")  # fmt: skip
+        by_system = dict(scores(source, count, weights))
+        cells = [f"{by_system[system][-1]:.2f}" for system in SYSTEMS]
+        for system, known in gains.items():
+            gain = [a - b for a, b in zip(by_system[system], by_system["bicubic"], strict=True)]
+            known.append(gain[-1])
+            cells.append(" ".join(f"{g:+.1f}" for g in gain))
+        print(f"| {source.parent.relative_to(data)} |", " | ".join(cells), "|", flush=True)
+    for system, known in gains.items():
+        print(f"mean gain of {system} over bicubic after {count} frames: "
+              f"{statistics.fmean(known):+.2f} dB, lowest {min(known):+.2f} dB")  # fmt: skip
 
 
 if __name__ == "__main__":
