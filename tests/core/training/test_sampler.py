@@ -29,6 +29,15 @@ def cut(clip: Clip, height: int, width: int) -> Clip:
     return Clip(facts, {name: corner(plane) for name, plane in clip.hr.items()})
 
 
+def lengthen(clip: Clip, frames: int) -> Clip:
+    """The same frames over and over, as many as asked."""
+    order = [i % len(clip.facts.numbers) for i in range(max(frames, len(clip.facts.numbers)))]
+    scales = tuple(clip.facts.lighting_scales[i] for i in order)
+    numbers = tuple(range(1, len(order) + 1))
+    facts = replace(clip.facts, numbers=numbers, lighting_scales=scales)
+    return Clip(facts, {name: plane[order] for name, plane in clip.hr.items()})
+
+
 @pytest.fixture
 def fast() -> SampleTask:
     return make_task(load_system("fusesr-fast"), load_system("fusesr-fast").config(), CONFIG)
@@ -40,7 +49,7 @@ def test_the_defaults_of_every_system_take_frames_of_any_shape(clip: Clip, name:
     task = make_task(settings.system, settings.network, settings.training)
     half = 0.5 + 0 * clip.hr["depth"]
     seen = {**clip.hr, "view_normal": clip.hr["normal"], "roughness": half, "metallic": half}
-    whole = replace(clip, hr=seen)
+    whole = lengthen(replace(clip, hr=seen), task.learning.unroll)
     clips = [whole, cut(whole, 48, 36), cut(whole, 32, 64)]
     drawer = SampleDrawer(clips, task, replace(settings.training, seed=5))
     samples = [drawer.make(i) for i in range(6)]
