@@ -255,6 +255,24 @@ def test_what_was_outside_is_visibility_ghosting() -> None:
     assert torch.equal(classes.visibility > 0, expected)
 
 
+def test_nothing_grows_from_what_was_outside() -> None:
+    # a near strip enters at the left, far before what the border showed; the wall beside it moves
+    # otherwise, lies behind it, and was seen
+    now, before = Drawing(square=(0.0, 0.0)).frames()
+    strip = columns_that_overlap(0.0, 2.0).repeat_interleave(2, 2).repeat_interleave(2, 3)
+    motion = torch.zeros_like(now.gbuffer[Buffer.MOTION])
+    motion[:, 0:1] = torch.where(strip, -12.0, 0.0)
+    depth = torch.where(strip, SQUARE_M, now.gbuffer[Buffer.DEPTH])
+    entering = now.gbuffer.with_buffers({Buffer.MOTION: motion, Buffer.DEPTH: depth})
+    # what the border showed, another surface that is nearer still, moves otherwise, too
+    shown = torch.where(strip, 1.0, before.gbuffer[Buffer.DEPTH])
+    moved = torch.zeros_like(motion)
+    border = before.gbuffer.with_buffers({Buffer.MOTION: moved, Buffer.DEPTH: shown})
+    classes = classify_pixels([replace(now, gbuffer=entering), replace(before, gbuffer=border)], 2)
+    assert torch.equal(classes.outside > 0, columns_that_overlap(0.0, 2.0))
+    assert torch.equal(classes.visibility, classes.outside)
+
+
 def test_the_depth_of_what_stands_still_is_that_of_the_camera_before() -> None:
     # the camera steps 1 m towards the wall: without it, all of the wall would lie behind itself
     def camera(at: float) -> CameraMetadata:
