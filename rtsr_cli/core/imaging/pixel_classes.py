@@ -140,7 +140,7 @@ _DEFAULT = ClassConfig()
 
 
 def classify_pixels(
-    frames: Sequence[Frame], k: int, config: ClassConfig = _DEFAULT
+    frames: Sequence[Frame], k: int, config: ClassConfig = _DEFAULT, *, on_grid: bool = True
 ) -> PixelClasses:
     """Tell the classes of a frame's pixels.
 
@@ -149,6 +149,7 @@ def classify_pixels(
             first or follows a cut, the one before; as `gather_ranges` wants them.
         k: samples along an axis; it divides both sides.
         config: thresholds.
+        on_grid: as for `gather_ranges`.
 
     Returns:
         Classes at the pixels' resolution; without a frame before, every pixel is visibility
@@ -158,13 +159,13 @@ def classify_pixels(
         MissingBufferError: colour, depth or motion is not there.
         ShapeMismatchError: sizes differ.
     """
-    now = gather_ranges(frames[0], k)
+    now = gather_ranges(frames[0], k, on_grid=on_grid)
     geometry, texture = find_aliasing(now, config.aliasing)
     if len(frames) == 1:
         nothing = torch.zeros_like(geometry)
         visibility, shading, outside = nothing + 1.0, nothing, nothing
     else:
-        before = gather_ranges(frames[1], k)
+        before = gather_ranges(frames[1], k, on_grid=on_grid)
         limits, inside = config.ghosting, inside_frame(now.motion_px)
         carried = carry_depth(frames[0], frames[1], k)
         hidden = find_hidden(now, before, carried, limits)

@@ -22,6 +22,7 @@ from rtsr_cli.core.imaging.pixel_classes import (
 )
 from rtsr_cli.core.imaging.sample_ranges import (
     gather_ranges,
+    join_samples,
     pick_nearest,
     reverse_depth,
     split_samples,
@@ -224,6 +225,22 @@ def test_a_slanted_plane_is_one_surface_except_as_printed(dropped: tuple[Buffer,
         assert not mask.any()
     printed, _ = find_aliasing(steep, AliasingConfig(planes=False))
     assert printed.mean() > 0.2
+
+
+def test_a_slanted_plane_is_one_surface_wherever_the_samples_lie() -> None:
+    # four samples in other places of the pixel than the blocks of a capture have them
+    drawn = Drawing(square=(0.0, 0.0), slope=1.8e-3).draw(1, 4)
+    places = ((0, 1), (1, 3), (2, 0), (3, 2))
+    depth = drawn.gbuffer[Buffer.DEPTH]
+    layers = torch.stack([depth[..., y::4, x::4] for y, x in places], dim=2)
+    frame = Drawing(square=(0.0, 0.0)).draw(1, 2)
+    buffers = {Buffer.DEPTH: join_samples(layers, 2)}
+    rotated = replace(frame, gbuffer=frame.gbuffer.with_buffers(buffers))
+    config = AliasingConfig()
+    on_grid, _ = find_aliasing(gather_ranges(rotated, 2), config)
+    anywhere, _ = find_aliasing(gather_ranges(rotated, 2, on_grid=False), config)
+    assert on_grid.mean() > 0.2
+    assert not anywhere.any()
 
 
 def test_a_bend_of_the_normal_map_alone_is_texture() -> None:
