@@ -8,7 +8,7 @@ object that is nearer by 1 % and moves otherwise by more than a pixel. Geometry:
 several objects; for precision also several faces, whose normals are 5 degrees apart, of one.
 Precision is the share of what is labelled that is so, recall that of what is so that is labelled;
 beside them, what lies within a pixel of the other counts, too. For shadows see
-`tests/core/imaging/test_pixel_classes.py`.
+`benchmarks/shading_changes.py`.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def main() -> None:
     print("shot, class: pixels so; precision, recall (strict); within a pixel")
     for folder in arguments.captures:
         totals = {"visibility": torch.zeros(6), "geometry": torch.zeros(6)}
-        for name, source in open_sampled_frames(folder, ReadOptions(), k):
+        for name, source in open_sampled_frames(folder, ReadOptions(), CLASS_BUFFERS, k):
             frames = [source.load(n, inputs).lr for n in source.reader.numbers]
             for before, now in pairwise(frames):
                 classes = classify_pixels([now, before], k)

@@ -17,6 +17,7 @@ from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.sample_channels import describe_samples, stand_for_pixel
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
@@ -197,6 +198,9 @@ def _describe_place(reader: FrameReader, buffer: Buffer) -> str:
     """Which channels of which file sequence a buffer is, or what is computed of them."""
     bound = reader.binding[buffer]
     several = len(reader.frames.streams) > 1
+    samples = reader.samples.get(buffer, ())
+    if samples and bound == stand_for_pixel(buffer, samples):
+        return describe_samples(buffer, samples, streams=several)
     if bound.is_computed:
         return bound.describe(streams=several)
     channels = " ".join(c.channel for c in bound)

@@ -73,7 +73,8 @@ from rtsr_cli.core.label.request import SAMPLES, LabelRequest
     "--samples-per-pixel",
     type=click.IntRange(*SAMPLES),
     metavar="K",
-    help="cgts: frames hold K x K samples of each pixel.",
+    help="cgts: frames hold K x K samples of each pixel; of channels with a sample each: they lie "
+    "on a grid, row by row.",
 )
 @click.option(
     "--depth-only", is_flag=True, help="cgts: what hides a surface need not move otherwise."
@@ -107,7 +108,8 @@ def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
 
     cgts: ghosting (0 none, 1 visibility, 2 shading) and aliasing (0 none, 1 geometry, 2 texture) of
     each pixel, told by its K x K samples and those of the frame before. Frames are captures of K
-    times the size, as rtsr synth --samples K writes them.
+    times the size, as rtsr synth --samples K writes them, or have channels with a sample each:
+    color.0.R, color.1.R, ..., depth.0.Z, ...
     """
     request = opt.request_from(LabelRequest, chosen)
     from rtsr_cli.api import label

@@ -38,7 +38,8 @@ def _describe_holes(details: Mapping[str, Any]) -> str:
 
 def _describe_classes(details: Mapping[str, Any]) -> str:
     k = details["samples_per_pixel"]
-    told = f", {k} x {k} samples a pixel, geometry by {' and '.join(details['geometry'])}"
+    samples = f"{details['samples']} samples" if k is None else f"{k} x {k} samples"
+    told = f", {samples} a pixel, geometry by {' and '.join(details['geometry'])}"
     told += "".join(f" (no {name}: {LACKING[name]})" for name in details["lacking"])
     return told
 

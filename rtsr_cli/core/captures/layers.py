@@ -8,7 +8,7 @@ view, one view at a time.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
@@ -16,6 +16,12 @@ from rtsr_cli.core.captures.channel_matching import UNNAMED, make_layer_error, m
 from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.layout_files import choose_layout
 from rtsr_cli.core.captures.layouts import Layout
+from rtsr_cli.core.captures.sample_channels import (
+    Samples,
+    bind_samples,
+    number_names,
+    strip_samples,
+)
 from rtsr_cli.core.errors import FrameFolderError, LayerChoiceError, did_you_mean
 from rtsr_cli.core.files.channel_names import strip_view
 from rtsr_cli.core.files.exr import ExrHeader
@@ -35,6 +41,8 @@ class BoundLayers:
         layers: names of the layers and views that there are.
         layer: that is read, empty where the files name none.
         notes: for the user.
+        samples: of the buffers whose channels hold a sample each.
+        sample_fault: why these cannot be read, where pixels can.
     """
 
     layout: Layout
@@ -42,6 +50,8 @@ class BoundLayers:
     layers: tuple[str, ...] = ()
     layer: str = ""
     notes: tuple[str, ...] = ()
+    samples: Samples = field(default_factory=dict)
+    sample_fault: str = ""
 
 
 Headers = Mapping[str, ExrHeader]
@@ -74,9 +84,10 @@ def _holds_chroma(header: ExrHeader, layer: str) -> bool:
 
 
 def list_plain_names(header: ExrHeader) -> frozenset[str]:
-    """Names of a file's channels, and those names without their views."""
+    """Names of a file's channels, and without their views, and without numbers of samples."""
     views = header.views
-    return header.channels | {strip_view(c, views[c]) for c in header.channels if c in views}
+    plain = header.channels | {strip_view(c, views[c]) for c in header.channels if c in views}
+    return plain | strip_samples(plain)
 
 
 def join_layer(layer: str | None, view: str | None) -> str | None:
@@ -230,19 +241,26 @@ def _bind_names(
     where: str,
     layer: str | None,
 ) -> BoundLayers:
-    streams = {key: frozenset(found) for key, found in names.items()}
+    numbered = number_names(names, _list_own_names(named, capture))
+    streams = {key: frozenset({*found, *numbered.get(key, ())}) for key, found in names.items()}
     layout, binding = choose_layout(named, capture, streams, where, layer)
     matched = match_layout(layout, streams, layer)
     if layer is not None and matched.layers and not matched.knows(layer):
         raise _make_unknown_error(layer, matched.layers, where)
     read = matched.scope or (layer if layer is not None and matched.knows(layer) else "")
     notes = () if layer is None or read else (_describe_no_layers(layer),)
-    stored = {
-        buffer: bound.renamed({(c.stream, c.channel): names[c.stream][c.channel] for c in bound})
-        for buffer, bound in binding.items()
-    }
+    try:
+        pixels = bind_samples(binding, numbered, names)
+    except ValueError as error:
+        raise FrameFolderError(f"{where}: {error}") from error
     return BoundLayers(
-        layout=layout, binding=stored, layers=matched.layers, layer=read, notes=notes
+        layout=layout,
+        binding=pixels.binding,
+        layers=matched.layers,
+        layer=read,
+        notes=notes,
+        samples=pixels.samples,
+        sample_fault=pixels.fault,
     )
 
 

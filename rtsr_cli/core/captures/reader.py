@@ -18,6 +18,11 @@ from rtsr_cli.core.captures.computed_buffers import compute_buffer
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.pixel_places import clear_outside, find_common, place_pixels
 from rtsr_cli.core.captures.regions import FilePlaces
+from rtsr_cli.core.captures.sample_channels import (
+    Samples,
+    count_samples,
+    join_samples_into,
+)
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.files.exr import ExrHeader, Plane, read_header, read_pixels
@@ -86,6 +91,9 @@ class FrameReader:
         lent_motion: vectors of another resolution, in place of those that there are none of.
         lacking: buffer -> frames whose files do not hold it: radiance where they were not rendered,
             and buffers that are therefore not bound.
+        samples: where each sample of a pixel is, of buffers whose channels hold a sample each;
+            `binding` has what stands for the pixel.
+        sample_fault: why samples cannot be read; empty if they can, or there are none.
     """
 
     frames: FrameSet
@@ -117,6 +125,8 @@ class FrameReader:
     layer: str = ""
     lent_motion: MotionSource | None = None
     lacking: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
+    samples: Samples = field(default_factory=dict)
+    sample_fault: str = ""
 
     @property
     def display(self) -> PixelWindow:
@@ -141,6 +151,14 @@ class FrameReader:
             else {number: drop(camera) for number, camera in cameras.items()}
         )
         return replace(self, cameras=bare, camera_unfit=reason)
+
+    def list_sample_readers(self) -> tuple[FrameReader, ...]:
+        """Return a reader of each sample of a pixel; of what has none, the pixel's own value."""
+        held = {b: several for b, several in self.samples.items() if b in self.binding}
+        return tuple(
+            replace(self, binding={**self.binding, **{b: s[i] for b, s in held.items()}})
+            for i in range(count_samples(held))
+        )
 
     def narrowed(self, numbers: Iterable[int]) -> FrameReader:
         """Return a reader of what the files of some frames all have pixels for, if anything."""
@@ -252,7 +270,8 @@ class FrameReader:
     @property
     def declaration(self) -> object:
         """What, beside the files' bytes, decides how they are understood; plain values."""
-        places = {b.value: bound.list_values() for b, bound in self.binding.items()}
+        whole = join_samples_into(self.binding, self.samples)
+        places = {b.value: bound.list_values() for b, bound in whole.items()}
         return [places, asdict(self.conventions), self.step, asdict(self.region)]
 
     def camera_values(self, number: int) -> object:

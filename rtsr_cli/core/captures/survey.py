@@ -26,6 +26,7 @@ from rtsr_cli.core.captures.layers import (
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import find_region, list_places
+from rtsr_cli.core.captures.sample_channels import describe_use, join_samples_into
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.captures.surveyed_cameras import CameraSource
 from rtsr_cli.core.captures.unrendered_frames import (
@@ -96,13 +97,15 @@ def open_frames(
     if capture.specular is SpecularWorkflow.F0:
         # base colour is then the diffuse colour already, and no metal takes from it
         binding = {b: c for b, c in binding.items() if b is not Buffer.METALLIC}
-    used = sorted({c.stream for components in binding.values() for c in components})
-    partial = list_partial_streams(binding) if unrendered else frozenset()
-    _check_channels(frames, headers, binding, found.lacking)
+    samples = {b: several for b, several in bound.samples.items() if b in binding}
+    whole = join_samples_into(binding, samples)
+    used = sorted({c.stream for components in whole.values() for c in components})
+    partial = list_partial_streams(whole) if unrendered else frozenset()
+    _check_channels(frames, headers, whole, found.lacking)
     numbers, held = choose_numbers(
         frames, used, capture.frame_step, on_missing, wanted=wanted, partial=partial
     )
-    places = list_places({key: headers[key] for key in used}, binding)
+    places = list_places({key: headers[key] for key in used}, whole)
     region = find_region(places, str(frames.root), capture.region)
     conventions, contradictions = _settle_colors(frames, headers, binding, capture, found)
     reader = FrameReader(
@@ -127,10 +130,13 @@ def open_frames(
         notes=(
             *bound.notes,
             *found.notes,
+            *describe_use(samples),
             *_list_notes(first),
             *_list_unread(bound.layout, binding, first),
         ),
         lacking=found.lacking,
+        samples=samples,
+        sample_fault=bound.sample_fault,
     )
     main = _choose_headers(reader, headers)
     foreign_tag = _find_foreign_tag(reader, capture, headers)

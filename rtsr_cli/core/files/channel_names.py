@@ -72,7 +72,8 @@ def guess_views(channels: Sequence[str]) -> tuple[str, ...]:
 def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
     """For each part, channel name in the file -> name for the user.
 
-    The first part, and one without a name, keeps its channels' names. In the others `X` of the
+    The first part, and one without a name, keeps its channels' names, unless it is one of several
+    samples (`color.0` beside `color.1`). In the others `X` of the
     part `normal` is `normal.X`, unless it is called so already. Where parts are of several views,
     the view stands before the last component: `normal.left.X`. Names that are then there twice
     take the name of their part in any case.
@@ -80,9 +81,10 @@ def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
     if len(parts) == 1:
         return [{channel: channel for channel in parts[0].channels}]
     several = len({part.view for part in parts if part.view}) > 1
+    first = "" if _holds_sample(parts[0], parts[1:]) else parts[0].base
     named = [
         {
-            c: _insert_view(_name_in_part(part, c, parts[0].base), part.view if several else "")
+            c: _insert_view(_name_in_part(part, c, first), part.view if several else "")
             for c in part.channels
         }
         for part in parts
@@ -95,6 +97,14 @@ def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
         }
         for part, names in zip(parts, named, strict=True)
     ]
+
+
+def _holds_sample(part: NamedPart, others: Sequence[NamedPart]) -> bool:
+    """Tell whether a part is one of several samples: `color.0` beside `color.1`."""
+    stem, _, number = part.base.rpartition(".")
+    rest = [other.base.rpartition(".") for other in others]
+    beside = any(s == stem and n.isdecimal() for s, _, n in rest)
+    return bool(stem) and number.isdecimal() and beside
 
 
 def _name_in_part(part: NamedPart, channel: str, first: str) -> str:

@@ -6,8 +6,8 @@ of a pixel's samples, V its motion, W = x + V(x) where it was in the frame befor
 of the nearest sample. Frames before are fetched at the nearest pixel.
 
 Where the print and its text differ, the text is followed: (1) compares W with the point's own depth
-carried to the frame before, not with another pixel of that frame; (5) takes the absolute difference
-of either corner of the box, so that an arriving shadow is a change, too.
+carried to the frame before, not with another pixel of that frame; (5) takes the absolute
+difference, so that an arriving shadow is a change, too.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ _DEFAULT = ClassConfig()
 
 
 def classify_pixels(
-    frames: Sequence[Frame], k: int, config: ClassConfig = _DEFAULT
+    frames: Sequence[Frame], k: int, config: ClassConfig = _DEFAULT, *, on_grid: bool = True
 ) -> PixelClasses:
     """Tell the classes of a frame's pixels.
 
@@ -149,6 +149,7 @@ def classify_pixels(
             first or follows a cut, the one before; as `gather_ranges` wants them.
         k: samples along an axis; it divides both sides.
         config: thresholds.
+        on_grid: as for `gather_ranges`.
 
     Returns:
         Classes at the pixels' resolution; without a frame before, every pixel is visibility
@@ -158,18 +159,18 @@ def classify_pixels(
         MissingBufferError: colour, depth or motion is not there.
         ShapeMismatchError: sizes differ.
     """
-    now = gather_ranges(frames[0], k)
+    now = gather_ranges(frames[0], k, on_grid=on_grid)
     geometry, texture = find_aliasing(now, config.aliasing)
     if len(frames) == 1:
         nothing = torch.zeros_like(geometry)
         visibility, shading, outside = nothing + 1.0, nothing, nothing
     else:
-        before = gather_ranges(frames[1], k)
+        before = gather_ranges(frames[1], k, on_grid=on_grid)
         limits, inside = config.ghosting, inside_frame(now.motion_px)
         carried = carry_depth(frames[0], frames[1], k)
         hidden = find_hidden(now, before, carried, limits)
         outside = 1.0 - inside
-        visibility = torch.maximum(hidden * inside, outside)
+        visibility = torch.maximum(hidden, outside)
         ratio = exposure_ratio(frames[0], frames[1])
         changed = find_shading_change(now, before, limits, ratio=ratio)
         # corrections: motion says nothing where history is another surface, nor do aliased boxes
@@ -223,10 +224,15 @@ def find_hidden(
         now, before: ranges of the frame and the one before.
         carried: D' of `carry_depth`.
         config: thresholds.
+
+    Returns:
+        0 where W is outside, unless a neighbour marks the pixel: what is fetched there is the
+        border, which hid nothing, and nothing grows from it.
     """
     nearest = fetch_nearest(before.nearest, now.motion_px)
     motion = fetch_nearest(before.motion_px, now.motion_px)
     hidden = _lies_behind(carried, nearest, config) & _moves_apart(now.motion_px, motion, config)
+    hidden = hidden & (inside_frame(now.motion_px) > 0)
     own = torch.cat([hidden.to(carried), now.nearest, now.motion_px], dim=1)
     spread = hidden
     for marked in _look_around(own):

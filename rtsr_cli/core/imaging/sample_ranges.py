@@ -21,6 +21,9 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.disocclusion import bound_depth, depth_slope
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
 
+SLOPE_PIXELS = 3
+"""Pixels in a row that a slope is told by."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SampleRanges:
@@ -59,6 +62,18 @@ def split_samples(capture: Image, k: int) -> Tensor:
     return blocks.reshape(n, c, k * k, height // k, width // k)
 
 
+def join_samples(samples: Tensor, k: int) -> Image:
+    """Lay samples out as a capture: n c k*k h w -> n c k*h k*w; undoes `split_samples`.
+
+    Args:
+        samples: of each pixel, row by row.
+        k: samples along an axis.
+    """
+    n, c, _, height, width = samples.shape
+    blocks = samples.reshape(n, c, k, k, height, width).permute(0, 1, 4, 2, 5, 3)
+    return blocks.reshape(n, c, height * k, width * k)
+
+
 def reverse_depth(depth_m: Plane) -> Plane:
     """D = 1 / z; 0 on sky, and where there is no depth."""
     depth = bound_depth(depth_m)
@@ -83,13 +98,15 @@ def pick_nearest(capture: Image, depth_m: Plane, k: int) -> Image:
     return picked
 
 
-def gather_ranges(frame: Frame, k: int) -> SampleRanges:
+def gather_ranges(frame: Frame, k: int, *, on_grid: bool = True) -> SampleRanges:
     """Gather what the samples of each pixel span.
 
     Args:
         frame: a capture of k x k samples a pixel, with colour, depth and motion; normals, normals
             without normal map, and object ids where they are there.
         k: samples along an axis; it divides both sides.
+        on_grid: samples lie in the pixel as they do in the capture; else anywhere in it, one
+            number of them in the same place of every pixel.
 
     Raises:
         MissingBufferError: colour, depth or motion is not there.
@@ -98,13 +115,11 @@ def gather_ranges(frame: Frame, k: int) -> SampleRanges:
     depth, color = gbuffer[Buffer.DEPTH], split_samples(gbuffer[Buffer.COLOR], k)
     reversed_depth = reverse_depth(depth)
     nearness = split_samples(reversed_depth, k)
-    # an edge is one step wide between samples: the slope beside it is that of the surface
-    slope = functional.max_pool2d(depth_slope(reversed_depth), k)
     ids = gbuffer.buffers.get(Buffer.OBJECT_ID)
     return SampleRanges(
         nearest=nearness.amax(2),
         farthest=nearness.amin(2),
-        slope_range=(k - 1) * slope,
+        slope_range=_span_slope(reversed_depth, k) if on_grid else _span_pixel_slope(nearness),
         color_min=color.amin(2),
         color_max=color.amax(2),
         motion_px=pick_nearest(gbuffer[Buffer.MOTION], depth, k) / k,
@@ -112,6 +127,21 @@ def gather_ranges(frame: Frame, k: int) -> SampleRanges:
         geonormals=_split_buffer(frame, Buffer.GEONORMAL, k),
         other_ids=None if ids is None else _tell_apart(split_samples(ids, k)).to(depth),
     )
+
+
+def _span_slope(reversed_depth: Plane, k: int) -> Plane:
+    """What the k samples of a plane span on a grid, by the steps between them."""
+    # an edge is one step wide between samples: the slope beside it is that of the surface
+    return (k - 1) * functional.max_pool2d(depth_slope(reversed_depth), k)
+
+
+def _span_pixel_slope(samples: Tensor) -> Plane:
+    """What a plane spans across a pixel, by the steps of each sample from pixel to pixel."""
+    slopes = torch.stack([depth_slope(layer) for layer in samples.unbind(2)]).amax(0)
+    if min(slopes.shape[2:]) < SLOPE_PIXELS:
+        return slopes
+    # at the frame's border there is a step to one side only: the pixel beside it tells
+    return functional.pad(slopes[..., 1:-1, 1:-1], (1, 1, 1, 1), mode="replicate")
 
 
 def _split_buffer(frame: Frame, buffer: Buffer, k: int) -> Tensor | None:

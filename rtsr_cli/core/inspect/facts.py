@@ -80,8 +80,10 @@ def _describe_buffer(
     inspected: SetInspection, buffer: Buffer, statistics: PixelStatistics
 ) -> dict[str, Any]:
     bound = BoundBuffer(()) if inspected.reader is None else inspected.reader.binding[buffer]
+    samples = () if inspected.reader is None else inspected.reader.samples.get(buffer, ())
     return {
         "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in bound],
+        **({"samples": len(samples)} if samples else {}),
         **({"expression": bound.describe(streams=True)} if bound.is_computed else {}),
         "min": statistics.low,
         "max": statistics.high,

@@ -79,7 +79,8 @@ def find_lossy_buffers(
     places = {
         (c.stream, c.channel): buffer.value
         for buffer in NUMBER_BUFFERS
-        for c in reader.binding.get(buffer, ())
+        for bound in (reader.binding.get(buffer, ()), *reader.samples.get(buffer, ()))
+        for c in bound
     }
     places |= {
         (stream, channel): "ids"

@@ -20,6 +20,7 @@ from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.sample_channels import join_samples_into
 from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot
 from rtsr_cli.core.captures.unrendered_frames import list_partial_streams
 from rtsr_cli.core.choices import SystemTask
@@ -386,7 +387,7 @@ def _with_pixels(
     """Add gaps, unknown channels and the statistics of pixels; damaged files are no gaps."""
     reader = settled.reader
     bound: dict[str, set[str]] = {}
-    for components in reader.binding.values():
+    for components in join_samples_into(reader.binding, reader.samples).values():
         for c in components:
             bound.setdefault(c.stream, set()).add(c.channel)
     unknown = {

@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from rtsr_cli.core.choices import LabelKind
 from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
+from rtsr_cli.core.label.class_labels import CLASS_BUFFERS
 from rtsr_cli.core.label.kinds import KINDS, FigureKind
 from rtsr_cli.core.label.request import LabelRequest
 from rtsr_cli.core.pairs.opening import open_single_sets
@@ -68,10 +70,10 @@ def _open_shots(request: LabelRequest) -> Iterator[tuple[str, PairSource]]:
     """Survey every shot of IN, as captures where a pixel has several samples."""
     # labels that follow from G-buffers need no frame to be rendered
     unrendered = RADIANCE_BUFFERS.isdisjoint(KINDS[request.kind].buffers)
-    options, samples = read_options(request, unrendered=unrendered), request.samples_per_pixel
-    if samples is None:
+    options = read_options(request, unrendered=unrendered)
+    if request.kind is not LabelKind.CGTS:
         return open_single_sets(request.in_folder, options)
-    return open_sampled_frames(request.in_folder, options, samples)
+    return open_sampled_frames(request.in_folder, options, CLASS_BUFFERS, request.samples_per_pixel)
 
 
 def plan_labelling(name: str, source: PairSource, request: LabelRequest) -> LabelJob:

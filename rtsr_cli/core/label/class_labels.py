@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.frames.buffers import Buffer
@@ -25,6 +24,7 @@ from rtsr_cli.core.imaging.pixel_classes import (
 from rtsr_cli.core.label.class_pictures import draw_classes
 from rtsr_cli.core.label.labelling import Labelling
 from rtsr_cli.core.label.request import LabelRequest
+from rtsr_cli.core.pairs.sampled_frames import SampleArrangement, SampledFrames
 from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.frame_pairs import FrameInTurn
 from rtsr_cli.core.run.loop import Product
@@ -48,12 +48,12 @@ class ClassLabels:
     """Tells the classes of a frame's pixels, and writes them.
 
     Attributes:
-        samples_per_pixel: K.
+        samples: of a pixel.
         config: thresholds.
         previews: also a picture of the classes.
     """
 
-    samples_per_pixel: int
+    samples: SampleArrangement
     config: ClassConfig
     previews: bool = False
 
@@ -61,8 +61,8 @@ class ClassLabels:
         """Classify; return what writes the labels; None where the frame is only history."""
         if not moment.wanted:
             return None
-        frames, k = moment.window.lr[:2], self.samples_per_pixel
-        classes = classify_pixels(frames, k, self.config)
+        frames, k = moment.window.lr[:2], self.samples.side
+        classes = classify_pixels(frames, k, self.config, on_grid=self.samples.on_grid)
         shares = measure_shares(classes, history=len(frames) > 1)
         known = {**moment.attributes, **moment.provenance({CLASSES: json.dumps(shares)})}
         channels = {
@@ -102,37 +102,43 @@ def describe_classes(request: LabelRequest) -> dict[str, Any]:
 
 
 def declare_class_labels(source: PairSource, request: LabelRequest) -> Labelling:
-    """Return how the classes of a shot are labelled."""
-    samples, config = request.samples_per_pixel, class_config(request)
-    assert samples is not None, "checked by the request"
+    """Return how the classes of a shot are labelled.
+
+    Args:
+        source: of `open_sampled_frames`.
+        request: that it is of.
+    """
+    assert isinstance(source, SampledFrames), "the request's kind is opened as such"
+    samples, config, held = source.arrangement, class_config(request), source.buffers
     return Labelling(
         name="label --kind cgts",
         inputs=PairInputs(
             lr=CLASS_BUFFERS, lr_optional=OPTIONAL, on_nonfinite=request.on_nonfinite
         ),
-        work=ClassLabels(samples_per_pixel=samples, config=config, previews=request.previews),
+        work=ClassLabels(samples=samples, config=config, previews=request.previews),
         settings=[describe_classes(request), request.on_nonfinite],
         history_frames=1,
         details={
-            "samples_per_pixel": samples,
-            "geometry": _list_geometry(source.reader, paper=request.paper),
-            "lacking": _list_lacking(source.reader),
+            "samples_per_pixel": samples.side if samples.on_grid else None,
+            "samples": samples.count,
+            "geometry": _list_geometry(held, paper=request.paper),
+            "lacking": _list_lacking(held, camera=source.reader.has_camera),
         },
     )
 
 
-def _list_geometry(reader: FrameReader, *, paper: bool) -> list[str]:
+def _list_geometry(held: Collection[Buffer], *, paper: bool) -> list[str]:
     """What tells geometry aliasing."""
     depth = "depth" if paper else "depth beyond a plane's"
-    if Buffer.GEONORMAL in reader.readable:
+    if Buffer.GEONORMAL in held:
         return [depth, "normals without normal map"]
-    return [depth, "object ids"] if Buffer.OBJECT_ID in reader.readable else [depth]
+    return [depth, "object ids"] if Buffer.OBJECT_ID in held else [depth]
 
 
-def _list_lacking(reader: FrameReader) -> list[str]:
+def _list_lacking(held: Collection[Buffer], *, camera: bool) -> list[str]:
     """What is missing, so that labels are coarser."""
-    lacking = [] if Buffer.NORMAL in reader.readable else ["normals"]
-    return lacking if reader.has_camera else [*lacking, CAMERA]
+    lacking = [] if Buffer.NORMAL in held else ["normals"]
+    return lacking if camera else [*lacking, CAMERA]
 
 
 def measure_shares(classes: PixelClasses, *, history: bool) -> dict[str, Any]:

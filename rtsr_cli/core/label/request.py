@@ -44,7 +44,8 @@ class LabelRequest(FramesRequest):
         rendered: numbers of the rendered frames, in place of `every`.
         paper: holes are the plain union of all tests; slanted floors are geometry aliasing.
         compat: vectors are composed in the order of ExtraNet's published code.
-        samples_per_pixel: K: frames hold K x K samples of each pixel that is labelled.
+        samples_per_pixel: K: frames hold K x K samples of each pixel that is labelled, row by row;
+            None where their channels hold one each, anywhere in the pixel.
         depth_only: hidden surfaces are told by depth, however little they move.
         least_change: of colour, c / (1 + c), that is a change of light.
         most_overlap: of a pixel's colours with those it had, where light changed.
@@ -72,8 +73,8 @@ class LabelRequest(FramesRequest):
         """Check what goes together.
 
         Raises:
-            RequestError: a setting is of another kind or out of range, of the cadence something is
-                wrong, or how many samples a pixel has is not said.
+            RequestError: a setting is of another kind or out of range, or of the cadence something
+                is wrong.
         """
         super().__post_init__()
         _ = self.cadence
@@ -86,11 +87,6 @@ class LabelRequest(FramesRequest):
             if self.kind not in owners and getattr(self, name) != defaults[name]:
                 option, those = name.replace("_", "-"), " and ".join(owners)
                 raise RequestError(f"--{option} is of --kind {those}, not of --kind {self.kind}")
-        if self.kind is LabelKind.CGTS and self.samples_per_pixel is None:
-            raise RequestError(
-                "--kind cgts needs --samples-per-pixel K: frames that hold K x K samples of each "
-                "pixel, such as rtsr synth --samples K writes"
-            )
 
     @property
     def cadence(self) -> Cadence | None:

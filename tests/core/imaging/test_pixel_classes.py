@@ -22,6 +22,7 @@ from rtsr_cli.core.imaging.pixel_classes import (
 )
 from rtsr_cli.core.imaging.sample_ranges import (
     gather_ranges,
+    join_samples,
     pick_nearest,
     reverse_depth,
     split_samples,
@@ -226,6 +227,22 @@ def test_a_slanted_plane_is_one_surface_except_as_printed(dropped: tuple[Buffer,
     assert printed.mean() > 0.2
 
 
+def test_a_slanted_plane_is_one_surface_wherever_the_samples_lie() -> None:
+    # four samples in other places of the pixel than the blocks of a capture have them
+    drawn = Drawing(square=(0.0, 0.0), slope=1.8e-3).draw(1, 4)
+    places = ((0, 1), (1, 3), (2, 0), (3, 2))
+    depth = drawn.gbuffer[Buffer.DEPTH]
+    layers = torch.stack([depth[..., y::4, x::4] for y, x in places], dim=2)
+    frame = Drawing(square=(0.0, 0.0)).draw(1, 2)
+    buffers = {Buffer.DEPTH: join_samples(layers, 2)}
+    rotated = replace(frame, gbuffer=frame.gbuffer.with_buffers(buffers))
+    config = AliasingConfig()
+    on_grid, _ = find_aliasing(gather_ranges(rotated, 2), config)
+    anywhere, _ = find_aliasing(gather_ranges(rotated, 2, on_grid=False), config)
+    assert on_grid.mean() > 0.2
+    assert not anywhere.any()
+
+
 def test_a_bend_of_the_normal_map_alone_is_texture() -> None:
     frame = Drawing(square=(0.0, 0.0)).draw(1)
     normal = frame.gbuffer[Buffer.NORMAL].clone()
@@ -253,6 +270,24 @@ def test_what_was_outside_is_visibility_ghosting() -> None:
     expected = columns_that_overlap(0.0, 3.0)
     assert torch.equal(classes.outside > 0, expected)
     assert torch.equal(classes.visibility > 0, expected)
+
+
+def test_nothing_grows_from_what_was_outside() -> None:
+    # a near strip enters at the left, far before what the border showed; the wall beside it moves
+    # otherwise, lies behind it, and was seen
+    now, before = Drawing(square=(0.0, 0.0)).frames()
+    strip = columns_that_overlap(0.0, 2.0).repeat_interleave(2, 2).repeat_interleave(2, 3)
+    motion = torch.zeros_like(now.gbuffer[Buffer.MOTION])
+    motion[:, 0:1] = torch.where(strip, -12.0, 0.0)
+    depth = torch.where(strip, SQUARE_M, now.gbuffer[Buffer.DEPTH])
+    entering = now.gbuffer.with_buffers({Buffer.MOTION: motion, Buffer.DEPTH: depth})
+    # what the border showed, another surface that is nearer still, moves otherwise, too
+    shown = torch.where(strip, 1.0, before.gbuffer[Buffer.DEPTH])
+    moved = torch.zeros_like(motion)
+    border = before.gbuffer.with_buffers({Buffer.MOTION: moved, Buffer.DEPTH: shown})
+    classes = classify_pixels([replace(now, gbuffer=entering), replace(before, gbuffer=border)], 2)
+    assert torch.equal(classes.outside > 0, columns_that_overlap(0.0, 2.0))
+    assert torch.equal(classes.visibility, classes.outside)
 
 
 def test_the_depth_of_what_stands_still_is_that_of_the_camera_before() -> None:
