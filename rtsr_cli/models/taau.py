@@ -37,7 +37,7 @@ from rtsr_cli.core.imaging.resampling import (
     upsample_nearest,
 )
 from rtsr_cli.core.imaging.sample_splats import (
-    MAX_ENCODED,
+    find_brightest,
     interpolate_samples,
     splat_samples,
 )
@@ -106,8 +106,7 @@ class LrSamples:
     @property
     def brightest(self) -> float:
         """Tone-mapped value that interpolation may reach; samples in float64 are brighter."""
-        wide = self.color_tonemapped.dtype == torch.float64
-        return float(self.color_tonemapped.amax()) if wide else MAX_ENCODED
+        return find_brightest(self.color_tonemapped)
 
 
 @dataclass(frozen=True, kw_only=True)

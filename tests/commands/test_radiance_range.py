@@ -67,6 +67,17 @@ def test_upscale_keeps_radiance_that_half_cannot_hold(
     assert done["as_float"] == 2
 
 
+@pytest.mark.parametrize("value", [7e4, 2e5, 1e7])
+def test_accumulated_radiance_is_what_it_was(rtsr: Run, tmp_path: Path, value: float) -> None:
+    shot = write_shot(tmp_path / "shot", value, value, value)
+    result = rtsr("upscale", shot, tmp_path / "out", "--system", "cgts", "--json")
+    assert result.exit_code == 0, result.output
+    for number in (1, 2, 3):
+        made = read_channels(tmp_path / "out" / f"f.{number:04d}.exr", "RGB")
+        assert made["G"].dtype == np.float32
+        np.testing.assert_allclose(made["G"], value, rtol=1e-2)
+
+
 def test_one_bright_pixel_makes_the_frame_float_and_stays(rtsr: Run, tmp_path: Path) -> None:
     color = one(0.25)
     color[10, 20] = 3e5

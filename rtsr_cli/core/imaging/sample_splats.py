@@ -8,12 +8,31 @@ from __future__ import annotations
 
 import torch
 
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.resampling import Kernel, cubic_kernel, upsample
 from rtsr_cli.core.shapes import Color, Plane
 
 MAX_ENCODED = 0.9999
 """Largest tone-mapped value that interpolation may reach: radiance of 10^4."""
+
+
+def encode_samples(frame: Frame) -> Color:
+    """c / (1 + c) of a frame's radiance; in float64 where half does not hold it.
+
+    In float32 there are too few steps left so near 1.
+    """
+    color = frame.gbuffer[Buffer.COLOR]
+    return encode_reinhard(color.double() if float(color.amax()) > MAX_HALF else color)
+
+
+def find_brightest(color_tonemapped: Color) -> float:
+    """Tone-mapped value that interpolation may reach; samples in float64 are brighter."""
+    wide = color_tonemapped.dtype == torch.float64
+    return float(color_tonemapped.amax()) if wide else MAX_ENCODED
 
 
 def splat_samples(

@@ -122,7 +122,7 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> st
         groups.setdefault(frozenset(one.lacks) or one.reason, []).append(one)
     if not groups:
         return ""
-    trained = {one.system.name for one in passed if one.system.learning is not None}
+    trained = {o.system.name for o in passed if o.system.learning is not None and o.missing}
     texts = [_describe_group(members, trained) for members in groups.values()]
     return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}"
 
@@ -144,7 +144,7 @@ def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:
 
     Args:
         systems: to name.
-        trained: names of all trained systems that could be meant.
+        trained: names of all trained systems that lack something.
     """
     given = list(systems)
     names = [system.name for system in given]

@@ -17,7 +17,10 @@ layers. Losses are ours, as the published ones are not known.
 
 from __future__ import annotations
 
+import torch
+
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.imaging.color import decode_reinhard
 from rtsr_cli.core.system import (
     FrameWindow,
@@ -41,9 +44,11 @@ def compose(
 ) -> Prediction:
     """Radiance of the accumulated colour."""
     del config, window, inputs
-    logits = outputs["logits"].float()
+    logits, color = outputs["logits"].float(), outputs["color"]
+    wide = color.dtype == torch.float64
+    most = torch.finfo(torch.float32).max if wide else MAX_HALF
     return Prediction(
-        image=decode_reinhard(outputs["color"].float()),
+        image=decode_reinhard(color if wide else color.float(), most).float(),
         debug={
             "ghosting": logits[:, :CLASSES].softmax(1),
             "aliasing": logits[:, CLASSES:].softmax(1),
@@ -84,7 +89,7 @@ CGTS = System(
             "freeze_statistics": 0.5,
         },
     ),
-    weights="cgts-x{scale}.safetensors",
+    weights="cgts-{scale}x.safetensors",
 )
 
 SYSTEMS = (CGTS,)

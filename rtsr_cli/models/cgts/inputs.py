@@ -19,9 +19,13 @@ from rtsr_cli.core.choices import Preset
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.auxiliary_buffers import enlarge_depth, enlarge_motion
-from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.resampling import repeat_samples
-from rtsr_cli.core.imaging.sample_splats import interpolate_samples, splat_samples
+from rtsr_cli.core.imaging.sample_splats import (
+    encode_samples,
+    find_brightest,
+    interpolate_samples,
+    splat_samples,
+)
 from rtsr_cli.core.shapes import Color, Image, MotionPx, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.cgts.config import CgtsConfig, CgtsSurroundings
@@ -48,8 +52,10 @@ SIGNALS = 5
 
 def enlarge_samples(frame: Frame, scale: int) -> tuple[Color, Plane]:
     """Samples where they lie, interpolated between: (sum w c + p c') / (sum w + p)."""
-    color, jitter_px = encode_reinhard(frame.gbuffer[Buffer.COLOR]), frame.camera.jitter_px
-    between = interpolate_samples(color, jitter_px, scale, a=INTERPOLATION_A)
+    color, jitter_px = encode_samples(frame), frame.camera.jitter_px
+    between = interpolate_samples(
+        color, jitter_px, scale, a=INTERPOLATION_A, brightest=find_brightest(color)
+    )
     summed, weight = splat_samples(color, jitter_px, scale, sigma_px=SAMPLE_SIGMA_PX)
     worth = weight + INTERPOLATED_WORTH
     return (summed + INTERPOLATED_WORTH * between) / worth, worth
@@ -102,7 +108,7 @@ def prepare(config: CgtsConfig, window: FrameWindow) -> Tensors:
     color, worth = SURROUNDINGS[config.preset].enlarge(frame, scale)
     return {
         "color": color,
-        "worth": worth,
+        "worth": worth.float(),
         "depth": enlarge_depth(buffers[Buffer.DEPTH], scale, jitter_px),
         "motion": find_motion(window),
         "reactive": _enlarge_reactive(frame, scale, like=worth),

@@ -262,7 +262,7 @@ class CgtsNetwork(nn.Module):
         useless = (find_hidden(logits) | (history.inside == 0)).to(logits.dtype)
         counter = count_frames(history.counter, useless)
         weight = self._weigh(inputs, history, span, logits, counter)
-        color = torch.lerp(history.color, inputs["color"], weight)
+        color = torch.lerp(history.color, inputs["color"], weight.to(inputs["color"].dtype))
         kept = CgtsState(
             color=color,
             counter=counter,
@@ -296,7 +296,7 @@ class CgtsNetwork(nn.Module):
                 history.logits,
             ],
             dim=1,
-        )
+        ).float()
         if self.config.stage is Stage.COMPOSITION:
             with torch.no_grad():
                 return cast(Image, self.classifier(seen))
@@ -340,7 +340,7 @@ class CgtsNetwork(nn.Module):
             self.surroundings.see(known),
         ]
         start = self.surroundings.start(seen["worth"], seen["history_worth"])
-        weight = torch.sigmoid(self.composition(torch.cat(channels, dim=1)) + start)
+        weight = torch.sigmoid(self.composition(torch.cat(channels, dim=1).float()) + start)
         return torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
 
 
@@ -374,12 +374,12 @@ def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> Carr
             inside=nothing,
         )
     gain = inputs["exposure"] / before.exposure
-    fetched, inside = backward_warp(before.color, motion, mode="bicubic")
+    fetched, inside = backward_warp(before.color.to(color.dtype), motion, mode="bicubic")
     fetched = fetched.clamp(0.0, 1.0)
     logits, _ = backward_warp(before.logits, motion)
-    planes = torch.cat([before.counter, before.worth, before.depth, before.span], dim=1)
+    planes = torch.cat([before.counter, before.worth, before.depth], dim=1)
     nearest = fetch_nearest(planes, motion)
-    span = nearest[:, 3:]
+    span = fetch_nearest(before.span.to(color.dtype), motion)
     if bool((gain != 1.0).any()):
         fetched, span = relight_reinhard(fetched, gain), relight_reinhard(span, gain)
     shown = inside > 0
@@ -389,7 +389,7 @@ def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> Carr
         worth=nearest[:, 1:2] * inside,
         span=torch.where(shown, span, own),
         logits=torch.where(shown, logits, _doubt_history(depth)),
-        difference=measure_depth_difference(depth, nearest[:, 2:3], inside),
+        difference=measure_depth_difference(depth, nearest[:, 2:], inside),
         inside=inside,
     )
 

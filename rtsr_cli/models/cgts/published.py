@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import torch
 
-from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.resampling import KEYS_A
-from rtsr_cli.core.imaging.sample_splats import interpolate_samples
+from rtsr_cli.core.imaging.sample_splats import (
+    encode_samples,
+    find_brightest,
+    interpolate_samples,
+)
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import Tensors
 from rtsr_cli.models.cgts.config import CgtsSurroundings
@@ -20,8 +22,10 @@ from rtsr_cli.models.cgts.config import CgtsSurroundings
 
 def enlarge_bicubic(frame: Frame, scale: int) -> tuple[Color, Plane]:
     """Un-jittered cubic enlargement."""
-    color = encode_reinhard(frame.gbuffer[Buffer.COLOR])
-    enlarged = interpolate_samples(color, frame.camera.jitter_px, scale, a=KEYS_A)
+    color = encode_samples(frame)
+    enlarged = interpolate_samples(
+        color, frame.camera.jitter_px, scale, a=KEYS_A, brightest=find_brightest(color)
+    )
     return enlarged, torch.ones_like(enlarged[:, :1])
 
 
