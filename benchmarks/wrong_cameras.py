@@ -8,8 +8,8 @@ Copies of a few frames get matrices that are wrong in one way. A cell says what 
 they look like), `open` (verified, but for what the message names), `unverified` (nothing could
 tell, and that is said), `right` (matrices that are used, and are right, as those of another frame
 are where the camera stands still), or `SILENT`: wrong, and used without a word. Part KINDS varies
-what the files hold, and ends with one table of all sequences; COMMANDS runs every command that
-reads cameras, FILES reads side-cars in place of headers.
+what the files hold; COMMANDS runs every command that reads cameras, FILES reads side-cars in place
+of headers. KINDS and FILES end with one table of all sequences.
 """
 
 from __future__ import annotations
@@ -257,12 +257,20 @@ def list_cases(kinds: tuple[str, ...], ways: tuple[str, ...]) -> Iterator[tuple[
             yield kind, way
 
 
-def is_right(sequence: Sequence, kind: str, way: str) -> bool:
-    """Tell whether matrices come out right, as another frame's do where the camera stands still."""
+def is_right(sequence: Sequence, kind: str, way: str, form: str = "") -> bool:
+    """Tell whether matrices come out right, as another frame's do where the camera stands still.
+
+    Of a lens that is written as an angle no axis is flipped.
+    """
 
     def differ(number: int) -> float:
         view, lens = sequence.cameras[number]
-        pairs = zip(spoil(kind, way, sequence.cameras, number), (view, view @ lens), strict=True)
+        wrong = spoil(kind, way, sequence.cameras, number)
+        if form == "angles":
+            angles = (_measure_angle(v, n) for v, n in (wrong, (view, view @ lens)))
+            pairs = [(wrong[0], view), tuple(map(np.asarray, angles))]
+        else:
+            pairs = [*zip(wrong, (view, view @ lens), strict=True)]
         return max(float(np.abs(one - other).max()) for one, other in pairs)
 
     return max(map(differ, sequence.planes)) < 1e-6
@@ -314,15 +322,21 @@ def try_commands(sequence: Sequence, trials: Trials) -> Iterator[tuple[str, list
                 yield f"{kind}, {way}, {held}", cells
 
 
+def _measure_angle(view: Matrix4, ndc: Matrix4) -> float:
+    """Horizontal field of view in degrees."""
+    lens = np.linalg.inv(view) @ ndc
+    return float(np.degrees(2 * np.arctan(1 / abs(lens[0, 0]))))
+
+
 def _write_rows(folder: Path, form: str, cameras: Mapping[int, Camera]) -> None:
     """Write a side-car: clip space, or a projection, or angles beside the view."""
     rows = []
     for number, (view, ndc) in cameras.items():
-        lens = np.linalg.inv(view) @ ndc
         row: dict[str, Any] = {"frame": number, "worldToCamera": view}
         if form == "angles":
-            row |= {"fov_x": np.degrees(2 * np.arctan(1 / abs(lens[0, 0]))), "near": 0.05}
+            row |= {"fov_x": _measure_angle(view, ndc), "near": 0.05}
         else:
+            lens = np.linalg.inv(view) @ ndc
             row |= {"projection": lens} if form == "projection" else {"worldToNDC": ndc}
         rows.append(row)
     if form == "JSON":
@@ -347,10 +361,10 @@ FORMS = ("CSV", "JSON", "projection", "angles")
 
 def try_files(sequence: Sequence, trials: Trials) -> Iterator[tuple[str, list[str]]]:
     for kind, way in list_cases(trials.kinds, trials.ways):
-        right = is_right(sequence, kind, way)
         for held in trials.held:
             cells = []
             for form in FORMS:
+                right = is_right(sequence, kind, way, form)
                 with tempfile.TemporaryDirectory() as name:
                     folder = Path(name)
                     sequence.write(folder, HELD[held], RIGHT, "both")
@@ -399,6 +413,7 @@ def main(
     few = Trials(kind, way, held or ("motion, normals",), real)
     every = Trials(kind, way, held or tuple(HELD), real)
     outcomes: dict[str, list[list[str]]] = {}
+    side_cars: dict[str, list[list[str]]] = {}
     for name in only or SEQUENCES:
         sequence = read_sequence(data, name)
         if not part or "KINDS" in part:
@@ -408,9 +423,12 @@ def main(
             head = tuple(n for n, _ in list_commands(Path(), Path(), real=real))
             show_table(f"{name}: commands", head, try_commands(sequence, few))
         if not part or "FILES" in part:
-            show_table(f"{name}: side-cars", FORMS, try_files(sequence, few))
+            rows = keep_rows(try_files(sequence, few), side_cars)
+            show_table(f"{name}: side-cars", FORMS, rows)
     if outcomes:
         show_outcomes(outcomes, every.held)
+    if side_cars:
+        show_outcomes(side_cars, FORMS)
 
 
 if __name__ == "__main__":

@@ -210,3 +210,28 @@ def test_hr_frames_outside_of_the_selection_need_not_be_there(
     line = ("upscale", shot, tmp_path / "out", "--system", "bicubic", "--dry-run")
     assert rtsr(*line).exit_code == 3
     assert rtsr(*line, "--frames", "2").exit_code == 0
+
+
+def test_a_frame_without_the_others_matrices_is_named_where_none_are_needed(
+    rtsr: Run, frames: Callable[..., Path], tmp_path: Path
+) -> None:
+    line = ("upscale", frames(no_camera_once), tmp_path / "out", "--simulate-lr", 4, *TAAU)
+    planned = rtsr(*line, "--dry-run")
+    assert planned.exit_code == 0, planned.output
+    assert f"frame {BAD} without the camera matrices that the other frames have" in planned.output
+    assert 'camera = "camera.csv"' in planned.output
+
+
+def mistake_cameras(planes: Planes, attributes: dict[str, Any], number: int) -> None:
+    for name in MATRICES:
+        attributes[name] = np.ascontiguousarray(np.asarray(attributes[name]).T)
+    no_camera_once(planes, attributes, number)
+
+
+def test_matrices_are_checked_though_one_frame_has_none(
+    rtsr: Run, frames: Callable[..., Path], tmp_path: Path
+) -> None:
+    line = ("upscale", frames(mistake_cameras), tmp_path / "out", "--simulate-lr", 4, *TAAU)
+    planned = rtsr(*line, "--dry-run")
+    assert planned.exit_code == 0, planned.output
+    assert "are not used: worldToCamera looks transposed" in planned.output

@@ -32,6 +32,10 @@ class SystemTable:
     when: Mapping[str, tuple[InputCondition, ...]] = field(default_factory=dict)
 
 
+CAMERA_REMEDY = ' (cameras: matrices in the headers, or camera = "camera.csv", a row a frame)'
+"""Where camera matrices are declared."""
+
+
 def measure_history_reach(system: System) -> HistoryReach:
     """How far a system's outputs look back."""
     return HistoryReach(
@@ -122,8 +126,11 @@ def check_inputs(
             f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"
         )
     unfit = next((r.camera_unfit for r in source.readers if r.camera_unfit), "")
-    if unfit and any(CAMERA in m.split() for m in missing):
+    needs_camera = any(CAMERA in m.split() for m in missing)
+    if unfit and needs_camera:
         raise FrameFolderError(f"{root}: {reads} needs the camera, but {unfit}")
+    if needs_camera:
+        remedy = f"{CAMERA_REMEDY}{remedy}"
     if missing:
         raise FrameFolderError(
             f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "

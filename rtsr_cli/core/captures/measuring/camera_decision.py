@@ -28,9 +28,16 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
         settled: measured.
         leads: whether these frames say what is unverified; not the HR frames beside LR ones.
     """
+    gap = _describe_gap(settled.reader)
+    settled = add_warning(settled, gap) if gap else settled
     found = settled.measured.camera
-    if found is None:
-        return settled
+    return settled if found is None else _follow_finding(settled, found, leads=leads)
+
+
+def _follow_finding(
+    settled: MeasuredReader, found: CameraFinding, *, leads: bool
+) -> MeasuredReader:
+    """Do what a finding asks for, with the numbers of all frames looked at."""
     run = gather_run(settled.reader.cameras)
     unfit = found.unfit
     if run is not None and not unfit:
@@ -55,6 +62,18 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
     return settled
 
 
+def _describe_gap(reader: FrameReader) -> str:
+    """Say which frames have no matrices though others have; empty if all or none have any."""
+    lacking = reader.without_camera
+    if not lacking or len(lacking) == len(reader.cameras):
+        return ""
+    return (
+        f"{say_frames(lacking)} without the camera matrices that the other frames have (4 x 4, "
+        f"worldToCamera and worldToNDC): {REFUSED}; write them into the headers, or give those of "
+        'all frames in a side-car (capture.toml: camera = "camera.csv")'
+    )
+
+
 def _hold_finding(settled: MeasuredReader, found: CameraFinding) -> MeasuredReader:
     """Keep what is known of the cameras once the numbers of all frames are looked at."""
     return replace(settled, measured=replace(settled.measured, camera=found))
@@ -69,7 +88,8 @@ def _find_strays(reader: FrameReader, run: CameraRun) -> str:
 
 def _is_mirrored(settled: MeasuredReader) -> bool:
     """Tell the handedness of the cameras that were looked at."""
-    view = settled.reader.cameras[settled.measured.frames[0]].world_to_camera
+    views = (settled.reader.cameras[n].world_to_camera for n in settled.measured.frames)
+    view = next((v for v in views if v is not None), None)
     return view is not None and bool(are_mirrored(view.numpy()))
 
 

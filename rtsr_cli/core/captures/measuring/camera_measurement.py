@@ -66,6 +66,8 @@ def check_reader_cameras(
         presumed: conventions before anything is measured.
         motions: readings of the vectors that may hold; none where that is not known.
     """
+    # of frames without matrices nothing is asked, and the others' are checked all the same
+    stored = {n: buffers for n, buffers in stored.items() if reader.cameras[n].has_matrices}
     given = list_matrices(reader, tuple(stored))
     if not given:
         return None
