@@ -44,8 +44,14 @@ STEPS = tuple(s for s in product(range(-RING, RING + 1), repeat=2) if s != (0, 0
 MARGIN = RING * REACHES[-1]
 """How far rings reach."""
 
-CHUNK_PIXELS = 1 << 14
-"""Pixels that a thread works on at a time."""
+NEARNESS = tuple(math.exp(-(down * down + across * across) / 4.0) for down, across in STEPS)
+"""Their weights."""
+
+PIXELS_AT_ONCE = 1 << 14
+"""That are fetched by a thread."""
+
+HOLES_AT_ONCE = 1 << 11
+"""That are filled by a thread, from 24 pixels each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +92,7 @@ def warp_along_surfaces(
             part[:channels].addcmul_(tap[:channels], likeness)
             part[channels:].add_(likeness)
 
-    share_among_threads(sum_chunk, list(cut_chunks(fetched.shape[1])))
+    share_among_threads(sum_chunk, list(cut_chunks(fetched.shape[1], PIXELS_AT_ONCE)))
     size = values.shape[2:]
     summed, weight = total[None, :channels], total[None, channels:]
     return CarriedImage(
@@ -100,9 +106,9 @@ def weigh_along_surfaces(motion_px: MotionPx, own: Surfaces, past: Surfaces) -> 
     return warp_along_surfaces(own.kind[:, :0], motion_px, own, past).weight
 
 
-def cut_chunks(pixels: int) -> Iterator[slice]:
+def cut_chunks(pixels: int, at_once: int) -> Iterator[slice]:
     """Cut a row of pixels where what is computed of a part stays in the cache."""
-    return (slice(first, first + CHUNK_PIXELS) for first in range(0, pixels, CHUNK_PIXELS))
+    return (slice(first, first + at_once) for first in range(0, pixels, at_once))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,45 +118,52 @@ class _Pixels:
     Attributes:
         planes: value, and `Surfaces.pack`.
         own: surfaces.
-        known: 1 where the value is known, with a margin of 0 as wide as the farthest ring.
+        kinds: `Surfaces.kind` where the value is known, else NaN, which is like nothing; with a
+            margin as wide as the farthest ring.
         size: (height, width), without the margin.
         channels: of the value.
     """
 
     planes: Tensor
     own: Surfaces
-    known: Tensor
+    kinds: Tensor
     size: Size
     channels: int
 
-    def find_known(self, index: Tensor, reach: int) -> Tensor:
-        """Which pixels of a ring around k pixels are known, 24 k; none outside is."""
+    def find_kin(self, index: Tensor, reach: int) -> Tensor:
+        """Which pixels of a ring around k pixels are known, and of the same kind: 24 k."""
         width = self.size[1]
-        place = (index // width + MARGIN) * (width + 2 * MARGIN) + index % width + MARGIN
-        steps = [reach * (down * (width + 2 * MARGIN) + across) for down, across in STEPS]
-        places = place + torch.tensor(steps, device=index.device).unsqueeze(1)
-        return self.known.index_select(0, places.flatten()).view_as(places)
+        wide = width + 2 * MARGIN
+        place = (index // width + MARGIN) * wide + index % width + MARGIN
+        places = place + _list_steps(reach, wide, index.device)
+        return self.kinds.take(places) == self.kinds_of(index)
 
-    def sum_ring(self, index: Tensor, known: Tensor, reach: int) -> Tensor:
-        """Weighted sums of the known pixels around k pixels, and of their weights: c+1 k.
+    def kinds_of(self, index: Tensor) -> Tensor:
+        """Kind of k pixels, known or not."""
+        return self.planes[-1].index_select(0, index)
+
+    def sum_ring(self, index: Tensor, kin: Tensor, reach: int) -> Tensor:
+        """Weighted sums of the kin around k pixels, and of their weights: c+1 k.
 
         Args:
             index: of the pixels.
-            known: `find_known`.
+            kin: `find_kin`.
             reach: spacing of the ring.
         """
-        own, (height, width) = self.own.take(index), self.size
-        values = self.channels
-        total = self.planes.new_zeros(values + 1, len(index))
-        for (down, across), inside in zip(STEPS, known.to(total), strict=True):
-            there = (index + reach * (down * width + across)).clamp_(0, height * width - 1)
-            fetched = self.planes.index_select(1, there)
-            likeness = weigh_likeness(own, fetched[None, values:, None])[0, 0]
-            nearness = math.exp(-(down * down + across * across) / 4.0)
-            likeness.mul_(inside).mul_(nearness)
-            total[:values].addcmul_(fetched[:values], likeness)
-            total[values:].add_(likeness)
-        return total
+        height, width = self.size
+        there = index + _list_steps(reach, width, index.device)
+        there.clamp_(0, height * width - 1)
+        fetched = self.planes.index_select(1, there.flatten()).unflatten(1, there.shape)
+        likeness = weigh_likeness(self.own.take(index), fetched[None, self.channels :])[0, 0]
+        likeness.mul_(kin).mul_(likeness.new_tensor(NEARNESS).unsqueeze(1))
+        values = (fetched[: self.channels] * likeness).sum(1)
+        return torch.cat([values, likeness.sum(0, keepdim=True)])
+
+
+def _list_steps(reach: int, width: int, device: torch.device) -> Tensor:
+    """How far the pixels of a ring lie behind its middle where rows follow each other, 24 1."""
+    steps = [reach * (down * width + across) for down, across in STEPS]
+    return torch.tensor(steps, device=device).unsqueeze(1)
 
 
 def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: Image) -> Image:
@@ -168,7 +181,7 @@ def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: 
     pixels = _Pixels(
         planes=torch.cat([values.masked_fill(marked, 0.0), own.pack()], dim=1)[0].flatten(1),
         own=own,
-        known=pad(~marked, [MARGIN] * 4).flatten(),
+        kinds=pad(own.kind.masked_fill(marked, math.nan), [MARGIN] * 4, value=math.nan),
         size=(holes.shape[2], holes.shape[3]),
         channels=len(filled),
     )
@@ -178,30 +191,27 @@ def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: 
         found, known = _gather_rings(pixels, chunk)
         filled[:, chunk[found]] = known
 
-    share_among_threads(fill_chunk, list(cut_chunks(len(index))))
+    share_among_threads(fill_chunk, list(cut_chunks(len(index), HOLES_AT_ONCE)))
     return filled.view_as(values[0]).unsqueeze(0)
 
 
 def _gather_rings(pixels: _Pixels, index: Tensor) -> tuple[Tensor, Tensor]:
     """Of some pixels those that were filled, as places in `index`, and their values, c k."""
-    total: Tensor | None = None
+    total = pixels.planes.new_zeros(pixels.channels + 1, len(index))
     still_open = torch.arange(len(index), device=index.device)
     share = 1.0
     for reach in REACHES:
-        known = pixels.find_known(index[still_open], reach)
-        seen = known.any(0).nonzero()[:, 0]
+        kin = pixels.find_kin(index[still_open], reach)
+        seen = kin.any(0).nonzero()[:, 0]
         places = still_open[seen]
-        ring = pixels.sum_ring(index[places], known[:, seen], reach)
-        if total is None:
-            total = ring.new_zeros(len(ring), len(index))
+        ring = pixels.sum_ring(index[places], kin[:, seen], reach)
         total[:, places] += share * ring
-        closed = torch.zeros_like(known[0])
+        closed = torch.zeros_like(kin[0])
         closed[seen] = ring[-1] >= ENOUGH
         still_open = still_open[~closed]
         if not len(still_open):
             break
         share *= RING_DECAY
-    assert total is not None
     found = (total[-1] > UNLIKE).nonzero()[:, 0]
     sums = total[:, found]
     return found, sums[:-1] / sums[-1:]
