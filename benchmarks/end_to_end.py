@@ -1,18 +1,22 @@
-"""`rtsr upscale` with EXR in and out against its network alone, on this processor.
+"""A command with EXR in and out against its network alone, on this processor.
 
     python benchmarks/end_to_end.py [--system fusesr] [--frames 8] [--rounds 5] [--weights FILE]
+    python benchmarks/end_to_end.py --system extranet [--size 1280x720]
 
-A synth pair of 480 x 270 -> 1920 x 1080 (LR radiance and G-buffer, HR G-buffer) is upscaled by the
-command, once over `--frames` + 2 and once over 2 frames; their difference is what a frame costs,
-start and imports left out. Where nothing else is given, weights are those that come with rtsr;
+A synth pair of 480 x 270 -> 1920 x 1080 (LR radiance and G-buffer, HR G-buffer) is upscaled by
+`rtsr upscale`; of a system that extrapolates, synth frames of 1280 x 720 are what `rtsr
+extrapolate` reads, every second of which it predicts. It runs once over all and once over the first
+frames, after which history is there; their difference is what an output costs, start and
+imports left out. Where nothing else is given, weights are those that come with rtsr;
 where there are none, random ones, which do not change the work.
 
 The whole command, from the interpreter's start to its end, is held against what cannot be left
 out: the network's time (all cores, from the window that the run itself assembled for its last
-frame, half precision as the run has it) for as many frames, and OpenEXR's for reading the same
-input files and writing the same output files with the same compression, one after the other in
-one thread. Start-up, which `--dry-run` takes, is shown, and the ratio without it. The ways
-alternate; ratios are of one round, their medians are printed.
+frame, half precision as the run has it; of a system that extrapolates the layers alone) for as
+many outputs, and OpenEXR's for reading the same input files and writing the same output files with
+the same compression, one after the other in one thread. Start-up, which `--dry-run` takes, is
+shown, and the ratio without it. The ways alternate; ratios are of one round, their medians are
+printed.
 """
 
 from __future__ import annotations
@@ -29,7 +33,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,34 +44,47 @@ import torch
 from network_speed import seconds
 from results import rtsr
 
-from rtsr_cli.core.choices import Precision
+from rtsr_cli.core.choices import Precision, SystemTask
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.network.precision import resolve_precision
 from rtsr_cli.core.network.weights import save_weights
 from rtsr_cli.core.run import prediction
 from rtsr_cli.core.settings import to_plain
+from rtsr_cli.core.system import System
 from rtsr_cli.models import load_system
 
-SCALE, LR_SIZE = 4, (270, 480)
+SCALE = 4
+EVERY = 2
+"""Rendered frames of an extrapolation, as the command's default has it."""
+
 FIRST = 2
-"""Frames of the shorter run: history is there from the third on."""
+"""Frames of an upscaling after which history is there."""
+
+SIZES = {SystemTask.UPSCALE: "1920x1080", SystemTask.EXTRAPOLATE: "1280x720"}
+"""Of the outputs."""
 
 
 def random_weights(name: str, folder: Path) -> Path:
     """Write weights of a fresh network."""
     system = load_system(name)
     torch.manual_seed(0)
-    network = system.build(system.config(), SCALE)
+    scale = scale_of(system)
+    network = system.build(system.config(), scale)
     path = folder / f"{name}.safetensors"
     save_weights(
         path,
         network.state_dict(),
         system=name,
-        scale=SCALE,
+        scale=scale,
         config=to_plain(system.config()),
         about={},
     )
     return path
+
+
+def scale_of(system: System) -> int:
+    """Factor that a system is run with."""
+    return SCALE if system.task is SystemTask.UPSCALE else 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,18 +92,39 @@ class Work:
     """What is run.
 
     Attributes:
-        name: of the system.
+        system: the system.
         pair: folder of the frames.
         out: folder of the outputs.
         options: further options of the command.
         frames: of a whole run.
     """
 
-    name: str
+    system: System
     pair: Path
     out: Path
     options: tuple[str, ...]
     frames: int
+
+    @property
+    def command(self) -> str:
+        """Name of the command."""
+        return str(self.system.task)
+
+    @property
+    def every(self) -> int:
+        """Frames of the input an output."""
+        return EVERY if self.system.task is SystemTask.EXTRAPOLATE else 1
+
+    @property
+    def first(self) -> int:
+        """Frames of the shorter run: history is there after them."""
+        return max(EVERY, self.system.history_frames + 1) if self.every > 1 else FIRST
+
+    def list_inputs(self) -> list[Path]:
+        """Files of a whole run."""
+        names = [f"frame.{number:04d}.exr" for number in range(1, self.frames + 1)]
+        folders = [self.pair] if self.every > 1 else [self.pair / side for side in ("lr", "hr")]
+        return [folder / name for folder in folders for name in names]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,8 +134,8 @@ class Round:
     Attributes:
         whole: of the command over all frames.
         start: of `--dry-run`.
-        frame: of one frame more.
-        network: of the network, a frame.
+        frame: of one output more.
+        network: of the network, an output.
         files: of OpenEXR alone, all frames.
     """
 
@@ -109,11 +148,11 @@ class Round:
 
 def arguments(work: Work, frames: int, *more: str) -> list[str]:
     """Return the arguments of a run over the first frames."""
-    places = (str(work.pair), str(work.out), "--system", work.name)
-    return ["upscale", *places, "--frames", f"1-{frames}", "-q", *work.options, *more]
+    places = (str(work.pair), str(work.out), "--system", work.system.name)
+    return [work.command, *places, "--frames", f"1-{frames}", "-q", *work.options, *more]
 
 
-def upscaled(work: Work, frames: int, *more: str) -> float:
+def run_command(work: Work, frames: int, *more: str) -> float:
     """Seconds of one run of the command, as a process of its own."""
     shutil.rmtree(work.out, ignore_errors=True)
     command = [sys.executable, "-m", "rtsr_cli", *arguments(work, frames, *more)]
@@ -123,7 +162,10 @@ def upscaled(work: Work, frames: int, *more: str) -> float:
 
 
 def network_run(work: Work, precision: Precision) -> Callable[[], Any]:
-    """Return the prediction of the last frame of a run in this process, to be made again."""
+    """Return the network's run on the last frame of a run in this process, to be made again.
+
+    Of a system that extrapolates the layers alone: what is prepared for them is not small.
+    """
     calls: list[tuple[Any, ...]] = []
     predict = prediction.predict_in_tiles
 
@@ -134,14 +176,19 @@ def network_run(work: Work, precision: Precision) -> Callable[[], Any]:
     shutil.rmtree(work.out, ignore_errors=True)
     prediction.predict_in_tiles = record
     try:
-        rtsr(*arguments(work, FIRST + 1))
+        rtsr(*arguments(work, work.first + work.every))
     finally:
         prediction.predict_in_tiles = predict
-    half = precision is Precision.BF16 and any(True for _ in calls[-1][1].parameters())
+    system, network, window, state, _ = calls[-1]
+    half = precision is Precision.BF16 and any(True for _ in network.parameters())
+    again = partial(predict, *calls[-1])
+    if work.every > 1 and system.learning is not None:
+        with torch.inference_mode():
+            again = partial(network, system.learning.prepare(network.config, window), state)
 
     def run() -> Any:
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=half):
-            return predict(*calls[-1])
+            return again()
 
     return run
 
@@ -167,18 +214,16 @@ def copy_files(inputs: list[Path], outputs: list[Path], target: Path) -> float:
 
 def measure_round(work: Work, run: Callable[[], Any], target: Path) -> Round:
     """Measure everything once."""
-    start = upscaled(work, work.frames, "--dry-run")
-    shorter = upscaled(work, FIRST)
-    whole = upscaled(work, work.frames)
-    numbers = [f"frame.{number:04d}.exr" for number in range(1, work.frames + 1)]
-    inputs = [work.pair / side / name for side in ("lr", "hr") for name in numbers]
-    outputs = [work.out / name for name in numbers]
+    start = run_command(work, work.frames, "--dry-run")
+    shorter = run_command(work, work.first)
+    whole = run_command(work, work.frames)
+    outputs = sorted(work.out.glob("*.exr"))
     return Round(
         whole=whole,
         start=start,
-        frame=(whole - shorter) / (work.frames - FIRST),
+        frame=(whole - shorter) / ((work.frames - work.first) // work.every),
         network=statistics.median(seconds(run) for _ in range(3)),
-        files=copy_files(inputs, outputs, target),
+        files=copy_files(work.list_inputs(), outputs, target),
     )
 
 
@@ -188,13 +233,14 @@ def show(title: str, values: list[float]) -> None:
     click.echo(f"  {title}: {middle:.3f} ({min(values):.3f} to {max(values):.3f})")
 
 
-def report(rounds: list[Round], frames: int) -> None:
+def report(rounds: list[Round], work: Work) -> None:
     """Print seconds and ratios."""
+    frames = work.frames // work.every
     least = [r.files + r.network * frames for r in rounds]
-    show("rtsr upscale, a frame", [r.frame for r in rounds])
-    show("network alone, a frame", [r.network for r in rounds])
-    show("ratio, a frame", [r.frame / r.network for r in rounds])
-    show(f"whole command, {frames} frames", [r.whole for r in rounds])
+    show(f"rtsr {work.command}, an output", [r.frame for r in rounds])
+    show("network alone, an output", [r.network for r in rounds])
+    show("ratio, an output", [r.frame / r.network for r in rounds])
+    show(f"whole command, {frames} outputs", [r.whole for r in rounds])
     show("start-up (--dry-run)", [r.start for r in rounds])
     show("OpenEXR alone, the same files", [r.files for r in rounds])
     show("network + OpenEXR", least)
@@ -204,39 +250,43 @@ def report(rounds: list[Round], frames: int) -> None:
          [(r.whole - r.start) / a for r, a in zip(rounds, least, strict=True)])  # fmt: skip
 
 
-def weight_options(name: str, weights: Path | None, folder: Path) -> tuple[str, ...]:
+def weight_options(system: System, weights: Path | None, folder: Path) -> tuple[str, ...]:
     """Return the option that says which weights, where it is needed."""
-    if weights is None and has_weights(load_system(name), SCALE):
+    if weights is None and has_weights(system, scale_of(system)):
         return ()
-    return ("--weights", str(weights or random_weights(name, folder)))
+    return ("--weights", str(weights or random_weights(system.name, folder)))
 
 
 @click.command()
 @click.option("--system", "name", default="fusesr", show_default=True)
-@click.option("--frames", default=8, show_default=True)
+@click.option("--frames", default=8, show_default=True, help="After the first.")
 @click.option("--rounds", default=5, show_default=True)
 @click.option("--weights", type=click.Path(path_type=Path))
-def main(*, name: str, frames: int, rounds: int, weights: Path | None) -> None:
-    """Print seconds a frame, of the whole, of network and files, and ratios."""
+@click.option("--size", help="Of the outputs; by default 1920x1080, of extrapolation 1280x720.")
+def main(*, name: str, frames: int, rounds: int, weights: Path | None, size: str | None) -> None:
+    """Print seconds an output, of the whole, of network and files, and ratios."""
     precision = resolve_precision(Precision.AUTO, torch.device("cpu"))
     torch.set_num_threads(os.cpu_count() or 1)
+    system = load_system(name)
+    size = size or SIZES[system.task]
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        size = f"{LR_SIZE[1] * SCALE}x{LR_SIZE[0] * SCALE}"
-        rtsr("synth", place / "pair", "--size", size, "--scale", SCALE, "--frames",
-             f"1-{frames + FIRST}", "--seed", 7, "-q")  # fmt: skip
         work = Work(
-            name=name,
+            system=system,
             pair=place / "pair",
             out=place / "out",
-            options=weight_options(name, weights, place),
-            frames=frames + FIRST,
+            options=weight_options(system, weights, place),
+            frames=0,
         )
+        work = replace(work, frames=frames + work.first)
+        scaled = ("--scale", SCALE) if system.task is SystemTask.UPSCALE else ()
+        rtsr("synth", work.pair, "--size", size, *scaled, "--frames", f"1-{work.frames}",
+             "--seed", 7, "-q")  # fmt: skip
         run = network_run(work, precision)
         measured = [measure_round(work, run, place / "plain") for _ in range(rounds)]
     click.echo(f"{name}, {precision}, {size}: seconds, medians of {rounds} rounds")
     click.echo(f"  load average of the machine: {os.getloadavg()[0]:.1f}")
-    report(measured, frames + FIRST)
+    report(measured, work)
 
 
 if __name__ == "__main__":

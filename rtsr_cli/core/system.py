@@ -183,13 +183,15 @@ def neural_predict(prepare: Prepare, compose: Compose) -> Predict:
     """
 
     def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
-        config = network.config
+        config, kind = network.config, window.current.gbuffer.device.type
         times = [time.perf_counter()]
-        inputs = prepare(config, window)
+        # half precision is for layers: where points of a camera lie takes all digits
+        with torch.autocast(kind, enabled=False):
+            inputs = prepare(config, window)
         times.append(time.perf_counter())
         outputs, kept = network(inputs, state)
         times.append(time.perf_counter())
-        with torch.autocast(window.current.gbuffer.device.type, enabled=False):
+        with torch.autocast(kind, enabled=False):
             made = compose(config, window, inputs, outputs)
         times.append(time.perf_counter())
         took = [after - before for before, after in pairwise(times)]

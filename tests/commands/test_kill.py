@@ -22,7 +22,7 @@ from rtsr_cli.core.files.exr import read_channels, read_header
 
 Run = Callable[..., Result]
 Files = Callable[[Path], dict[str, bytes]]
-KILLS, FRAMES, START_S = 20, 24, 30.0
+KILLS, FRAMES, START_S = 20, 24, 120.0
 
 SERVER = """
 import json, os, sys
@@ -52,8 +52,8 @@ def long_shot(small_shot: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return shot
 
 
-def started(shot: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "rtsr_cli", "upscale", str(shot), str(out), *options]
+def started(name: str, shot: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "rtsr_cli", name, str(shot), str(out), *options]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -141,6 +141,28 @@ def test_a_run_that_is_killed_again_and_again_ends_in_the_bytes_of_one_that_was_
     assert files_of(out) == expected
 
 
+@pytest.mark.parametrize("system", ["extranet", "warp-guided"])
+def test_an_extrapolation_that_is_killed_ends_in_the_bytes_of_one_that_was_not(
+    rtsr: Run, long_shot: Path, tmp_path: Path, files_of: Files, system: str
+) -> None:
+    shot, out = long_shot / "lr", tmp_path / "out"
+    result = rtsr("extrapolate", shot, tmp_path / "whole", "--system", system)
+    assert result.exit_code == 0, result.output
+    expected = files_of(tmp_path / "whole")
+    assert len(expected) == FRAMES // 2
+    process = started("extrapolate", shot, out, "--system", system)
+    wait_for_output(process, out, 2)
+    process.kill()
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert len(list(out.glob("*.exr"))) < len(expected)
+    for path in out.glob("*.exr"):
+        assert path.read_bytes() == expected[path.name]
+    result = rtsr("extrapolate", shot, out, "--system", system)
+    assert result.exit_code == 0, result.output
+    assert files_of(out) == expected
+
+
 def test_what_a_killed_run_left_half_written_is_removed(
     rtsr: Run, small_shot: Path, tmp_path: Path
 ) -> None:
@@ -161,7 +183,7 @@ def test_a_signal_ends_the_run_in_one_line_with_finished_frames_only(
     long_shot: Path, tmp_path: Path, sent: signal.Signals, code: int
 ) -> None:
     out = tmp_path / "out"
-    process = started(long_shot, out, "--system", "taau")
+    process = started("upscale", long_shot, out, "--system", "taau")
     wait_for_output(process, out, 3)
     process.send_signal(sent)
     signalled = time.monotonic()

@@ -98,6 +98,16 @@ def relight(window: FrameWindow, ages: dict[int, float]) -> FrameWindow:
     return FrameWindow(lr=tuple(frames), hr=window.hr, scale=window.scale)
 
 
+def test_half_precision_is_of_the_layers_alone(make_windows: MakeWindows) -> None:
+    window, network = make_windows(SYSTEM, 1, count=6)[-1], trained()
+    with torch.inference_mode():
+        whole = SYSTEM.predict(network, relight(window, {}), None)
+        with torch.autocast("cpu", torch.bfloat16):
+            half = SYSTEM.predict(network, relight(window, {}), None)
+    for seen in ("hole", "base"):
+        assert torch.equal(half.debug[seen], whole.debug[seen])
+
+
 def test_the_second_picture_is_of_the_frames_before_the_last(make_windows: MakeWindows) -> None:
     window = relight(make_windows(SYSTEM, 1, count=6)[-1], ages={3: 1.5, 5: 2.0})
     inputs = prepare(CONFIG, window)

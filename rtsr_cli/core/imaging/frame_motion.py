@@ -56,10 +56,15 @@ def chain_motion(frames: Sequence[Frame]) -> MotionPx:
     Args:
         frames: successive ones, newest first, two or more; all but the last hold motion.
     """
-    motion = sample_motion(frames[0], frames[1])
+    return chain_motions(frames)[-1]
+
+
+def chain_motions(frames: Sequence[Frame]) -> list[MotionPx]:
+    """`chain_motion` to each of the frames but the first, in turn."""
+    motions = [sample_motion(frames[0], frames[1])]
     for now, before in pairwise(frames[1:]):
-        motion, _ = compose_motion(motion, sample_motion(now, before))
-    return motion
+        motions.append(compose_motion(motions[-1], sample_motion(now, before))[0])
+    return motions
 
 
 def chain_motion_as_published(frames: Sequence[Frame]) -> MotionPx:

@@ -16,9 +16,10 @@ from itertools import product
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from rtsr_cli.core.imaging.surfaces import Surfaces, weigh_likeness
-from rtsr_cli.core.imaging.warping import bilinear_taps, inside_frame
+from rtsr_cli.core.imaging.warping import bilinear_places, inside_frame
 from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane, Size
 from rtsr_cli.core.threads import share_among_threads
 
@@ -37,8 +38,20 @@ ENOUGH = 0.3
 UNLIKE = 1e-10
 """Weight of all rings up to which no pixel of a surface is known: others are worse than none."""
 
-CHUNK_PIXELS = 1 << 14
-"""Holes that are filled at a time, a thread."""
+STEPS = tuple(s for s in product(range(-RING, RING + 1), repeat=2) if s != (0, 0))
+"""(down, across) of a ring's pixels, in its spacing."""
+
+MARGIN = RING * REACHES[-1]
+"""How far rings reach."""
+
+NEARNESS = tuple(math.exp(-(down * down + across * across) / 4.0) for down, across in STEPS)
+"""Their weights."""
+
+PIXELS_AT_ONCE = 1 << 14
+"""That are fetched by a thread."""
+
+HOLES_AT_ONCE = 1 << 11
+"""That are filled by a thread, from 24 pixels each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,66 +73,97 @@ def warp_along_surfaces(
     """Fetch past values where each pixel was, from its own surface alone.
 
     Args:
-        values: of the past frame, n c h w.
+        values: of the past frame, 1 c h w.
         motion_px: from the current samples to the past ones.
         own: surfaces of the current frame.
         past: of the past frame.
     """
     channels = values.shape[1]
-    packed = torch.cat([values, torch.ones_like(values[:, :1]), past.pack()], dim=1)
-    packed = packed.contiguous(memory_format=torch.channels_last)
-    total = torch.zeros_like(packed[:, : channels + 1])
-    for tap, weight in bilinear_taps(packed, motion_px):
-        likeness = weigh_likeness(own, tap[:, channels + 1 :]).mul_(weight)
-        total.addcmul_(tap[:, : channels + 1], likeness)
-    weight = total[:, channels:] * inside_frame(motion_px)
+    fetched = torch.cat([values, past.pack()], dim=1)[0].flatten(1)
+    taps = [(i.flatten(), w.flatten()) for i, w in bilinear_places(motion_px)]
+    total = fetched.new_zeros(channels + 1, fetched.shape[1])
+
+    def sum_chunk(chunk: slice) -> None:
+        surfaces, part = own.take(chunk), total[:, chunk]
+        for index, weight in taps:
+            tap = fetched.index_select(1, index[chunk])
+            likeness = weigh_likeness(surfaces, tap[None, channels:, None])[0, 0]
+            likeness.mul_(weight[chunk])
+            part[:channels].addcmul_(tap[:channels], likeness)
+            part[channels:].add_(likeness)
+
+    share_among_threads(sum_chunk, list(cut_chunks(fetched.shape[1], PIXELS_AT_ONCE)))
+    size = values.shape[2:]
+    summed, weight = total[None, :channels], total[None, channels:]
     return CarriedImage(
-        values=total[:, :channels] / total[:, channels:].clamp(min=1e-6), weight=weight
+        values=(summed / weight.clamp(min=1e-6)).unflatten(2, size),
+        weight=weight.unflatten(2, size) * inside_frame(motion_px),
     )
+
+
+def weigh_along_surfaces(motion_px: MotionPx, own: Surfaces, past: Surfaces) -> Plane:
+    """`CarriedImage.weight` of whatever is fetched."""
+    return warp_along_surfaces(own.kind[:, :0], motion_px, own, past).weight
+
+
+def cut_chunks(pixels: int, at_once: int) -> Iterator[slice]:
+    """Cut a row of pixels where what is computed of a part stays in the cache."""
+    return (slice(first, first + at_once) for first in range(0, pixels, at_once))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Pixels:
-    """Pixels of a frame as rows, in which neighbours are looked up.
+    """Pixels of a frame as planes of one row each, in which neighbours are looked up.
 
     Attributes:
-        rows: value, 1 where it is known, and `Surfaces.pack`; the last stands for what lies
-            outside.
-        planes: `Surfaces.plane` and `tolerance`.
-        size: (height, width).
+        planes: value, and `Surfaces.pack`.
+        own: surfaces.
+        kinds: `Surfaces.kind` where the value is known, else NaN, which is like nothing; with a
+            margin as wide as the farthest ring.
+        size: (height, width), without the margin.
         channels: of the value.
     """
 
-    rows: Tensor
     planes: Tensor
+    own: Surfaces
+    kinds: Tensor
     size: Size
     channels: int
 
-    def surfaces(self, index: Tensor) -> Surfaces:
-        """Surfaces of k pixels, as an image of one row."""
-        packed = self.rows[index, self.channels + 1 :].T[None, :, None]
-        planes = self.planes[index].T[None, :, None]
-        return Surfaces(
-            facing=packed[:, :4],
-            position=packed[:, 4:7],
-            plane=planes[:, :3],
-            tolerance=planes[:, 3:],
-            kind=packed[:, 7:],
-        )
+    def find_kin(self, index: Tensor, reach: int) -> Tensor:
+        """Which pixels of a ring around k pixels are known, and of the same kind: 24 k."""
+        width = self.size[1]
+        wide = width + 2 * MARGIN
+        place = (index // width + MARGIN) * wide + index % width + MARGIN
+        places = place + _list_steps(reach, wide, index.device)
+        return self.kinds.take(places) == self.kinds_of(index)
 
-    def neighbours(self, index: Tensor, reach: int) -> Iterator[tuple[Tensor, float]]:
-        """Index and nearness of each pixel of a ring around some."""
+    def kinds_of(self, index: Tensor) -> Tensor:
+        """Kind of k pixels, known or not."""
+        return self.planes[-1].index_select(0, index)
+
+    def sum_ring(self, index: Tensor, kin: Tensor, reach: int) -> Tensor:
+        """Weighted sums of the kin around k pixels, and of their weights: c+1 k.
+
+        Args:
+            index: of the pixels.
+            kin: `find_kin`.
+            reach: spacing of the ring.
+        """
         height, width = self.size
-        row, column = index // width, index % width
-        steps = range(-RING, RING + 1)
-        for down, across in product(steps, steps):
-            if down == across == 0:
-                continue
-            there_row, there_column = row + down * reach, column + across * reach
-            inside = (there_row >= 0) & (there_row < height)
-            inside &= (there_column >= 0) & (there_column < width)
-            there = torch.where(inside, there_row * width + there_column, height * width)
-            yield there, math.exp(-(down * down + across * across) / 4.0)
+        there = index + _list_steps(reach, width, index.device)
+        there.clamp_(0, height * width - 1)
+        fetched = self.planes.index_select(1, there.flatten()).unflatten(1, there.shape)
+        likeness = weigh_likeness(self.own.take(index), fetched[None, self.channels :])[0, 0]
+        likeness.mul_(kin).mul_(likeness.new_tensor(NEARNESS).unsqueeze(1))
+        values = (fetched[: self.channels] * likeness).sum(1)
+        return torch.cat([values, likeness.sum(0, keepdim=True)])
+
+
+def _list_steps(reach: int, width: int, device: torch.device) -> Tensor:
+    """How far the pixels of a ring lie behind its middle where rows follow each other, 24 1."""
+    steps = [reach * (down * width + across) for down, across in STEPS]
+    return torch.tensor(steps, device=device).unsqueeze(1)
 
 
 def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: Image) -> Image:
@@ -131,51 +175,43 @@ def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: 
         own: surfaces of the frame.
         fallback: 1 c h w, what stands where no pixel of a surface is known.
     """
-    filled = torch.where(holes > 0, fallback, values)[0].flatten(1)
-    index = holes.flatten().nonzero()[:, 0]
-    # a pixel's channels are one row: fetched at once
-    source = torch.cat([values * (1.0 - holes), 1.0 - holes, own.pack()], dim=1)
-    rows = source[0].flatten(1).T
+    marked = holes > 0
+    filled = torch.where(marked, fallback, values)[0].flatten(1)
+    index = marked.flatten().nonzero()[:, 0]
     pixels = _Pixels(
-        rows=torch.cat([rows, torch.zeros_like(rows[:1])]),
-        planes=torch.cat([own.plane, own.tolerance], dim=1)[0].flatten(1).T.contiguous(),
+        planes=torch.cat([values.masked_fill(marked, 0.0), own.pack()], dim=1)[0].flatten(1),
+        own=own,
+        kinds=pad(own.kind.masked_fill(marked, math.nan), [MARGIN] * 4, value=math.nan),
         size=(holes.shape[2], holes.shape[3]),
         channels=len(filled),
     )
 
-    def fill_chunk(start: int) -> None:
-        chunk = index[start : start + CHUNK_PIXELS]
+    def fill_chunk(part: slice) -> None:
+        chunk = index[part]
         found, known = _gather_rings(pixels, chunk)
-        filled[:, chunk[found]] = known.T
+        filled[:, chunk[found]] = known
 
-    share_among_threads(fill_chunk, range(0, len(index), CHUNK_PIXELS))
+    share_among_threads(fill_chunk, list(cut_chunks(len(index), HOLES_AT_ONCE)))
     return filled.view_as(values[0]).unsqueeze(0)
 
 
 def _gather_rings(pixels: _Pixels, index: Tensor) -> tuple[Tensor, Tensor]:
-    """Of some pixels those that were filled, as places in `index`, and their values, k c."""
-    total = pixels.rows.new_zeros(len(index), pixels.channels + 1)
-    open_places = torch.arange(len(index), device=index.device)
+    """Of some pixels those that were filled, as places in `index`, and their values, c k."""
+    total = pixels.planes.new_zeros(pixels.channels + 1, len(index))
+    still_open = torch.arange(len(index), device=index.device)
     share = 1.0
     for reach in REACHES:
-        ring = _sum_ring(pixels, index[open_places], reach)
-        total[open_places] += share * ring
-        open_places = open_places[ring[:, -1] < ENOUGH]
-        if not len(open_places):
+        kin = pixels.find_kin(index[still_open], reach)
+        seen = kin.any(0).nonzero()[:, 0]
+        places = still_open[seen]
+        ring = pixels.sum_ring(index[places], kin[:, seen], reach)
+        total[:, places] += share * ring
+        closed = torch.zeros_like(kin[0])
+        closed[seen] = ring[-1] >= ENOUGH
+        still_open = still_open[~closed]
+        if not len(still_open):
             break
         share *= RING_DECAY
-    found = (total[:, -1] > UNLIKE).nonzero()[:, 0]
-    known = total[found]
-    return found, known[:, :-1] / known[:, -1:]
-
-
-def _sum_ring(pixels: _Pixels, index: Tensor, reach: int) -> Tensor:
-    """Weighted sums of the known pixels around some, and of their weights: k c+1."""
-    own = pixels.surfaces(index)
-    values = pixels.channels + 1
-    total = pixels.rows.new_zeros(len(index), values)
-    for there, nearness in pixels.neighbours(index, reach):
-        row = pixels.rows.index_select(0, there)
-        likeness = weigh_likeness(own, row[:, values:].T[None, :, None])[0, 0, 0]
-        total.addcmul_(row[:, :values], likeness.mul_(nearness).unsqueeze(1))
-    return total
+    found = (total[-1] > UNLIKE).nonzero()[:, 0]
+    sums = total[:, found]
+    return found, sums[:-1] / sums[-1:]

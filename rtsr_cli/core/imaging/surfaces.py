@@ -11,7 +11,7 @@ plane in place of that of the positions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -58,6 +58,17 @@ class Surfaces:
     def pack(self) -> Image:
         """Return what another pixel is held against, n 8 h w: facing, position, kind."""
         return torch.cat([self.facing, self.position, self.kind], dim=1)
+
+    def take(self, pixels: Tensor | slice) -> Surfaces:
+        """Return the surfaces of some pixels, by index or in a row, as an image of one row."""
+
+        def pick(image: Tensor) -> Tensor:
+            planes = image[0].flatten(1)
+            if isinstance(pixels, slice):
+                return planes[None, :, None, pixels]
+            return planes.index_select(1, pixels)[None, :, None]
+
+        return Surfaces(**{f.name: pick(getattr(self, f.name)) for f in fields(self)})
 
     def widen(self, moving: Mask) -> Surfaces:
         """Return the same with the tolerance of what moves where `moving` is 1."""

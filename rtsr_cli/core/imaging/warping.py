@@ -109,10 +109,14 @@ def _nearest_index(motion_px: Tensor, axis: int) -> Tensor:
     return whole_pixels(motion_px[:, axis : axis + 1] + 0.5) + own_index(motion_px, axis)
 
 
-def _fetch(image: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """image[n, :, rows, columns] for index maps of shape n 1 h w."""
+def _place(rows: Tensor, columns: Tensor, width: int) -> Tensor:
+    """Index of pixels where rows follow each other."""
+    return torch.add(columns, rows, alpha=width)
+
+
+def _fetch(image: Tensor, index: Tensor) -> Tensor:
+    """Pixels of an image by index maps of `_place`, n 1 h w."""
     n, c, h, w = image.shape
-    index = torch.add(columns, rows, alpha=w)
     if c > 1 and image.is_contiguous(memory_format=torch.channels_last):
         # a pixel's channels are one row: fetched at once
         start = torch.arange(0, n * h * w, h * w, device=image.device).view(n, 1, 1, 1)
@@ -139,7 +143,7 @@ def fetch_nearest(image: AnyImage, motion_px: MotionPx) -> AnyImage:
     columns, rows = (
         _nearest_index(finite, axis).clamp(0, motion_px.shape[3 - axis] - 1) for axis in (0, 1)
     )
-    return _fetch(image, rows, columns)
+    return _fetch(image, _place(rows, columns, image.shape[3]))
 
 
 def _may_hold_nonfinite(image: Tensor) -> bool:
@@ -165,7 +169,7 @@ def _fetch_filtered(image: Tensor, motion_px: Tensor, mode: WarpMode) -> Tensor:
     drop_zero_weights = _may_hold_nonfinite(image)
 
     def fetch_row(row: Tensor) -> Tensor:
-        taps = ((_fetch(image, row, column), weight) for column, weight in columns)
+        taps = ((_fetch(image, _place(row, i, image.shape[3])), weight) for i, weight in columns)
         return _weighted_sum(taps, drop_zero_weights=drop_zero_weights)
 
     return _weighted_sum(
@@ -296,9 +300,15 @@ def dilate_motion(motion_px: MotionPx, depth_m: Plane, *, radius: int = 1) -> Mo
     return torch.where(best > nearness, dilated, motion_px)
 
 
-def bilinear_taps(image: AnyImage, motion_px: MotionPx) -> Iterator[tuple[AnyImage, Plane]]:
-    """(values, weight) of each of the four pixels that a bilinear fetch reads; any type."""
+def bilinear_places(motion_px: MotionPx) -> Iterator[tuple[Tensor, Plane]]:
+    """(index, weight) of each of the four pixels that a bilinear fetch reads, rows one by one."""
     columns, rows = (_axis_taps(_finite_motion(motion_px), axis, "bilinear") for axis in (0, 1))
     for row, row_weight in rows:
         for column, column_weight in columns:
-            yield _fetch(image, row, column), row_weight * column_weight
+            yield _place(row, column, motion_px.shape[3]), row_weight * column_weight
+
+
+def bilinear_taps(image: AnyImage, motion_px: MotionPx) -> Iterator[tuple[AnyImage, Plane]]:
+    """(values, weight) of each of the four pixels that a bilinear fetch reads; any type."""
+    for index, weight in bilinear_places(motion_px):
+        yield _fetch(image, index), weight

@@ -24,7 +24,7 @@ from rtsr_cli.core.imaging.surface_history import (
     fill_along_surfaces,
     warp_along_surfaces,
 )
-from rtsr_cli.core.imaging.surfaces import describe_surfaces, find_moving
+from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
 from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.lighting.lighting import decode_lighting, encode_lighting, lighting_scale_of
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
@@ -56,6 +56,8 @@ class PastLighting:
 
     Attributes:
         rendered: that frame.
+        encoded: e of it.
+        own: surfaces of the current frame.
         motion_px: from the current samples to its samples.
         carried: e where its surfaces are the current ones.
         holes: 1 where too little of it is.
@@ -63,6 +65,8 @@ class PastLighting:
     """
 
     rendered: Frame
+    encoded: Image
+    own: Surfaces
     motion_px: MotionPx
     carried: CarriedImage
     holes: Mask
@@ -94,6 +98,8 @@ def _carry_lighting(window: FrameWindow) -> PastLighting:
     guess = guess_quantity(rendered, motion, divided)
     return PastLighting(
         rendered=rendered,
+        encoded=encoded,
+        own=own,
         motion_px=motion,
         carried=carried,
         holes=holes,

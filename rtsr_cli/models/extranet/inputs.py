@@ -24,13 +24,13 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.camera_motion import find_camera_motion
 from rtsr_cli.core.imaging.derivation import DerivationConfig
 from rtsr_cli.core.imaging.frame_motion import (
-    chain_motion,
+    chain_motions,
     exposure_ratio,
     fill_by_occlusion,
     find_occlusion_motion,
     sample_motion,
 )
-from rtsr_cli.core.imaging.surface_history import warp_along_surfaces
+from rtsr_cli.core.imaging.surface_history import weigh_along_surfaces
 from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
 from rtsr_cli.core.imaging.warping import backward_warp, inside_frame
 from rtsr_cli.core.lighting.lighting import (
@@ -158,8 +158,7 @@ def measure_gain(now: Frame, rendered: Frame, scale: Tensor) -> Color:
 
 def move_history(window: FrameWindow, past: PastLighting) -> tuple[tuple[Image, Mask] | None, ...]:
     """`PastPictures.moved` by likeness of surfaces."""
-    now, rendered = window.current, past.rendered
-    own = describe_surfaces(now, find_divided(now))
+    rendered, own = past.rendered, past.own
     scale = lighting_scale_of(rendered)
     moved: list[tuple[Image, Mask] | None] = []
     for place, motion in zip(PLACES, find_past_motions(window, own), strict=False):
@@ -167,15 +166,15 @@ def move_history(window: FrameWindow, past: PastLighting) -> tuple[tuple[Image, 
         if Buffer.COLOR not in then.gbuffer:
             moved.append(None)
             continue
-        encoded = encode_past(then, rendered, scale)
-        image, _ = backward_warp(encoded, motion)
         if then is rendered:
-            mask = 1.0 - past.holes
+            encoded, mask = past.encoded, 1.0 - past.holes
         else:
+            encoded = encode_past(then, rendered, scale)
             surfaces = describe_surfaces(then, then.gbuffer[Buffer.LIGHTING_MASK])
             wide = own.widen(find_moving(own, motion, then))
-            weight = warp_along_surfaces(encoded, motion, wide, surfaces).weight
+            weight = weigh_along_surfaces(motion, wide, surfaces)
             mask = (weight >= LEAST_WEIGHT).to(weight)
+        image, _ = backward_warp(encoded, motion)
         moved.append((image * inside_frame(motion), mask))
     return tuple(moved)
 
@@ -189,7 +188,8 @@ def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
     frames = window.lr
     moving = find_moving(own, sample_motion(frames[0], frames[1]), frames[1])
     stands = (moving < 0.5) & (own.facing[:, 3:] < 0.5)
-    motions = [chain_motion(frames[: place + 1]) for place in PLACES if place < len(frames)]
+    chained = chain_motions(frames[: PLACES[-1] + 1])
+    motions = [chained[place - 1] for place in PLACES if place < len(frames)]
     for i, place in enumerate(PLACES[1 : len(motions)], start=1):
         camera_px = find_camera_motion(own.position, frames[place])
         if camera_px is not None:
@@ -199,13 +199,11 @@ def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
 
 def warp_lighting(past: PastLighting) -> Image:
     """e of the last rendered frame along the vectors, whatever surface it is of; 0 outside."""
-    encoded = encode_past(past.rendered, past.rendered, lighting_scale_of(past.rendered))
-    return backward_warp(encoded, past.motion_px)[0] * inside_frame(past.motion_px)
+    return backward_warp(past.encoded, past.motion_px)[0] * inside_frame(past.motion_px)
 
 
 def fill_holes_by_occlusion(window: FrameWindow, past: PastLighting) -> Image:
     """Carried e, and in holes what lay beside the surface that hid them   [Zeng et al. 2021]."""
-    encoded = encode_past(past.rendered, past.rendered, lighting_scale_of(past.rendered))
     occlusion = find_occlusion_motion(window.lr[:2], past.motion_px)
-    beside = fill_by_occlusion(encoded, past.motion_px, occlusion, past.holes)
+    beside = fill_by_occlusion(past.encoded, past.motion_px, occlusion, past.holes)
     return torch.where(past.holes > 0.5, beside, past.carried.values)
