@@ -93,11 +93,10 @@ def warp_along_surfaces(
             part[channels:].add_(likeness)
 
     share_among_threads(sum_chunk, list(cut_chunks(fetched.shape[1], PIXELS_AT_ONCE)))
-    size = values.shape[2:]
     summed, weight = total[None, :channels], total[None, channels:]
     return CarriedImage(
-        values=(summed / weight.clamp(min=1e-6)).unflatten(2, size),
-        weight=weight.unflatten(2, size) * inside_frame(motion_px),
+        values=(summed / weight.clamp(min=1e-6)).view_as(values),
+        weight=weight.view_as(own.kind) * inside_frame(motion_px),
     )
 
 
@@ -153,7 +152,7 @@ class _Pixels:
         height, width = self.size
         there = index + _list_steps(reach, width, index.device)
         there.clamp_(0, height * width - 1)
-        fetched = self.planes.index_select(1, there.flatten()).unflatten(1, there.shape)
+        fetched = self.planes.index_select(1, there.flatten()).view(-1, *there.shape)
         likeness = weigh_likeness(self.own.take(index), fetched[None, self.channels :])[0, 0]
         likeness.mul_(kin).mul_(likeness.new_tensor(NEARNESS).unsqueeze(1))
         values = (fetched[: self.channels] * likeness).sum(1)
