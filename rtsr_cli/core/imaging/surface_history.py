@@ -152,7 +152,7 @@ class _Pixels:
         height, width = self.size
         there = index + _list_steps(reach, width, index.device)
         there.clamp_(0, height * width - 1)
-        fetched = self.planes.index_select(1, there.flatten()).view(-1, *there.shape)
+        fetched = self.planes.index_select(1, there.flatten()).view(len(self.planes), *there.shape)
         likeness = weigh_likeness(self.own.take(index), fetched[None, self.channels :])[0, 0]
         likeness.mul_(kin).mul_(likeness.new_tensor(NEARNESS).unsqueeze(1))
         values = (fetched[: self.channels] * likeness).sum(1)
