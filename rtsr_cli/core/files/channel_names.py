@@ -78,8 +78,8 @@ def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
     the view stands before the last component: `normal.left.X`. Names that are then there twice
     take the name of their part in any case.
     """
-    if len(parts) == 1:
-        return [{channel: channel for channel in parts[0].channels}]
+    if len(parts) < 2:
+        return [{channel: channel for channel in part.channels} for part in parts]
     several = len({part.view for part in parts if part.view}) > 1
     first = "" if _holds_sample(parts[0], parts[1:]) else parts[0].base
     named = [
