@@ -44,8 +44,7 @@ from rtsr_cli.core.run.system_inputs import resolve_system_inputs
 from rtsr_cli.core.system import FrameWindow
 from rtsr_cli.models import load_system
 from rtsr_cli.models.cgts.config import CgtsConfig
-from rtsr_cli.models.cgts.inputs import prepare
-from rtsr_cli.models.cgts.network import CgtsState, carry_history
+from rtsr_cli.models.cgts.inputs import CgtsState, carry_history, prepare
 
 SYSTEMS = ("bicubic", "taau", "cgts")
 ORACLE = "oracle"

@@ -21,7 +21,7 @@ from rtsr_cli.core.pairs.simulation import average_samples
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models import load_system
 from rtsr_cli.models.cgts.config import CgtsConfig, CgtsLoss, Stage
-from rtsr_cli.models.cgts.inputs import prepare
+from rtsr_cli.models.cgts.inputs import CgtsState, carry_history, prepare
 from rtsr_cli.models.cgts.loss import (
     ALIASING_ORDER,
     GHOSTING_ORDER,
@@ -33,9 +33,7 @@ from rtsr_cli.models.cgts.loss import (
 from rtsr_cli.models.cgts.network import (
     CLASSIFIED_CHANNELS,
     CgtsNetwork,
-    CgtsState,
     Classifier,
-    carry_history,
 )
 
 SYSTEM = load_system("cgts")

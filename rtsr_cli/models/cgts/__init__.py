@@ -30,10 +30,10 @@ from rtsr_cli.core.system import (
     TrainingRecipe,
     neural_predict,
 )
-from rtsr_cli.models.cgts.config import UNROLLED_FRAMES, CgtsConfig
+from rtsr_cli.models.cgts.config import CLASSES, UNROLLED_FRAMES, CgtsConfig
 from rtsr_cli.models.cgts.inputs import prepare
 from rtsr_cli.models.cgts.loss import goal, loss
-from rtsr_cli.models.cgts.network import CLASSES, CgtsNetwork
+from rtsr_cli.models.cgts.network import CgtsNetwork
 
 PREROLL_FRAMES = 16
 """What a shard replays: the counter is shown up to as many frames."""

@@ -14,6 +14,9 @@ from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import Tensors
 
+CLASSES = 3
+"""Of ghosting: visibility, shading, none; of aliasing: geometry, texture, none."""
+
 UNROLLED_FRAMES = 8
 """Successive frames of a training sample."""
 
@@ -35,7 +38,7 @@ class CgtsSurroundings:
         enlarge: (LR frame, scale) -> its colour at the output's size, tone-mapped, and how many
             samples every pixel of it is worth.
         signals: what the composition network sees beside the published 14 channels.
-        see: (what `SIGNALS` are made of) -> these channels, n signals h w.
+        see: (frame and carried history, by name) -> these channels, n signals h w.
         start: (worth of the frame's colour, of the history) -> logit of the frame's weight that the
             network corrects.
     """

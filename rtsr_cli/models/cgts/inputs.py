@@ -1,4 +1,4 @@
-"""What is made of a frame alone: its colour, depth and motion at the output's size.
+"""What the networks see: of the frame alone, and of the history that is carried to it.
 
 color     3   c / (1 + c), un-jittered
 worth     1   samples that a pixel of it is worth
@@ -6,11 +6,14 @@ depth     1   D = 1 / z of the nearest sample, sky 0
 motion    2   of the nearest sample, widened, output pixels
 reactive  1   1 where history is not to be trusted; 0 where no such buffer is there
 exposure  1   pre-exposure, n 1 1 1
+
+Colours are c / (1 + c), all is of the output's size, history moves along (x, y) + motion.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -18,7 +21,12 @@ from torch import Tensor
 from rtsr_cli.core.choices import Preset
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.auxiliary_buffers import enlarge_depth, enlarge_motion
+from rtsr_cli.core.imaging.auxiliary_buffers import (
+    enlarge_depth,
+    enlarge_motion,
+    measure_depth_difference,
+)
+from rtsr_cli.core.imaging.color import relight_reinhard
 from rtsr_cli.core.imaging.resampling import repeat_samples
 from rtsr_cli.core.imaging.sample_splats import (
     encode_samples,
@@ -26,9 +34,10 @@ from rtsr_cli.core.imaging.sample_splats import (
     interpolate_samples,
     splat_samples,
 )
-from rtsr_cli.core.shapes import Color, Image, MotionPx, Plane
+from rtsr_cli.core.imaging.warping import backward_warp, fetch_nearest
+from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
-from rtsr_cli.models.cgts.config import CgtsConfig, CgtsSurroundings
+from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, CgtsSurroundings
 from rtsr_cli.models.cgts.published import PUBLISHED
 
 SAMPLE_SIGMA_PX = 0.4
@@ -45,6 +54,9 @@ LEAST_HISTORY = 0.05
 
 FASTEST_PX = 8.0
 """Motion beyond which nothing more is told of it."""
+
+CERTAIN = 4.0
+"""Logit of visibility ghosting where nothing is known of the frame before."""
 
 SIGNALS = 5
 """Channels of `see_signals`."""
@@ -121,3 +133,107 @@ def _enlarge_reactive(frame: Frame, scale: int, *, like: Plane) -> Tensor:
     if reactive is None:
         return torch.zeros_like(like)
     return repeat_samples(reactive.clamp(0.0, 1.0), scale, frame.camera.jitter_px)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CgtsState:
+    """What one frame leaves to the next.
+
+    Attributes:
+        color: output, c / (1 + c).
+        counter: frames that it holds.
+        worth: samples that it is worth.
+        span: range of colours, smallest then largest, n 6 h w.
+        depth: D.
+        logits: n 6 h w, before softmax.
+        exposure: n 1 1 1.
+        linked: frames that gradients reach back through.
+    """
+
+    color: Color
+    counter: Plane
+    worth: Plane
+    span: Image
+    depth: Plane
+    logits: Image
+    exposure: Tensor
+    linked: int
+
+    def detached(self) -> CgtsState:
+        """Return the same state, where gradients end."""
+        kept = {name: value.detach() for name, value in vars(self).items() if name != "linked"}
+        return CgtsState(**kept, linked=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarriedHistory:
+    """The state where each pixel was.
+
+    Attributes:
+        color, counter, worth, span, logits: of the state, at x + V(x).
+        difference: of depth.
+        inside: 1 where there is any.
+    """
+
+    color: Color
+    counter: Plane
+    worth: Plane
+    span: Image
+    logits: Image
+    difference: Plane
+    inside: Mask
+
+
+def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> CarriedHistory:
+    """Fetch the state where each pixel was; colours by Catmull-Rom, logits bilinearly.
+
+    Counter, worth, range and depth are those of the nearest pixel. Where there is no history, the
+    frame stands for it, and its logits say so.
+
+    Args:
+        before: the state; None at a reset.
+        inputs: of the frame.
+        own: range of its colours.
+    """
+    color, depth, motion = inputs["color"], inputs["depth"], inputs["motion"]
+    if before is None:
+        nothing = torch.zeros_like(depth)
+        return CarriedHistory(
+            color=color,
+            counter=nothing,
+            worth=nothing,
+            span=own,
+            logits=_doubt_history(depth),
+            difference=nothing + 1.0,
+            inside=nothing,
+        )
+    gain = inputs["exposure"] / before.exposure
+    fetched, inside = backward_warp(before.color.to(color.dtype), motion, mode="bicubic")
+    fetched = fetched.clamp(0.0, 1.0)
+    logits, _ = backward_warp(before.logits, motion)
+    planes = torch.cat([before.counter, before.worth, before.depth], dim=1)
+    nearest = fetch_nearest(planes, motion)
+    span = fetch_nearest(before.span.to(color.dtype), motion)
+    if bool((gain != 1.0).any()):
+        fetched, span = relight_reinhard(fetched, gain), relight_reinhard(span, gain)
+    shown = inside > 0
+    return CarriedHistory(
+        color=torch.where(shown, fetched, color),
+        counter=nearest[:, :1] * inside,
+        worth=nearest[:, 1:2] * inside,
+        span=torch.where(shown, span, own),
+        logits=torch.where(shown, logits, _doubt_history(depth)),
+        difference=measure_depth_difference(depth, nearest[:, 2:], inside),
+        inside=inside,
+    )
+
+
+def _doubt_history(like: Plane) -> Image:
+    """Logits that say visibility ghosting, and nothing of aliasing."""
+    return torch.cat(
+        [
+            like.new_full(like.shape, CERTAIN),
+            like.new_zeros(like.shape).expand(-1, 2 * CLASSES - 1, -1, -1),
+        ],
+        dim=1,
+    )

@@ -24,9 +24,8 @@ from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.lighting.lighting import batch_masked_mean
 from rtsr_cli.core.shapes import Image, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
-from rtsr_cli.models.cgts.config import CgtsConfig, CgtsLoss, Stage
+from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, CgtsLoss, Stage
 from rtsr_cli.models.cgts.inputs import find_motion
-from rtsr_cli.models.cgts.network import CLASSES
 
 GHOSTING_ORDER = (Ghosting.VISIBILITY, Ghosting.SHADING, Ghosting.NONE)
 ALIASING_ORDER = (Aliasing.GEOMETRY, Aliasing.TEXTURE, Aliasing.NONE)

@@ -4,15 +4,13 @@ Guo et al., "Classifier Guided Temporal Supersampling for Real-time Rendering", 
 Forum 41(7), 2022, supplement, section 1. The classifier works on half the output's size, over four
 scales; the composition pixel by pixel.
 
-Conventions: `CgtsState` is all that goes from frame to frame, at the output's size; colours are
-c / (1 + c), history moves along (x, y) + motion.
+Conventions: those of `inputs`, whose `CgtsState` is all that goes from frame to frame.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
 from typing import cast
 
 import torch
@@ -21,26 +19,20 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.imaging.auxiliary_buffers import (
     count_frames,
-    measure_depth_difference,
     merge_range,
     span_colors,
 )
-from rtsr_cli.core.imaging.color import relight_reinhard
 from rtsr_cli.core.imaging.row_strips import cut_pixels
-from rtsr_cli.core.imaging.warping import backward_warp, fetch_nearest
-from rtsr_cli.core.shapes import Color, Image, Mask, Plane
+from rtsr_cli.core.shapes import Image, Plane
 from rtsr_cli.core.system import State, Tensors
-from rtsr_cli.models.cgts.config import CgtsConfig, Stage
-from rtsr_cli.models.cgts.inputs import SURROUNDINGS
+from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, Stage
+from rtsr_cli.models.cgts.inputs import SURROUNDINGS, CarriedHistory, CgtsState, carry_history
 
 CLASSIFIED_CHANNELS = 20
 """Colour 3, depth 1, motion 2, counter 1, range 6, depth difference 1, logits 6."""
 
 COMPOSED_CHANNELS = 14
 """Logits 6, counter 1, depth difference 1, colour 3, history 3."""
-
-CLASSES = 3
-"""Of ghosting: visibility, shading, none; of aliasing: geometry, texture, none."""
 
 WIDTHS = (32, 64, 128, 256)
 """Filters of the four scales."""
@@ -60,9 +52,6 @@ MOST_FRAMES = 16.0
 MOTION_UNIT_PX, MOST_MOTION = 16.0, 4.0
 """What a motion of 1 is for the classifier, and the largest one."""
 
-CERTAIN = 4.0
-"""Logit of visibility ghosting where nothing is known of the frame before."""
-
 MOST_LOGIT = 10.0
 """Bound of the logits that go on to the next frame."""
 
@@ -71,55 +60,6 @@ MOST_WORTH = 1e3
 
 STRIP_PIXELS = 1 << 14
 """Pixels of a strip in which weights are computed: what 64 channels of them take stays cached."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CgtsState:
-    """What one frame leaves to the next.
-
-    Attributes:
-        color: output, c / (1 + c).
-        counter: frames that it holds.
-        worth: samples that it is worth.
-        span: range of colours, smallest then largest, n 6 h w.
-        depth: D.
-        logits: n 6 h w, before softmax.
-        exposure: n 1 1 1.
-        linked: frames that gradients reach back through.
-    """
-
-    color: Color
-    counter: Plane
-    worth: Plane
-    span: Image
-    depth: Plane
-    logits: Image
-    exposure: Tensor
-    linked: int
-
-    def detached(self) -> CgtsState:
-        """Return the same state, where gradients end."""
-        kept = {name: value.detach() for name, value in vars(self).items() if name != "linked"}
-        return CgtsState(**kept, linked=0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CarriedHistory:
-    """The state where each pixel was.
-
-    Attributes:
-        color, counter, worth, span, logits: of the state, at x + V(x).
-        difference: of depth.
-        inside: 1 where there is any.
-    """
-
-    color: Color
-    counter: Plane
-    worth: Plane
-    span: Image
-    logits: Image
-    difference: Plane
-    inside: Mask
 
 
 def make_scale(channels_in: int, channels: int) -> nn.Sequential:
@@ -348,61 +288,6 @@ def find_hidden(logits: Image) -> Tensor:
     """True where visibility ghosting is the likeliest kind."""
     visibility, others = logits[:, :1], logits[:, 1:CLASSES]
     return visibility >= others.amax(1, keepdim=True)
-
-
-def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> CarriedHistory:
-    """Fetch the state where each pixel was; colours by Catmull-Rom, logits bilinearly.
-
-    Counter, worth, range and depth are those of the nearest pixel. Where there is no history, the
-    frame stands for it, and its logits say so.
-
-    Args:
-        before: the state; None at a reset.
-        inputs: of the frame.
-        own: range of its colours.
-    """
-    color, depth, motion = inputs["color"], inputs["depth"], inputs["motion"]
-    if before is None:
-        nothing = torch.zeros_like(depth)
-        return CarriedHistory(
-            color=color,
-            counter=nothing,
-            worth=nothing,
-            span=own,
-            logits=_doubt_history(depth),
-            difference=nothing + 1.0,
-            inside=nothing,
-        )
-    gain = inputs["exposure"] / before.exposure
-    fetched, inside = backward_warp(before.color.to(color.dtype), motion, mode="bicubic")
-    fetched = fetched.clamp(0.0, 1.0)
-    logits, _ = backward_warp(before.logits, motion)
-    planes = torch.cat([before.counter, before.worth, before.depth], dim=1)
-    nearest = fetch_nearest(planes, motion)
-    span = fetch_nearest(before.span.to(color.dtype), motion)
-    if bool((gain != 1.0).any()):
-        fetched, span = relight_reinhard(fetched, gain), relight_reinhard(span, gain)
-    shown = inside > 0
-    return CarriedHistory(
-        color=torch.where(shown, fetched, color),
-        counter=nearest[:, :1] * inside,
-        worth=nearest[:, 1:2] * inside,
-        span=torch.where(shown, span, own),
-        logits=torch.where(shown, logits, _doubt_history(depth)),
-        difference=measure_depth_difference(depth, nearest[:, 2:], inside),
-        inside=inside,
-    )
-
-
-def _doubt_history(like: Plane) -> Image:
-    """Logits that say visibility ghosting, and nothing of aliasing."""
-    return torch.cat(
-        [
-            like.new_full(like.shape, CERTAIN),
-            like.new_zeros(like.shape).expand(-1, 2 * CLASSES - 1, -1, -1),
-        ],
-        dim=1,
-    )
 
 
 def _show_counter(counter: Plane) -> Plane:
