@@ -51,8 +51,21 @@ def test_an_edge_stays_where_it_is_whatever_the_jitter(offset: tuple[int, int]) 
     assert 32.0 - float(nearest[0, 0, 8].sum()) == pytest.approx(15.0, abs=1.01)
 
 
+@pytest.mark.parametrize(("jitter", "column"), [(0.25, 1), (-0.25, 0)])
+def test_a_sample_counts_where_it_lies(jitter: float, column: int) -> None:
+    """Samples a quarter of an LR pixel off its centre lie on every second output pixel."""
+    color = torch.rand(1, 3, 6, 6, generator=torch.Generator().manual_seed(2))
+    offset = (jitter, jitter)
+    summed, weight = splat_samples(color, offset, SCALE, sigma_px=0.4)
+    between = interpolate_samples(color, offset, SCALE, a=-0.75)
+    own = (..., slice(column, None, 2), slice(column, None, 2))
+    assert float(weight[own].min()) > 0.99
+    assert float(weight[..., 1 - column :: 2, :].max()) < 0.1
+    torch.testing.assert_close(summed[own], color, atol=0.05, rtol=0.0)
+    torch.testing.assert_close(between[own], color)
+
+
 def test_over_all_jitters_the_edge_is_in_the_middle() -> None:
-    """A wrong sign of the jitter moves the mean edge by up to a pixel."""
     for column in (13.0, 14.5, 16.0):
         ends = []
         for offset in OFFSETS:

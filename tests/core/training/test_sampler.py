@@ -1,4 +1,4 @@
-"""Samples of frames smaller than a crop: a batch is of one size, whatever the frames' shapes."""
+"""Samples: batches of one size, whatever the frames' shapes; what goals see of several frames."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from dataclasses import replace
 import pytest
 from torch import Tensor
 
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.system import FrameWindow
 from rtsr_cli.core.training.augmentation import NO_AUGMENTATION
 from rtsr_cli.core.training.clips import Clip
 from rtsr_cli.core.training.config import TrainingConfig
@@ -56,6 +59,29 @@ def test_the_defaults_of_every_system_take_frames_of_any_shape(clip: Clip, name:
     assert len({sample.region.size for sample in samples}) == 1
     batch = stack_samples([sample.steps for sample in samples])
     assert all(len(t) == 6 for step in batch for t in (*step.inputs.values(), *step.goal.values()))
+
+
+def test_goals_see_all_samples_of_a_frame_and_of_the_one_before(clip: Clip) -> None:
+    """The first frame of a sample has none before it, whatever the clip holds."""
+    settings = resolve_sources(load_system("cgts"), [])
+    task = make_task(settings.system, settings.network, settings.training)
+    seen: list[tuple[int, ...]] = []
+
+    def goal(config: object, window: FrameWindow, reference: Frame) -> dict[str, Tensor]:
+        del config
+        height, width = reference.size
+        assert all(c.size == (2 * height, 2 * width) for c in window.captures)
+        assert window.captures[0].number == window.current.number
+        seen.append(tuple(c.number for c in window.captures))
+        return {"color": reference.gbuffer[Buffer.COLOR]}
+
+    learning = replace(task.learning, goal=goal)
+    task = replace(task, system=replace(task.system, learning=learning))
+    clips = [lengthen(clip, learning.unroll)]
+    SampleDrawer(clips, task, replace(settings.training, seed=5)).make(0)
+    first = seen[0][0]
+    later = [(n, n - 1) for n in range(first + 1, first + learning.unroll)]
+    assert seen == [(first,), *later]
 
 
 def test_samples_that_may_be_turned_are_square_and_fit_all_frames(
