@@ -44,6 +44,7 @@ ROWS = (
     SystemRow(name="bicubic", module="bicubic", rank=7),
     SystemRow(name="demod-bicubic", module="bicubic", rank=4),
     SystemRow(name="demod-guided", module="guided", rank=3),
+    SystemRow(name="demod-temporal", module="temporal", when=(InputCondition.TRUSTED_MOTION,)),
     SystemRow(
         name="taau",
         module="taau",

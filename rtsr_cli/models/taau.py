@@ -29,6 +29,13 @@ from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.frames.vector_length import vector_length
 from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
+from rtsr_cli.core.imaging.color_neighbourhood import (
+    clip_to_neighbourhood,
+    from_ycocg,
+    mean_3x3,
+    measure_neighbourhood,
+    to_ycocg,
+)
 from rtsr_cli.core.imaging.disocclusion import bound_depth, depth_slope
 from rtsr_cli.core.imaging.resampling import (
     BILINEAR,
@@ -125,23 +132,6 @@ class TaauState:
         samples = replace(self.samples, depth_m=self.samples.depth_m.to(dtype))
         color, count = self.color_tonemapped.to(dtype), self.count.to(dtype)
         return replace(self, color_tonemapped=color, count=count, samples=samples)
-
-
-def to_ycocg(color: Color) -> Image:
-    """Y = (R + 2G + B) / 4, Co = (R - B) / 2, Cg = (2G - R - B) / 4 [Malvar and Sullivan 2003]."""
-    r, g, b = color.split_with_sizes([1, 1, 1], dim=1)
-    return torch.cat([(r + 2.0 * g + b) / 4.0, (r - b) / 2.0, (2.0 * g - r - b) / 4.0], dim=1)
-
-
-def from_ycocg(image: Image) -> Color:
-    """R = Y + Co - Cg, G = Y + Cg, B = Y - Co - Cg."""
-    y, co, cg = image.split_with_sizes([1, 1, 1], dim=1)
-    return torch.cat([y + co - cg, y + cg, y - co - cg], dim=1)
-
-
-def mean_3x3(image: Image) -> Image:
-    """Mean of the 3x3 neighbourhood, borders replicated."""
-    return F.avg_pool2d(F.pad(image, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
 
 
 def find_rejected(now: LrSamples, before: LrSamples, depth_tolerance: float) -> Mask:
@@ -261,24 +251,11 @@ def judge_history(
 
     trust = keep * still * (count / config.trusted_count).clamp(max=1.0)
     deviations = config.clip_moving + (config.clip_still - config.clip_moving) * trust
-    clipped = clip_to_neighbourhood(history, colors, deviations, scale, jitter_px)
+    around = measure_neighbourhood(colors, scale, jitter_px)
+    clipped = clip_to_neighbourhood(history, around, deviations)
     alone = config.prior_weight * (1.0 - count.clamp(max=1.0))
     prior_weight = torch.lerp(torch.full_like(still, config.moving_prior_weight), alone, still)
     return from_ycocg(clipped).clamp_(0.0, samples.brightest), count, prior_weight
-
-
-def clip_to_neighbourhood(
-    history: Image, colors: Image, deviations: Plane, scale: int, jitter_px: Jitter
-) -> Image:
-    """Hold history within so many standard deviations of the 3x3 samples' mean [Salvi 2016]."""
-    mean = mean_3x3(colors)
-    deviation = (mean_3x3(colors.square()) - mean.square()).clamp(min=0.0).sqrt()
-    stacked = torch.cat([mean, deviation], dim=1)
-    centre, reach = upsample(stacked, scale, jitter_px, kernel=BILINEAR).split_with_sizes(
-        [3, 3], dim=1
-    )
-    reach = reach * deviations
-    return torch.minimum(torch.maximum(history, centre - reach), centre + reach)
 
 
 def _adjust_exposure(state: TaauState, pre_exposure: float) -> Color:

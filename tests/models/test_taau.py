@@ -9,6 +9,12 @@ import pytest
 import torch
 
 from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
+from rtsr_cli.core.imaging.color_neighbourhood import (
+    clip_to_neighbourhood,
+    from_ycocg,
+    measure_neighbourhood,
+    to_ycocg,
+)
 from rtsr_cli.core.imaging.resampling import decimate, halton_offset, sample_jitter
 from rtsr_cli.core.imaging.sample_splats import splat_samples
 from rtsr_cli.models.taau import (
@@ -16,10 +22,7 @@ from rtsr_cli.models.taau import (
     TaauConfig,
     accumulate,
     change_of_samples,
-    clip_to_neighbourhood,
     find_rejected,
-    from_ycocg,
-    to_ycocg,
 )
 
 SCALE = 2
@@ -132,7 +135,8 @@ def test_residuals_of_one_sign_are_a_change_and_of_both_are_aliasing() -> None:
 def test_clipping_bounds_history_by_the_neighbourhood() -> None:
     colors = torch.full((1, 3, 4, 4), 0.5)
     history = torch.full((1, 3, 8, 8), 0.9)
-    clipped = clip_to_neighbourhood(history, colors, torch.ones(1, 1, 8, 8), SCALE, (0.0, 0.0))
+    around = measure_neighbourhood(colors, SCALE, (0.0, 0.0))
+    clipped = clip_to_neighbourhood(history, around, torch.ones(1, 1, 8, 8))
     torch.testing.assert_close(clipped, torch.full((1, 3, 8, 8), 0.5))
 
 

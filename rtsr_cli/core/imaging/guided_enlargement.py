@@ -133,6 +133,38 @@ def upsample_guided(
         scale: S.
         fallback: n c S*h S*w; what stands where no sample fits.
     """
+    return _enlarge(values, mask, small, large, scale=scale, fallback=fallback, fit=None)
+
+
+def upsample_guided_and_fit(
+    values: Image,
+    mask: Mask,
+    small: SurfaceGuides,
+    large: SurfaceGuides,
+    *,
+    scale: int,
+    fallback: Image,
+) -> tuple[Image, Plane]:
+    """`upsample_guided`, and how well the best sample of each output pixel fits.
+
+    fit(p) = max_q w(p, q) m(q),   1 where p is a sample itself
+    """
+    fit = torch.zeros_like(large.depth)
+    enlarged = _enlarge(values, mask, small, large, scale=scale, fallback=fallback, fit=fit)
+    return enlarged, fit
+
+
+def _enlarge(
+    values: Image,
+    mask: Mask,
+    small: SurfaceGuides,
+    large: SurfaceGuides,
+    *,
+    scale: int,
+    fallback: Image,
+    fit: Plane | None,
+) -> Image:
+    """Enlarge, and write into `fit` how well the best sample fits where that is asked for."""
     count, _, height, width = values.shape
     samples = _widen(
         [values * mask, mask, _LOG2_E * FACING * small.normal, small.depth.clamp(max=MAX_DEPTH)],
@@ -145,8 +177,9 @@ def upsample_guided(
     def enlarge_strip(top: int) -> None:
         bottom = min(height, top + rows)
         around = samples[:, :, top : bottom + 2 * REACH]
-        total = _weigh_samples(around, _guides(large, top * scale, bottom * scale, scale), taps)
         here = slice(top * scale, bottom * scale)
+        best = None if fit is None else fit[:, :, here]
+        total = _weigh_samples(around, _guides(large, here.start, here.stop, scale), taps, best)
         total = total.flatten(2, 3)
         sums = total[:, :-1].add_(fallback[:, :, here], alpha=FALLBACK_WEIGHT)
         torch.div(sums, total[:, -1:].add_(FALLBACK_WEIGHT), out=enlarged[:, :, here])
@@ -206,10 +239,13 @@ def _guides(large: SurfaceGuides, first: int, last: int, scale: int) -> _Guides:
     )
 
 
-def _weigh_samples(samples: Image, guides: _Guides, taps: Iterable[_Tap]) -> Tensor:
+def _weigh_samples(
+    samples: Image, guides: _Guides, taps: Iterable[_Tap], best: Plane | None
+) -> Tensor:
     """Return sums over the samples, of each channel times weight and of weights.
 
-    Exponents are of 2, which costs half of what those of e cost.
+    The largest weight goes into `best`. Exponents are of 2, which costs half of what those of e
+    cost.
     """
     n_x, n_y, n_z = guides.normal
     per_depth, slope = guides.per_depth, guides.slope
@@ -218,6 +254,7 @@ def _weigh_samples(samples: Image, guides: _Guides, taps: Iterable[_Tap]) -> Ten
     own_depth = per_depth.new_full((1, 1, 1, 1, 1), _LOG2_E / DEPTH_SHARE)
     total = per_depth.new_zeros(count, channels, rows, scale, width)
     power, apart = torch.empty_like(per_depth), torch.empty_like(per_depth)
+    largest = None if best is None else best.view_as(per_depth)
     for tap in taps:
         there = samples[:, :, tap.top : tap.top + rows, None, tap.left : tap.left + width]
         counted, x, y, z, depth = torch.split(there, [channels, 1, 1, 1, 1], dim=1)
@@ -227,6 +264,8 @@ def _weigh_samples(samples: Image, guides: _Guides, taps: Iterable[_Tap]) -> Ten
         torch.addcmul(own_depth, depth, per_depth, value=-1.0, out=apart)
         apart.abs_().addcmul_(slope, tap.distance, value=-1.0).clamp_(min=0.0)
         total.addcmul_(power.sub_(apart).exp2_(), counted)
+        if largest is not None:
+            torch.maximum(largest, power.mul_(counted[:, -1:]), out=largest)
     return total
 
 

@@ -131,22 +131,41 @@ def enlarge_lighting(window: FrameWindow, base: EnlargementBase) -> Color:
     Where a G-buffer has no normals or no depth, the cubic one.
     """
     frame, scale = window.current, window.scale
-    encoded = encode_lighting(frame.gbuffer[Buffer.LIGHTING], lighting_scale_of(frame))
+    encoded = encode_frame(frame)
     mask = frame.gbuffer[Buffer.LIGHTING_MASK]
-    jitter_px = shift_jitter(frame.camera.jitter_px, scale)
-    cubic = enlarge_log_lighting(encoded, mask, scale, jitter_px)
+    cubic = enlarge_cubic(window, encoded)
     small, large = frame.gbuffer.buffers, window.require_hr().gbuffer.buffers
     if base is EnlargementBase.CUBIC or not all(g in small and g in large for g in GUIDES):
         return cubic
+    return upsample_guided(encoded, mask, *guide_window(window), scale=scale, fallback=cubic)
+
+
+def encode_frame(frame: Frame) -> Color:
+    """e of a frame's lighting, by its own k."""
+    return encode_lighting(frame.gbuffer[Buffer.LIGHTING], lighting_scale_of(frame))
+
+
+def enlarge_cubic(window: FrameWindow, encoded: Color) -> Color:
+    """Cubic enlargement of the frame's log lighting, holes filled, on the aligned grid."""
+    frame, scale = window.current, window.scale
+    jitter_px = shift_jitter(frame.camera.jitter_px, scale)
+    return enlarge_log_lighting(encoded, frame.gbuffer[Buffer.LIGHTING_MASK], scale, jitter_px)
+
+
+def guide_window(window: FrameWindow) -> tuple[SurfaceGuides, SurfaceGuides]:
+    """What tells surfaces apart at both sizes, the larger one on the aligned grid."""
+    small, large = window.current.gbuffer, window.require_hr().gbuffer
     normal, depth = (align_image(window, large[guide]) for guide in GUIDES)
-    return upsample_guided(
-        encoded,
-        mask,
+    return (
         SurfaceGuides(normal=small[Buffer.NORMAL], depth=small[Buffer.DEPTH]),
         SurfaceGuides(normal=normal, depth=depth),
-        scale=scale,
-        fallback=cubic,
     )
+
+
+def pick_samples(window: FrameWindow, image: Image) -> Image:
+    """Pixels of an HR image that the LR samples lie in, at the LR size."""
+    middle = slice(window.scale // 2, None, window.scale)
+    return align_image(window, image)[..., middle, middle]
 
 
 def keep_picture(window: FrameWindow, image: Color) -> Color:

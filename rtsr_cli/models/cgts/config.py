@@ -41,12 +41,15 @@ class CgtsSurroundings:
         see: (frame and carried history, by name) -> these channels, n signals h w.
         start: (worth of the frame's colour, of the history) -> logit of the frame's weight that the
             network corrects.
+        clips: whether the network also tells how far moving history is held within the colours
+            around.
     """
 
     enlarge: Callable[[Frame, int], tuple[Color, Plane]]
     signals: int
     see: Callable[[Tensors], Image]
     start: Callable[[Plane, Plane], Plane]
+    clips: bool
 
 
 @dataclass(frozen=True, kw_only=True)

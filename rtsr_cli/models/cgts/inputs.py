@@ -6,6 +6,7 @@ depth     1   D = 1 / z of the nearest sample, sky 0
 motion    2   of the nearest sample, widened, output pixels
 reactive  1   1 where history is not to be trusted; 0 where no such buffer is there
 exposure  1   pre-exposure, n 1 1 1
+around    6   mean and deviation of the samples around, YCoCg; not in the preset `paper`
 
 Colours are c / (1 + c), all is of the output's size, history moves along (x, y) + motion.
 """
@@ -27,6 +28,12 @@ from rtsr_cli.core.imaging.auxiliary_buffers import (
     measure_depth_difference,
 )
 from rtsr_cli.core.imaging.color import relight_reinhard
+from rtsr_cli.core.imaging.color_neighbourhood import (
+    clip_to_neighbourhood,
+    from_ycocg,
+    measure_neighbourhood,
+    to_ycocg,
+)
 from rtsr_cli.core.imaging.resampling import repeat_samples
 from rtsr_cli.core.imaging.sample_splats import (
     encode_samples,
@@ -52,13 +59,19 @@ INTERPOLATED_WORTH = 0.1
 LEAST_HISTORY = 0.05
 """Samples that history is worth at least, so that a weight has a logit."""
 
+STILL_PX = 0.25
+"""Motion at which 1 - 1/e of what is to be clipped is."""
+
+CLIPPED_DEVIATIONS = 1.0
+"""Half width of the box that history is held in."""
+
 FASTEST_PX = 8.0
 """Motion beyond which nothing more is told of it."""
 
 CERTAIN = 4.0
 """Logit of visibility ghosting where nothing is known of the frame before."""
 
-SIGNALS = 5
+SIGNALS = 9
 """Channels of `see_signals`."""
 
 
@@ -74,9 +87,11 @@ def enlarge_samples(frame: Frame, scale: int) -> tuple[Color, Plane]:
 
 
 def see_signals(known: Tensors) -> Image:
-    """Worth of the frame and of history, history beyond the frame's range, speed, blur.
+    """Worth of the frame and of history, history beyond the frame's range, speed, blur, and more.
 
     Blur is that of fetching between pixels: fx (1 - fx) + fy (1 - fy), f the motion's fraction.
+    What follows is contrast: how far clipping moves history, the deviation of the samples around,
+    and how wide the ranges of colours are, the frame's and the carried one.
     """
     history, span = known["history"], known["span"]
     low, high = span[:, :3], span[:, 3:]
@@ -86,9 +101,23 @@ def see_signals(known: Tensors) -> Image:
     fraction = motion - motion.floor()
     blur = (fraction * (1.0 - fraction)).sum(1, keepdim=True)
     worth = torch.log1p(known["history_worth"]) / 4.0
-    return torch.cat(
-        [known["worth"], worth, beyond.amax(1, keepdim=True), speed, 2.0 * blur], dim=1
-    )
+    moved = (known["clipped"] - history).abs()
+    seen = [
+        known["worth"],
+        worth,
+        beyond.amax(1, keepdim=True),
+        speed,
+        2.0 * blur,
+        moved.amax(1, keepdim=True),
+        known["around"][:, 3:4],
+        _measure_width(span),
+        _measure_width(known["history_span"]),
+    ]
+    return torch.cat(seen, dim=1)
+
+
+def _measure_width(span: Image) -> Plane:
+    return (span[:, 3:] - span[:, :3]).amax(1, keepdim=True)
 
 
 def start_from_worth(worth: Plane, history_worth: Plane) -> Plane:
@@ -98,7 +127,11 @@ def start_from_worth(worth: Plane, history_worth: Plane) -> Plane:
 
 SURROUNDINGS: Mapping[Preset, CgtsSurroundings] = {
     Preset.RTSR: CgtsSurroundings(
-        enlarge=enlarge_samples, signals=SIGNALS, see=see_signals, start=start_from_worth
+        enlarge=enlarge_samples,
+        signals=SIGNALS,
+        see=see_signals,
+        start=start_from_worth,
+        clips=True,
     ),
     Preset.PAPER: PUBLISHED,
 }
@@ -117,8 +150,9 @@ def prepare(config: CgtsConfig, window: FrameWindow) -> Tensors:
     """The buffers named above."""
     frame, scale = window.current, window.scale
     buffers, jitter_px = frame.gbuffer, frame.camera.jitter_px
-    color, worth = SURROUNDINGS[config.preset].enlarge(frame, scale)
-    return {
+    surroundings = SURROUNDINGS[config.preset]
+    color, worth = surroundings.enlarge(frame, scale)
+    inputs = {
         "color": color,
         "worth": worth.float(),
         "depth": enlarge_depth(buffers[Buffer.DEPTH], scale, jitter_px),
@@ -126,6 +160,25 @@ def prepare(config: CgtsConfig, window: FrameWindow) -> Tensors:
         "reactive": _enlarge_reactive(frame, scale, like=worth),
         "exposure": worth.new_full((1, 1, 1, 1), frame.camera.pre_exposure),
     }
+    if surroundings.clips:
+        samples = to_ycocg(encode_samples(frame))
+        inputs["around"] = measure_neighbourhood(samples, scale, jitter_px)
+    return inputs
+
+
+def clip_history(history: Color, around: Image) -> Color:
+    """History held within the colours around, c / (1 + c)."""
+    clipped = clip_to_neighbourhood(to_ycocg(history), around, CLIPPED_DEVIATIONS)
+    return from_ycocg(clipped).clamp_(0.0, 1.0)
+
+
+def limit_clipping(share: Plane, motion: MotionPx) -> Plane:
+    """Share of clipping where history moves: s (1 - exp(-|v| / 0.25 px)).
+
+    A box around a few samples that alias is a poor judge of a history that stood still.
+    """
+    speed = motion.square().sum(1, keepdim=True).sqrt()
+    return share * (1.0 - torch.exp(-speed / STILL_PX))
 
 
 def _enlarge_reactive(frame: Frame, scale: int, *, like: Plane) -> Tensor:

@@ -23,10 +23,17 @@ from rtsr_cli.core.imaging.auxiliary_buffers import (
     span_colors,
 )
 from rtsr_cli.core.imaging.row_strips import cut_pixels
-from rtsr_cli.core.shapes import Image, Plane
+from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, Stage
-from rtsr_cli.models.cgts.inputs import SURROUNDINGS, CarriedHistory, CgtsState, carry_history
+from rtsr_cli.models.cgts.inputs import (
+    SURROUNDINGS,
+    CarriedHistory,
+    CgtsState,
+    carry_history,
+    clip_history,
+    limit_clipping,
+)
 
 CLASSIFIED_CHANNELS = 20
 """Colour 3, depth 1, motion 2, counter 1, range 6, depth difference 1, logits 6."""
@@ -131,20 +138,23 @@ class Classifier(nn.Module):
 
 
 class Composition(nn.Module):
-    """n c h w -> the logit of the frame's weight, n 1 h w; 1,025 parameters at 14 channels."""
+    """n c h w -> logits, n 1 h w or n 2 h w; 1,025 parameters at 14 channels and one logit.
 
-    def __init__(self, channels: int) -> None:
+    The frame's weight, and how much history is clipped.
+    """
+
+    def __init__(self, channels: int, logits: int) -> None:
         """Make two layers, the last one of zeros."""
         super().__init__()
         self.hidden = nn.Conv2d(channels, HIDDEN, 1)
-        self.weight = nn.Conv2d(HIDDEN, 1, 1)
+        self.weight = nn.Conv2d(HIDDEN, logits, 1)
         nn.init.zeros_(self.weight.weight)
         nn.init.zeros_(cast(Tensor, self.weight.bias))
 
-    def forward(self, seen: Image) -> Plane:
+    def forward(self, seen: Image) -> Image:
         """Weigh."""
-        logit: Plane = self.weight(F.relu_(self.hidden(seen)))
-        return logit.float()
+        logits: Image = self.weight(F.relu_(self.hidden(seen)))
+        return logits.float()
 
 
 class ColumnComposition(nn.Module):
@@ -157,13 +167,13 @@ class ColumnComposition(nn.Module):
         self.weights = nn.ParameterList(layer.weight.flatten(1) for layer in layers)
         self.biases = nn.ParameterList(cast(Tensor, layer.bias).view(-1, 1) for layer in layers)
 
-    def forward(self, seen: Image) -> Plane:
+    def forward(self, seen: Image) -> Image:
         """Weigh."""
         columns = seen.flatten(2)
         (inner, outer), (shift, last) = self.weights, self.biases
         hidden = torch.matmul(inner, columns).add_(shift).relu_()
-        logit = torch.matmul(outer, hidden).add_(last)
-        return logit.view(seen.shape[0], 1, *seen.shape[2:]).float()
+        logits = torch.matmul(outer, hidden).add_(last)
+        return logits.view(seen.shape[0], -1, *seen.shape[2:]).float()
 
 
 class CgtsNetwork(nn.Module):
@@ -176,7 +186,9 @@ class CgtsNetwork(nn.Module):
         self.config, self.strip_pixels = config, 0
         self.surroundings = SURROUNDINGS[config.preset]
         self.classifier = Classifier()
-        self.composition: nn.Module = Composition(COMPOSED_CHANNELS + self.surroundings.signals)
+        self.composition: nn.Module = Composition(
+            COMPOSED_CHANNELS + self.surroundings.signals, 2 if self.surroundings.clips else 1
+        )
 
     def train(self, mode: bool = True) -> CgtsNetwork:
         """Switch to training; a classifier that is not trained keeps its statistics."""
@@ -201,8 +213,7 @@ class CgtsNetwork(nn.Module):
         logits = self._classify(inputs, history)
         useless = (find_hidden(logits) | (history.inside == 0)).to(logits.dtype)
         counter = count_frames(history.counter, useless)
-        weight = self._weigh(inputs, history, span, logits, counter)
-        color = torch.lerp(history.color, inputs["color"], weight.to(inputs["color"].dtype))
+        color, weight = self._compose(inputs, history, span, logits, counter)
         kept = CgtsState(
             color=color,
             counter=counter,
@@ -242,15 +253,15 @@ class CgtsNetwork(nn.Module):
                 return cast(Image, self.classifier(seen))
         return cast(Image, self.classifier(seen))
 
-    def _weigh(
+    def _compose(
         self,
         inputs: Tensors,
         history: CarriedHistory,
         span: Image,
         logits: Image,
         counter: Plane,
-    ) -> Plane:
-        """Weight of the frame: 1 where there is no history."""
+    ) -> tuple[Color, Plane]:
+        """Frame and history, weighted; the weight is 1 where there is no history."""
         seen = {
             "logits": logits,
             "counter": counter,
@@ -264,15 +275,24 @@ class CgtsNetwork(nn.Module):
             "reactive": inputs["reactive"],
             "inside": history.inside,
         }
+        if self.surroundings.clips:
+            seen |= {"around": inputs["around"], "history_span": history.span}
         if not self.strip_pixels:
-            return self._weigh_pixels(seen)
+            return self._compose_pixels(seen)
         strips = cut_pixels((span.shape[2], span.shape[3]), self.strip_pixels)
-        parts = [{n: t[:, :, r.start : r.stop] for n, t in seen.items()} for r in strips]
-        return torch.cat([self._weigh_pixels(part) for part in parts], dim=2)
+        parts = [
+            self._compose_pixels({n: t[:, :, r.start : r.stop] for n, t in seen.items()})
+            for r in strips
+        ]
+        colors, weights = zip(*parts, strict=True)
+        return torch.cat(colors, dim=2), torch.cat(weights, dim=2)
 
-    def _weigh_pixels(self, seen: Tensors) -> Plane:
+    def _compose_pixels(self, seen: Tensors) -> tuple[Color, Plane]:
         shown = seen["logits"].clamp(-MOST_LOGIT, MOST_LOGIT)
         known = {**seen, "motion": seen["motion"].nan_to_num()}
+        history = seen["history"]
+        if self.surroundings.clips:
+            known["clipped"] = clip_history(history, seen["around"])
         channels = [
             shown if self.config.classes else torch.zeros_like(shown),
             _show_counter(seen["counter"]),
@@ -280,8 +300,13 @@ class CgtsNetwork(nn.Module):
             self.surroundings.see(known),
         ]
         start = self.surroundings.start(seen["worth"], seen["history_worth"])
-        weight = torch.sigmoid(self.composition(torch.cat(channels, dim=1).float()) + start)
-        return torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
+        given = self.composition(torch.cat(channels, dim=1).float())
+        weight = torch.sigmoid(given[:, :1] + start)
+        weight = torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
+        if self.surroundings.clips:
+            share = limit_clipping(torch.sigmoid(given[:, 1:]), known["motion"])
+            history = torch.lerp(history, known["clipped"], share.to(history.dtype))
+        return torch.lerp(history, seen["color"], weight.to(history.dtype)), weight
 
 
 def find_hidden(logits: Image) -> Tensor:

@@ -41,5 +41,5 @@ def start_from_nothing(worth: Plane, history_worth: Plane) -> Plane:
 
 
 PUBLISHED = CgtsSurroundings(
-    enlarge=enlarge_bicubic, signals=0, see=see_nothing, start=start_from_nothing
+    enlarge=enlarge_bicubic, signals=0, see=see_nothing, start=start_from_nothing, clips=False
 )

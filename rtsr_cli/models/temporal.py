@@ -1,0 +1,80 @@
+"""`demod-temporal`: lighting gathered from all frames so far, along surfaces; nothing trained.
+
+Samples that came near to a pixel on its own surface, now or in a frame before, make its lighting;
+that is multiplied by the HR material. Thin things and silhouettes, which few samples of a single
+frame hit, are filled within some frames. How history is carried and weighed stands in
+`core.lighting.lighting_history`; the first frame is `demod-guided`'s.
+
+Conventions: those of `lighting.lighting`; motion of the HR G-buffer, else of the LR frame; whole
+frames only, as the state has the target's size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+from torch import nn
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.demodulation import remodulate
+from rtsr_cli.core.lighting import lighting, lighting_history
+from rtsr_cli.core.lighting.lighting import decode_lighting, lighting_scale_of
+from rtsr_cli.core.lighting.lighting_history import (
+    HistoryWeights,
+    LightingHistory,
+    gather_lighting,
+)
+from rtsr_cli.core.lighting.radiance import add_radiance
+from rtsr_cli.core.settings import check_numbers
+from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
+
+PREROLL_FRAMES = 16
+"""Frames that a shard replays: what history is worth then is below a fifth."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemodTemporalConfig(HistoryWeights):
+    """Weights of history; `age` and `change` are shares."""
+
+    def __post_init__(self) -> None:
+        """Check the weights.
+
+        Raises:
+            ConfigError: one is out of its range.
+        """
+        least = {"age": 0.0, "change": 0.0, "change_spread": 1e-3, "fit_power": 0.0}
+        check_numbers(self, "network", least, {"age": 1.0, "change": 1.0})
+
+
+def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
+    """Gather lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
+    config = cast(DemodTemporalConfig, network.config)
+    gathered = gather_lighting(window, cast(LightingHistory | None, state), config)
+    light = decode_lighting(gathered.encoded, lighting_scale_of(window.current))
+    hr = window.require_hr().gbuffer
+    image = remodulate(light, hr[Buffer.MATERIAL], hr.buffers.get(Buffer.EMISSION))
+    return Prediction(
+        image=add_radiance(window, image.clamp(min=0.0)),
+        state=gathered.history,
+        debug={"lighting": light, "worth": gathered.worth},
+    )
+
+
+DEMOD_TEMPORAL = System(
+    name="demod-temporal",
+    summary="lighting gathered over frames along HR surfaces, times HR material (baseline)",
+    citation="Kopf et al. 2007; Dammertz et al. 2010; Yang et al. 2020; demodulation as NSRD",
+    lr_inputs=(*lighting.LR_BUFFERS, *lighting_history.LR_BUFFERS),
+    lr_optional=(*lighting.LR_OPTIONAL, *lighting_history.LR_OPTIONAL),
+    hr_inputs=(*lighting.HR_BUFFERS, *lighting_history.HR_BUFFERS),
+    hr_optional=(*lighting.HR_OPTIONAL, *lighting_history.HR_OPTIONAL),
+    recurrent=True,
+    preroll_frames=PREROLL_FRAMES,
+    halo_px=None,
+    config=DemodTemporalConfig,
+    build=build_baseline,
+    predict=predict,
+)
+
+SYSTEMS = (DEMOD_TEMPORAL,)
