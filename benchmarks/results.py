@@ -1,6 +1,7 @@
 """Every method that comes with weights, and the baselines, on a data set.
 
     python benchmarks/results.py DATA [--csv FILE] [--output docs/results.md] [--keep FOLDER]
+    python benchmarks/results.py DATA --system NAME      # measured anew; the others' rows are kept
 
 Upscales every sequence of DATA/manifest.json at 2x and 4x from decimated frames: as they are,
 with Halton jitter, and with radiance that a Blackman-Harris pixel filter went over. Judges by
@@ -35,7 +36,7 @@ from results_text import (
     UNSEEN,
     write_text,
 )
-from tables import Row, write_csv
+from tables import Row, read_csv, write_csv
 
 from rtsr_cli.cli import group
 from rtsr_cli.core.choices import SystemTask
@@ -43,8 +44,8 @@ from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.models import list_trainable_names, load_system
 
 BASELINES = ("bicubic", "demod-bicubic", "taau")
-UNTRAINED = "demod-guided"
-"""What the networks correct."""
+UNTRAINED = ("demod-temporal", "demod-guided")
+"""What needs no training; the networks correct the last one."""
 
 TABLE = Path("docs/results/systems.csv")
 
@@ -58,18 +59,26 @@ def rtsr(*arguments: object) -> None:
         raise click.ClickException(result.output)
 
 
-def methods(scale: int) -> tuple[str, ...]:
-    """Baselines, what needs no training, and networks with weights for a scale."""
+def methods(scale: int, only: Sequence[str] = ()) -> tuple[str, ...]:
+    """Baselines, what needs no training, and networks with G-buffers and weights for a scale.
+
+    Of some alone, they and what gains are over.
+    """
     systems = [load_system(name) for name in list_trainable_names()]
     upscalers = [s for s in systems if s.task is SystemTask.UPSCALE and has_weights(s, scale)]
-    return (*BASELINES, UNTRAINED, *(system.name for system in upscalers))
+    networks = (system.name for system in upscalers if system.hr_inputs)
+    every = (*BASELINES, *UNTRAINED, *networks)
+    return tuple(name for name in every if not only or name in (*STRAIGHT, *only))
 
 
-def judged(data: Path, work: Path, scale: int, jitter: str, lr_filter: str) -> dict[str, Any]:
-    """Upscale and judge everything at one scale; return the result."""
+def judged(
+    data: Path, work: Path, names: Sequence[str], scale: int, kind: tuple[str, str]
+) -> dict[str, Any]:
+    """Upscale and judge by some systems at one scale; return the result."""
+    jitter, lr_filter = kind
     setting = f"{scale}x-{jitter}-{lr_filter}"
-    outputs = [work / setting / name for name in methods(scale)]
-    for name, output in zip(methods(scale), outputs, strict=True):
+    outputs = [work / setting / name for name in names]
+    for name, output in zip(names, outputs, strict=True):
         made = ("--simulate-lr", scale, "--jitter", jitter, "--lr-filter", lr_filter)
         rtsr("upscale", data, output, *made, "--system", name, "-q")
     report = work / f"{setting}.json"
@@ -141,7 +150,9 @@ def mean_gain_rows(each: Sequence[Scores]) -> Iterator[Row]:
         yield title | gain_cells(map(statistics.fmean, gains))
 
 
-def rows_of(result: Mapping[str, Any], sequences: list[dict[str, Any]], scale: int) -> list[Row]:
+def rows_of(
+    result: Mapping[str, Any], sequences: list[dict[str, Any]], names: Sequence[str]
+) -> list[Row]:
     """Rows of one scale and kind of LR frames: every sequence, then means."""
     rows: list[Row] = []
     held_out: list[Scores] = []
@@ -149,11 +160,27 @@ def rows_of(result: Mapping[str, Any], sequences: list[dict[str, Any]], scale: i
         each: list[Scores] = []
         for s in (s for s in sequences if bool(s["seen_in_training"]) is seen):
             shot = f"{s['scene']}/{s['sequence']}"
-            each.append({n: result["tests"][f"{n}/{shot}"]["mean"] for n in methods(scale)})
+            each.append({n: result["tests"][f"{n}/{shot}"]["mean"] for n in names})
             rows += sequence_rows(s, each[-1])
             held_out += each[-1:] if s["split"] != "train" else []
         rows += mean_score_rows(scene, each)
     return rows + list(mean_gain_rows(held_out))
+
+
+def merge_rows(known: Sequence[Row], measured: Sequence[Row]) -> list[Row]:
+    """Rows that were measured in place of those of the same system, or behind their sequence's."""
+
+    def place(row: Row) -> tuple[str, ...]:
+        return tuple(row.get(c, "") for c in COLUMNS[: COLUMNS.index("split")])
+
+    fresh = {(*place(row), row["system"]): row for row in measured}
+    merged: list[Row] = []
+    for i, row in enumerate(known):
+        merged.append(fresh.pop((*place(row), row["system"]), row))
+        if i + 1 == len(known) or place(known[i + 1]) != place(row):
+            more = [key for key in fresh if key[:-1] == place(row)]
+            merged += [fresh.pop(key) for key in more]
+    return merged + list(fresh.values())
 
 
 @click.command()
@@ -161,7 +188,8 @@ def rows_of(result: Mapping[str, Any], sequences: list[dict[str, Any]], scale: i
 @click.option("--csv", "table", type=click.Path(path_type=Path), default=TABLE, show_default=True)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/results.md"))
 @click.option("--keep", type=click.Path(path_type=Path), help="Keep the frames in this folder.")
-def main(data: Path, table: Path, output: Path, keep: Path | None) -> None:
+@click.option("--system", "only", multiple=True, help="Measure it alone; repeatable.")
+def main(data: Path, table: Path, output: Path, keep: Path | None, only: tuple[str, ...]) -> None:
     """Write the figures, and the tables."""
     sequences = json.loads((data / "manifest.json").read_text(encoding="utf-8"))["sequences"]
     rows: list[Row] = []
@@ -174,11 +202,13 @@ def main(data: Path, table: Path, output: Path, keep: Path | None) -> None:
             link.parent.mkdir(parents=True, exist_ok=True)
             if not link.exists():
                 link.symlink_to((data / s["scene"] / s["sequence"]).resolve())
-        for scale, (jitter, lr_filter) in itertools.product(map(int, SCALES), SETTINGS):
-            kind = {"scale": str(scale), "jitter": jitter, "lr_filter": lr_filter}
-            result = judged(tree, work, scale, jitter, lr_filter)
-            rows += [kind | dict(row) for row in rows_of(result, sequences, scale)]
-    write_csv(table, COLUMNS, rows)
+        for scale, kind in itertools.product(map(int, SCALES), SETTINGS):
+            title = {"scale": str(scale), "jitter": kind[0], "lr_filter": kind[1]}
+            names = methods(scale, only)
+            result = judged(tree, work, names, scale, kind)
+            measured = [title | dict(row) for row in rows_of(result, sequences, names)]
+            rows += [row for row in measured if not only or row["system"] in only]
+    write_csv(table, COLUMNS, merge_rows(read_csv(table), rows) if only else rows)
     write_text(table, output)
     click.echo(f"{table}, {output}: written")
 

@@ -24,6 +24,7 @@ class InputCondition(StrEnum):
 
     TRUSTED_MOTION = "motion that is declared or measured without doubt"
     JITTER = "jitter that differs from frame to frame"
+    POINT_SAMPLES = "radiance that no pixel filter went over"
 
 
 class Preset(StrEnum):

@@ -41,25 +41,30 @@ class SystemRow:
 
 
 ROWS = (
-    SystemRow(name="bicubic", module="bicubic", rank=7),
-    SystemRow(name="demod-bicubic", module="bicubic", rank=4),
-    SystemRow(name="demod-guided", module="guided", rank=3),
-    SystemRow(name="demod-temporal", module="temporal", when=(InputCondition.TRUSTED_MOTION,)),
+    SystemRow(name="bicubic", module="bicubic", rank=8),
+    SystemRow(name="demod-bicubic", module="bicubic", rank=5),
+    SystemRow(name="demod-guided", module="guided", rank=4),
+    SystemRow(
+        name="demod-temporal",
+        module="temporal",
+        rank=1,
+        when=(InputCondition.TRUSTED_MOTION, InputCondition.POINT_SAMPLES),
+    ),
     SystemRow(
         name="taau",
         module="taau",
-        rank=6,
+        rank=7,
         when=(InputCondition.TRUSTED_MOTION, InputCondition.JITTER),
     ),
-    SystemRow(name="fusesr", module="fusesr", trainable=True, rank=1),
-    SystemRow(name="fusesr-fast", module="fusesr", trainable=True, rank=2),
+    SystemRow(name="fusesr", module="fusesr", trainable=True, rank=2),
+    SystemRow(name="fusesr-fast", module="fusesr", trainable=True, rank=3),
     SystemRow(name="fusesr-direct", module="fusesr", trainable=True),
     SystemRow(name="nsrd", module="nsrd", trainable=True),
     SystemRow(
         name="cgts",
         module="cgts",
         trainable=True,
-        rank=5,
+        rank=6,
         when=(InputCondition.TRUSTED_MOTION, InputCondition.JITTER),
     ),
     SystemRow(name="warp", module="extrapolation", task=SystemTask.EXTRAPOLATE, rank=3),

@@ -71,7 +71,9 @@ def complete(line: str) -> list[str]:
 def test_shells_complete_commands_systems_layouts_and_metrics() -> None:
     assert complete("rtsr up") == ["upscale"]
     assert complete("rtsr upscale in out --system ") == list(list_upscaler_names())
-    assert complete("rtsr upscale in out --system demod-") == ["demod-bicubic", "demod-guided"]
+    assert complete("rtsr upscale in out --system demod-") == [
+        "demod-bicubic", "demod-guided", "demod-temporal",
+    ]  # fmt: skip
     assert complete("rtsr train fus") == [n for n in list_trainable_names() if n.startswith("fus")]
     assert complete("rtsr inspect in --layout ") == list(LAYOUT_NAMES)
     assert complete("rtsr evaluate a b --metric ") == [*MetricName, "all"]

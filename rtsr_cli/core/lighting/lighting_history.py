@@ -69,9 +69,9 @@ class HistoryWeights:
     """
 
     age: float = 0.9
-    change: float = 0.5
+    change: float = 0.65
     change_spread: float = 0.5
-    fit_power: float = 8.0
+    fit_power: float = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from rtsr_cli.core.choices import InputCondition, NonfinitePolicy
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.network.load import has_weights
+from rtsr_cli.core.pairs.point_samples import is_point_sampled
 from rtsr_cli.core.pairs.sources import HR_FRAMES, PairSource
 from rtsr_cli.core.run.system_inputs import (
     SystemTable,
@@ -27,6 +28,7 @@ FIRST = 4
 CHECKS: Mapping[InputCondition, Callable[[PairSource], bool]] = {
     InputCondition.TRUSTED_MOTION: lambda source: source.reader.motion_trusted,
     InputCondition.JITTER: lambda source: source.jitters,
+    InputCondition.POINT_SAMPLES: is_point_sampled,
 }
 """Whether inputs meet a condition."""
 

@@ -1,0 +1,79 @@
+"""Whether LR radiance is of the very points that its G-buffer is of, or a pixel filter's mean.
+
+    slope = median of  (log c(p) - log c(q)) / (log m(p) - log m(q))
+
+over neighbours p, q whose material m differs; c is radiance less emission. Light differs between
+neighbours whatever their material, which the median leaves out: of point samples the slope is 1.
+A filter mixes both sides of an edge, the G-buffer does not: 0.1 to 0.5.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from rtsr_cli.core.choices import MATERIAL_EPSILON, NonfinitePolicy
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
+from rtsr_cli.core.shapes import Plane
+
+FILTERED_SLOPE = 0.5
+"""Slope below which radiance was filtered."""
+
+LEAST_CONTRAST = math.log(1.35)
+"""Difference of log material from which neighbours tell anything."""
+
+LEAST_PAIRS = 100
+"""Neighbours that it takes to tell."""
+
+LEAST_RADIANCE = 1e-4
+
+INPUTS = PairInputs(
+    lr=(Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
+    lr_optional=(Buffer.EMISSION,),
+    on_nonfinite=NonfinitePolicy.ZERO,
+    straight=True,
+)
+"""What is read to tell."""
+
+
+def is_point_sampled(source: PairSource) -> bool:
+    """Tell whether the first frame's radiance is point-sampled; true where that cannot be told."""
+    if source.missing(INPUTS):
+        return True
+    try:
+        frame = source.load(source.reader.numbers[0], INPUTS).lr
+    except FrameFolderError:
+        # the run names what is wrong with it
+        return True
+    slope = measure_slope(frame)
+    return slope is None or slope >= FILTERED_SLOPE
+
+
+def measure_slope(frame: Frame) -> float | None:
+    """Slope of log radiance over log material of a frame; None where too little differs."""
+    gbuffer = frame.gbuffer
+    light, material = gbuffer[Buffer.COLOR], gbuffer[Buffer.MATERIAL]
+    if Buffer.EMISSION in gbuffer:
+        light = light - gbuffer[Buffer.EMISSION]
+    known = (light > LEAST_RADIANCE) & (material > MATERIAL_EPSILON) & (gbuffer[Buffer.SKY] < 0.5)
+    usable = known.all(1, keepdim=True)
+    logs = [_log_mean(image) for image in (light, material)]
+    slopes = []
+    for dim in (2, 3):
+        shown, changed = (log.diff(dim=dim) for log in logs)
+        inner = usable.shape[dim] - 1
+        counted = usable.narrow(dim, 1, inner) & usable.narrow(dim, 0, inner)
+        counted &= changed.abs() > LEAST_CONTRAST
+        slopes.append((shown / changed)[counted])
+    every = torch.cat(slopes)
+    return float(every.median()) if len(every) >= LEAST_PAIRS else None
+
+
+def _log_mean(image: torch.Tensor) -> Plane:
+    """Mean over the channels of the logarithm."""
+    mean: Plane = image.clamp(min=LEAST_RADIANCE).log().mean(1, keepdim=True)
+    return mean

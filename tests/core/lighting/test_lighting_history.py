@@ -1,0 +1,192 @@
+"""Lighting gathered over frames: what history is worth, and what ends it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.guided_enlargement import upsample_guided_and_fit
+from rtsr_cli.core.lighting.lighting import encode_lighting, guide_window
+from rtsr_cli.core.lighting.lighting_history import (
+    GatheredLighting,
+    HistoryWeights,
+    find_motion,
+    gather_lighting,
+)
+from rtsr_cli.core.system import FrameWindow
+
+SCALE = 4
+HEIGHT, WIDTH = 24, 32
+PHASES = ((0, 0), (2, 2), (1, 3), (3, 1))
+"""HR pixel of each block that LR samples of successive frames are."""
+
+
+def pick(image: Tensor, phase: tuple[int, int]) -> Tensor:
+    return image[..., phase[1] :: SCALE, phase[0] :: SCALE]
+
+
+def make_window(
+    light: Tensor,
+    phase: tuple[int, int] = (2, 2),
+    *,
+    surface: Tensor | None = None,
+    exposure: float = 1.0,
+    scale_k: float = 1.0,
+    reactive: Tensor | None = None,
+    hr_motion: bool = True,
+    motion: tuple[float, float] = (0.0, 0.0),
+) -> FrameWindow:
+    """A wall that faces the camera; `surface` numbers what is on it."""
+    plane = torch.ones(1, 1, HEIGHT, WIDTH)
+    ids = torch.zeros_like(plane) if surface is None else surface
+    normal = torch.zeros(1, 3, HEIGHT, WIDTH)
+    normal[:, 2] = 1.0
+    hr = {
+        Buffer.MATERIAL: 0.5 * torch.ones(1, 3, HEIGHT, WIDTH),
+        Buffer.SKY: 0.0 * plane,
+        Buffer.NORMAL: normal,
+        # what is in front is nearer, too
+        Buffer.DEPTH: 4.0 - 2.0 * ids,
+        Buffer.OBJECT_ID: (ids + 1).to(torch.int32),
+        Buffer.MOTION: torch.tensor(motion).view(1, 2, 1, 1).expand(1, 2, HEIGHT, WIDTH) * 1.0,
+    }
+    lr = {buffer: pick(tensor, phase) for buffer, tensor in hr.items()}
+    lr[Buffer.MOTION] = lr[Buffer.MOTION] / SCALE
+    lr[Buffer.LIGHTING] = pick(light, phase) * exposure
+    lr[Buffer.LIGHTING_MASK] = torch.ones_like(lr[Buffer.SKY])
+    lr[Buffer.COLOR] = lr[Buffer.LIGHTING] * lr[Buffer.MATERIAL]
+    if reactive is not None:
+        lr[Buffer.REACTIVE] = pick(reactive, phase)
+    if not hr_motion:
+        del hr[Buffer.MOTION]
+    jitter = tuple((p + 0.5) / SCALE - 0.5 for p in phase)
+
+    def frame(buffers: dict[Buffer, Tensor], jitter_px: tuple[float, float]) -> Frame:
+        gbuffer = GBuffer(buffers, "wall")
+        camera = CameraMetadata(jitter_px=jitter_px, pre_exposure=exposure)
+        view = View(display=gbuffer.size)
+        return Frame(number=1, gbuffer=gbuffer, camera=camera, view=view, lighting_scale=scale_k)
+
+    return FrameWindow(
+        lr=(frame(lr, (jitter[0], jitter[1])),), hr=frame(hr, (0.0, 0.0)), scale=SCALE
+    )
+
+
+def gather(windows: list[FrameWindow], weights: HistoryWeights | None = None) -> GatheredLighting:
+    gathered = None
+    for window in windows:
+        before = None if gathered is None else gathered.history
+        gathered = gather_lighting(window, before, weights or HistoryWeights())
+    assert gathered is not None
+    return gathered
+
+
+def flat(value: float) -> Tensor:
+    return torch.full((1, 3, HEIGHT, WIDTH), value)
+
+
+def encoded(value: float, scale_k: float = 1.0) -> float:
+    return float(encode_lighting(torch.tensor(value), torch.tensor(scale_k)))
+
+
+def test_a_sample_fits_itself_best() -> None:
+    window = make_window(flat(1.0))
+    small, large = guide_window(window)
+    mask = torch.ones(1, 1, HEIGHT // SCALE, WIDTH // SCALE)
+    mask[..., 2, 3] = 0.0
+    nothing = torch.zeros(1, 1, HEIGHT, WIDTH)
+    _, fit = upsample_guided_and_fit(
+        mask, mask, small, large, scale=SCALE, fallback=nothing
+    )  # fmt: skip
+    counted = torch.tensor([[SCALE * y + 2, SCALE * x + 2] for y, x in mask[0, 0].nonzero()])
+    torch.testing.assert_close(
+        fit[0, 0][counted[:, 0], counted[:, 1]], torch.ones(len(counted)), rtol=0, atol=1e-5
+    )
+    # exp(-d^2 / (2 s^2)), s = 0.7 LR pixels: one HR pixel away, and a whole block
+    assert float(fit[0, 0, 6, 7]) == pytest.approx(0.9382, abs=1e-3)
+    assert float(fit[0, 0, 10, 14]) == pytest.approx(0.3604, abs=1e-3)
+
+
+def test_what_few_samples_hit_is_kept() -> None:
+    """A post two pixels wide: samples of two frames are on it, of the last frame none."""
+    surface = torch.zeros(1, 1, HEIGHT, WIDTH)
+    surface[..., 12:14] = 1.0
+    light = torch.where(surface > 0, 4.0, 1.0).expand(1, 3, -1, -1)
+    windows = [make_window(light, phase, surface=surface) for phase in PHASES]
+    post = gather(windows).encoded[..., 12:14]
+    torch.testing.assert_close(post, torch.full_like(post, encoded(4.0)), rtol=0, atol=0.01)
+    alone = gather(windows[-1:]).encoded[..., 12:14]
+    assert float((alone - encoded(4.0)).abs().min()) > 0.5
+
+
+def test_a_change_of_light_is_followed() -> None:
+    """d = e(2) - e(1) everywhere: c' (h + b d) + n g over c' + n."""
+    weights = HistoryWeights(change_spread=0.8)
+    first, second = make_window(flat(1.0)), make_window(flat(2.0))
+    before = gather([first], weights)
+    after = gather([first, second], weights)
+    step = encoded(2.0) - encoded(1.0)
+    worth = before.worth * weights.age / (1.0 + step**2 / weights.change_spread**2)
+    share = worth / (worth + before.worth)
+    expected = encoded(2.0) - (1.0 - weights.change) * step * share
+    torch.testing.assert_close(after.encoded[:, :1], expected, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(after.worth, worth + before.worth, rtol=1e-3, atol=1e-5)
+
+
+def test_a_surface_that_was_hidden_takes_the_frame_s_samples() -> None:
+    wide, narrow = (torch.zeros(1, 1, HEIGHT, WIDTH) for _ in range(2))
+    wide[..., 8:24], narrow[..., 8:16] = 1.0, 1.0
+    light = flat(1.0)
+    before = make_window(torch.where(wide > 0, 8.0, light), surface=wide)
+    now = make_window(torch.where(narrow > 0, 8.0, light), surface=narrow)
+    shown = gather([before, now])
+    alone = gather([now])
+    came_out = (..., slice(None), slice(16, 24))
+    torch.testing.assert_close(shown.encoded[came_out], alone.encoded[came_out])
+    torch.testing.assert_close(shown.worth[came_out], alone.worth[came_out])
+
+
+def test_reactive_pixels_take_the_frame_s_samples() -> None:
+    noise = torch.rand(1, 3, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(1))
+    first = make_window(1.0 + noise)
+    now = make_window(flat(3.0), (1, 3), reactive=torch.ones(1, 1, HEIGHT, WIDTH))
+    shown, alone = gather([first, now]), gather([now])
+    torch.testing.assert_close(shown.encoded, alone.encoded)
+
+
+@pytest.mark.parametrize("change", [{"exposure": 2.0}, {"scale_k": 3.0}])
+def test_exposure_and_k_change_nothing_but_the_unit(change: dict[str, float]) -> None:
+    light = 1.0 + torch.rand(1, 3, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(2))
+    first = make_window(light, PHASES[0])
+    plain = gather([first, make_window(light, PHASES[1])])
+    other = gather([first, make_window(light, PHASES[1], **change)])
+    exposure = change.get("exposure", 1.0)
+    # the same light but for what means of logarithms differ by
+    torch.testing.assert_close(
+        other.history.lighting / exposure, plain.history.lighting, rtol=0.02, atol=0.0
+    )
+
+
+def test_motion_of_lr_samples_serves_where_hr_has_none() -> None:
+    window = make_window(flat(1.0), hr_motion=False, motion=(3.0, -2.0))
+    before = window.require_hr()
+    found = find_motion(window, before)
+    expected = torch.tensor([3.0, -2.0]).view(1, 2, 1, 1).expand_as(found)
+    torch.testing.assert_close(found, expected)
+    jittered = replace(before, camera=replace(before.camera, jitter_px=(0.25, 0.0)))
+    torch.testing.assert_close(find_motion(window, jittered)[:, 0], expected[:, 0] - 0.25)
+
+
+def test_what_left_the_frame_is_not_there_when_it_comes_back() -> None:
+    """Everything moves out by half the frame's width: what enters has no history."""
+    first = make_window(flat(8.0))
+    now = make_window(flat(1.0), motion=(WIDTH / 2.0, 0.0))
+    shown, alone = gather([first, now]), gather([now])
+    entered = (..., slice(None), slice(WIDTH // 2, None))
+    torch.testing.assert_close(shown.encoded[entered], alone.encoded[entered])
