@@ -224,6 +224,8 @@ def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str
     if reader.has_camera:
         read = f", read as {reader.matrices}" if reader.matrices.words else ""
         return f"worldToCamera and worldToNDC of every frame{read}; {_describe_proof(settled)}"
+    if reader.camera_faults:
+        return f"{say_frames(reader.without_camera)} without matrices that can be: see the problems"
     if len(reader.without_camera) < len(reader.cameras):
         return f"{say_frames(reader.without_camera)} without matrices, the others have them"
     return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -109,7 +111,7 @@ REASONS = [
         id="view normals",
     ),
     pytest.param(no_camera_once, "", SYSTEM, f"camera of frame {BAD}", id="view cosine"),
-    pytest.param(singular_once, "", TAAU, f"frame {BAD}: worldToCamera", id="singular"),
+    pytest.param(singular_once, "", SYSTEM, f"camera (frame {BAD}: worldToCamera", id="singular"),
     pytest.param(no_roughness_once, "", TAAU, f"frames {BAD}: buffer 'roughness'", id="channel"),
     pytest.param(smaller_once, "", TAAU, f"frame {BAD} is 96 x 64", id="size"),
     pytest.param(
@@ -220,6 +222,45 @@ def test_a_frame_without_the_others_matrices_is_named_where_none_are_needed(
     assert planned.exit_code == 0, planned.output
     assert f"frame {BAD} without the camera matrices that the other frames have" in planned.output
     assert 'camera = "camera.csv"' in planned.output
+
+
+NO_CAMERA = {
+    "zero": [0.0] * 16,
+    "singular": [1.0] * 16,
+    "NaN": [math.nan] * 16,
+    "huge": [1e38] * 16,
+}
+
+
+@pytest.mark.parametrize("side_car", [False, True])
+@pytest.mark.parametrize("cells", NO_CAMERA.values(), ids=NO_CAMERA)
+def test_matrices_that_are_none_stop_only_what_needs_a_camera(
+    rtsr: Run, frames: Callable[..., Path], tmp_path: Path, cells: list[float], side_car: bool
+) -> None:
+    true: dict[int, list[float]] = {}
+
+    def spoil(planes: Planes, attributes: dict[str, Any], number: int) -> None:
+        true[number] = attributes[MATRICES[0]].ravel().tolist()
+        if number == BAD and not side_car:
+            attributes[MATRICES[0]] = np.array(cells, np.float32).reshape(4, 4)
+        if side_car:
+            no_camera(planes, attributes, number)
+
+    folder = frames(spoil)
+    if side_car:
+        row = {"fov_x": 60.0, "near": 0.1}
+        rows = [{"frame": n, MATRICES[0]: cells if n == BAD else true[n], **row} for n in true]
+        (folder / "camera.json").write_text(json.dumps(rows))
+        (folder / "capture.toml").write_text(f'camera = "camera.json"\n{DECLARED}')
+    for system in ("bicubic", "taau"):
+        line = ("upscale", folder, tmp_path / system, "--simulate-lr", 4, "--system", system)
+        done = rtsr(*line)
+        assert done.exit_code == 0, done.output
+        assert done.output.count(f"frame {BAD}: ") == 1
+        assert MATRICES[0] in done.output
+    refused = rtsr("upscale", folder, tmp_path / "out", "--simulate-lr", 4, *SYSTEM)
+    assert refused.exit_code == 3
+    assert f"camera (frame {BAD}: " in refused.output
 
 
 def mistake_cameras(planes: Planes, attributes: dict[str, Any], number: int) -> None:

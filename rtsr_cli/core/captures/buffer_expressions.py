@@ -110,6 +110,17 @@ def parse_expression(text: str, channels: int, *, scoped: bool = False) -> tuple
     )
 
 
+def explain_signs(name: str) -> str:
+    """What to say of a name that is not there, and looks as if more were meant; may be empty."""
+    if name.startswith("'"):
+        return "; column 1: a quote is opened and not closed"
+    if "(" in name:
+        return f"; column {name.index('(') + 1}: there are no parentheses and no functions"
+    if any(sign in name for sign in "+-*/"):
+        return "; operators stand between spaces: 'a.RGB + b.RGB', '1 - a.R'"
+    return ""
+
+
 def name_sums(buffer: Buffer, *expressions: str) -> tuple[Component, ...]:
     """Components of a buffer that is computed, by the expressions that are tried in order."""
     turns = [parse_expression(text, BUFFER_SPECS[buffer].channels) for text in expressions]

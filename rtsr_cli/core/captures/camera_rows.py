@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Annotated, Any, Self
 
-import numpy as np
 import torch
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 from torch import Tensor
@@ -19,6 +18,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_convention import (
     CameraConvention,
     StoredMatrices,
+    invert_matrix,
     matrices_to_memory,
 )
 from rtsr_cli.core.limits import LARGEST_FACTOR, LARGEST_FRAME
@@ -72,7 +72,7 @@ def _flatten_numbers(value: object) -> object:
 
 
 def _check_numbers(value: object, info: ValidationInfo) -> object:
-    """Hold a matrix to sixteen finite numbers.
+    """Hold a matrix to sixteen numbers; whether they make a camera is the survey's to say.
 
     Raises:
         ValueError: says the frame, and which cell is wrong.
@@ -88,29 +88,22 @@ def _check_numbers(value: object, info: ValidationInfo) -> object:
 def _read_all(cells: Sequence[object]) -> list[float] | None:
     """Numbers of cells; None where one is none, which `_read_number` names."""
     try:
-        numbers = [*map(float, cells)]  # type: ignore[arg-type]
+        return [*map(float, cells)]  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         return None
-    if any(map(math.isnan, numbers)) or max(map(abs, numbers)) > LARGEST_STORED_NUMBER:
-        return None
-    return numbers
 
 
 def _read_number(cell: object, index: int, where: str) -> float:
     try:
-        number = float(cell)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not abs(number) <= LARGEST_STORED_NUMBER:
+        return float(cell)  # type: ignore[arg-type]
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError) as error:
         row, column = divmod(index, ROW)
         raise ValueError(
-            f"{where}cell {index + 1} (row {row + 1}, column {column + 1}) is no finite number"
-        )
-    return number
+            f"{where}cell {index + 1} (row {row + 1}, column {column + 1}) is no number"
+        ) from error
 
-
-LARGEST_STORED_NUMBER = 1e30
-"""Entries of matrices go so far; products of two stay finite."""
 
 Matrix = Annotated[list[float], BeforeValidator(_check_numbers)]
 
@@ -140,6 +133,7 @@ class CameraRow(BaseModel):
     jitter_px: Annotated[JitterPx, BeforeValidator(_flatten_numbers)] | None = None
     pre_exposure: float = Field(default=1.0, gt=0.0, le=LARGEST_FACTOR)
     cut: bool = False
+    fault: str = ""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -155,9 +149,11 @@ class CameraRow(BaseModel):
             raise ValueError(f"{where}give width and height, or neither")
         return self
 
-    def list_matrices(self) -> tuple[list[float] | None, ...]:
-        """Matrices as written, in the order of `MATRIX_COLUMNS`."""
-        return self.world_to_camera, self.camera_to_world, self.world_to_ndc, self.projection
+    def list_matrices(self) -> dict[str, Tensor]:
+        """Matrices as written, by the names of their columns."""
+        stored = self.world_to_camera, self.camera_to_world, self.world_to_ndc, self.projection
+        made = zip(MATRIX_COLUMNS, map(make_matrix, stored), strict=True)
+        return {column: matrix for column, matrix in made if matrix is not None}
 
     def metadata(
         self, size: Size | None = None, convention: CameraConvention | None = None
@@ -170,7 +166,7 @@ class CameraRow(BaseModel):
         """
         view = make_matrix(self.world_to_camera)
         if self.camera_to_world is not None:
-            view = torch.linalg.inv(torch.tensor(self.camera_to_world).double().view(ROW, ROW))
+            view = invert_matrix(torch.tensor(self.camera_to_world).double().view(ROW, ROW))
         matrices = StoredMatrices(
             view=view,
             ndc=make_matrix(self.world_to_ndc),
@@ -184,6 +180,7 @@ class CameraRow(BaseModel):
             jitter_px=self.jitter_px or (0.0, 0.0),
             pre_exposure=self.pre_exposure,
             cut=self.cut,
+            fault=self.fault,
         )
 
     def _make_lens(self, size: Size | None) -> Tensor | None:
@@ -207,21 +204,6 @@ class CameraRow(BaseModel):
 def make_matrix(values: list[float] | None) -> Tensor | None:
     """Sixteen numbers as a matrix."""
     return None if values is None else torch.tensor(values, dtype=torch.float64).view(ROW, ROW)
-
-
-def find_singular(rows: Sequence[CameraRow]) -> tuple[int, str] | None:
-    """Frame and column of the first matrix without an inverse; None if there is none."""
-    named = [
-        (row.frame, column, matrix)
-        for row in rows
-        for column, matrix in zip(MATRIX_COLUMNS, row.list_matrices(), strict=True)
-        if matrix is not None
-    ]
-    if not named:
-        return None
-    stacked = np.array([matrix for _, _, matrix in named]).reshape(-1, ROW, ROW)
-    wrong = (np.linalg.matrix_rank(stacked) < ROW).nonzero()[0]
-    return named[wrong[0]][:2] if len(wrong) else None
 
 
 def unify_names(row: Mapping[Any, Any]) -> dict[Any, Any]:

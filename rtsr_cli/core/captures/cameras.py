@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rtsr_cli.core.captures.camera_rows import CameraRow, find_singular, unify_names
+from rtsr_cli.core.captures.camera_rows import CameraRow, unify_names
 from rtsr_cli.core.captures.capture_file import (
     CaptureDeclaration,
     list_field_names,
@@ -55,12 +55,6 @@ def read_side_car(path: Path) -> SideCar:
     repeated = sorted(n for n, count in Counter(c.frame for c in cameras).items() if count > 1)
     if repeated:
         raise ConfigError(f"{path}: frames {', '.join(map(str, repeated))} have more than one row")
-    singular = find_singular(cameras)
-    if singular is not None:
-        raise ConfigError(
-            f"{path}: frame {singular[0]}: {singular[1]} is not a camera matrix: it is singular, "
-            "that is, it has no inverse"
-        )
     return SideCar(
         rows={row.frame: row for row in cameras}, reversed_depth=_read_depth_sense(content)
     )

@@ -28,6 +28,7 @@ from pydantic import (
 from pydantic.json_schema import SkipJsonSchema
 
 from rtsr_cli.core.captures.buffer_expressions import (
+    explain_signs,
     is_expression,
     list_letters,
     parse_expression,
@@ -198,12 +199,18 @@ def _add_channel_counts(table: object) -> object:
     }
 
 
+def _explain_names(specs: list[ComponentSpec]) -> str:
+    names = (spec.channel for spec in specs if isinstance(spec, ChannelSpec))
+    return next(filter(None, map(explain_signs, names)), "")
+
+
 def _check_channel_counts(
     table: dict[Buffer, list[ComponentSpec]],
 ) -> dict[Buffer, list[ComponentSpec]]:
     """Hold every buffer to its number of channels, and radiance to be in files."""
     wrong = [
         f"{buffer} needs {BUFFER_SPECS[buffer].channels} channels, not {len(specs)}"
+        f"{_explain_names(specs)}"
         for buffer, specs in table.items()
         if len(specs) != BUFFER_SPECS[buffer].channels
     ]

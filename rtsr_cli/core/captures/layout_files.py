@@ -9,6 +9,7 @@ from pathlib import Path
 from pydantic import Field
 
 from rtsr_cli.core.captures.bound_channels import Binding
+from rtsr_cli.core.captures.buffer_expressions import explain_signs
 from rtsr_cli.core.captures.capture_file import (
     CAPTURE_FILE,
     CaptureDeclaration,
@@ -29,9 +30,6 @@ from rtsr_cli.core.documents import DocumentError, read_toml_text
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, LayerChoiceError, did_you_mean
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import Conventions
-
-SPACES = "; operators stand between spaces: 'a.RGB + b.RGB', '1 - a.R'"
-"""What is said of names with signs in them, which are not there."""
 
 
 class LayoutFile(ConventionTables):
@@ -213,9 +211,9 @@ def _describe_absence(buffer: Buffer, term: Term, sets: Sequence[Streams], sourc
     column = f"column {term.column}" if term.column else ""
     written = ", ".join(filter(None, (source, column)))
     stands = f"; it stands in {written}" if written else ""
-    spaces = SPACES if any(sign in place.channel for sign in "+-*/") else ""
+    strange = explain_signs(place.channel)
     return (
         f"buffer '{buffer}': no channel is called '{spec}'"
-        f"{did_you_mean(place.channel, channels)}{spaces}{stands}; "
+        f"{did_you_mean(place.channel, channels)}{strange}{stands}; "
         f"file sequences: {', '.join(map(repr, files))}"
     )

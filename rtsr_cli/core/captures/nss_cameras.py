@@ -52,6 +52,12 @@ MAX_AFFINE_ERROR = 0.05
 """Largest entry by which a view may differ from an affine one: float32 of a world 10 km wide."""
 
 
+UNFIT_MATRIX = (
+    "ViewProjection does not fit FovX, FovY, CameraNearPlane and CameraFarPlane (metres, radians)"
+)
+"""What is wrong with matrices that make no camera."""
+
+
 def _flatten(value: object) -> object:
     if isinstance(value, list) and value and isinstance(value[0], list):
         return [number for row in value for number in row]
@@ -80,7 +86,7 @@ class NssFrame(_Liberal):
         default=INFINITE_FAR, alias="CameraFarPlane", ge=INFINITE_FAR, le=LARGEST_FACTOR
     )
     view_projection: Annotated[
-        list[Annotated[float, Field(ge=-LARGEST_FACTOR, le=LARGEST_FACTOR)]],
+        list[float],
         Field(min_length=16, max_length=16),
         BeforeValidator(_flatten),
     ] = Field(alias="ViewProjection")
@@ -88,18 +94,20 @@ class NssFrame(_Liberal):
     cut: bool = Field(default=False, alias="CameraCut")
 
     def row(self) -> dict[str, Any]:
-        """The frame as a row of a camera side-car.
-
-        Raises:
-            ValueError: ViewProjection does not fit fields of view and planes.
-        """
-        view, projection = _view_and_projection(self)
-        return {
+        """The frame as a row of a camera side-car; without matrices where they do not fit."""
+        row = {
             "frame": self.frame,
-            "worldToCamera": view.flatten().tolist(),
-            "worldToNDC": (view @ projection).flatten().tolist(),
             "jitter_px": (self.jitter.x, self.jitter.y),
             "cut": self.cut,
+        }
+        found = _view_and_projection(self)
+        if found is None:
+            return {**row, "fault": UNFIT_MATRIX}
+        view, projection = found
+        return {
+            **row,
+            "worldToCamera": view.flatten().tolist(),
+            "worldToNDC": (view @ projection).flatten().tolist(),
         }
 
 
@@ -146,7 +154,8 @@ def make_perspective(
     return matrix
 
 
-def _view_and_projection(frame: NssFrame) -> tuple[Matrix4, Matrix4]:
+def _view_and_projection(frame: NssFrame) -> tuple[Matrix4, Matrix4] | None:
+    """Matrices of a frame; None where ViewProjection fits no reading."""
     stored = np.array(frame.view_projection).reshape(4, 4)
     readings = []
     for combined, reversed_depth in product((stored, stored.T), (False, True)):
@@ -158,10 +167,7 @@ def _view_and_projection(frame: NssFrame) -> tuple[Matrix4, Matrix4]:
         readings.append((error, view, projection))
     error, view, projection = min(readings, key=lambda reading: reading[0])
     if not error <= MAX_AFFINE_ERROR:
-        raise ValueError(
-            f"frame {frame.frame}: ViewProjection does not fit FovX, FovY, CameraNearPlane and "
-            "CameraFarPlane (metres, radians)"
-        )
+        return None
     view[:, 3] = (0.0, 0.0, 0.0, 1.0)
     return view, projection
 

@@ -31,7 +31,7 @@ from rtsr_cli.core.frames import conventions as conv
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, VECTOR_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.camera_convention import CameraConvention
-from rtsr_cli.core.frames.camera_needs import UnmetNeed, find_unmet_needs
+from rtsr_cli.core.frames.camera_needs import UnmetNeed, describe_faults, find_unmet_needs
 from rtsr_cli.core.frames.sequence import Frame
 
 FLOAT_BYTES = 4
@@ -242,6 +242,11 @@ class FrameReader:
     def without_camera(self) -> tuple[int, ...]:
         """Frames that were surveyed and whose camera matrices nothing tells."""
         return tuple(n for n, camera in self.cameras.items() if not camera.has_matrices)
+
+    @cached_property
+    def camera_faults(self) -> str:
+        """Frames whose files hold matrices that are none, and why; empty if there are none."""
+        return describe_faults(self.cameras)
 
     @cached_property
     def has_camera(self) -> bool:

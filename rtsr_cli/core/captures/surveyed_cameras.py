@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -27,6 +28,9 @@ WORLD_TO_CAMERA, WORLD_TO_NDC = "worldToCamera", "worldToNDC"
 MATRIX_RANK = 4
 """Of every camera matrix, an infinite far plane included."""
 
+LARGEST_STORED_NUMBER = 1e30
+"""Entries of matrices go so far; products of two stay finite."""
+
 
 class CameraSource:
     """Cameras of frames; one that stands in brings its own camera and jitter along."""
@@ -48,8 +52,10 @@ class CameraSource:
     def survey(self, headers: Mapping[int, ExrHeader]) -> SurveyedValues[CameraMetadata]:
         """Read the cameras of all frames whose headers are there.
 
+        Matrices that are none are taken for unknown, and the camera says why.
+
         Raises:
-            FrameFolderError: a frame has none where others have, or one that is no camera.
+            FrameFolderError: a table has no entry for a frame.
         """
         frames = self._reader.frames
         there = {n: source for n, source in self._sources.items() if source in headers}
@@ -59,7 +65,8 @@ class CameraSource:
             _check_table(frames, "camera", self._side_car, bare)
         _check_table(frames, "jitter_px", self._capture.jitter_px, set(self._sources.values()))
         cameras = {n: self._read(n, headers[source]) for n, source in there.items()}
-        _check_matrices(frames, cameras)
+        wrong = {n: self._drop(n, cameras[n], headers[there[n]]) for n in _find_impossible(cameras)}
+        cameras.update(wrong)
         return SurveyedValues(cameras, self._sources.keys() - there.keys(), self._read_later)
 
     def list_cuts(self) -> frozenset[int]:
@@ -88,13 +95,25 @@ class CameraSource:
             world_to_ndc=matrices[1],
             jitter_px=jitter if self._jittered else (0.0, 0.0),
             pre_exposure=row.pre_exposure,
+            fault="" if matrices[0] is not None else row.fault,
             cut=row.cut or number in capture.camera_cuts,
         )
 
     def _read_later(self, number: int) -> CameraMetadata:
-        camera = self._read(number, self._files.of(self._reader.path(number)))
-        _check_matrices(self._reader.frames, {number: camera})
-        return camera
+        header = self._files.of(self._reader.path(number))
+        camera = self._read(number, header)
+        return self._drop(number, camera, header) if _find_impossible({number: camera}) else camera
+
+    def _drop(self, frame: int, camera: CameraMetadata, header: ExrHeader) -> CameraMetadata:
+        """Take the matrices of a frame for unknown, and say what is wrong with them."""
+        row = self._side_car.get(self._sources[frame])
+        stored = {} if row is None else row.list_matrices()
+        if not stored:
+            read = {name: _read_matrix(header, name) for name in (WORLD_TO_CAMERA, WORLD_TO_NDC)}
+            stored = {name: matrix for name, matrix in read.items() if matrix is not None}
+        return replace(
+            camera, world_to_camera=None, world_to_ndc=None, fault=_describe_fault(stored)
+        )
 
 
 def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) -> None:
@@ -107,29 +126,34 @@ def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) 
         )
 
 
-def _check_matrices(frames: FrameSet, cameras: Mapping[int, CameraMetadata]) -> None:
-    """Raise where a matrix of a camera is none; all are looked at together, frame by frame."""
+def _find_impossible(cameras: Mapping[int, CameraMetadata]) -> set[int]:
+    """Frames of whose matrices one is none; all are looked at together."""
     named = [
-        (number, name, matrix)
+        (number, matrix)
         for number, camera in cameras.items()
-        for name, matrix in (
-            (WORLD_TO_CAMERA, camera.world_to_camera),
-            (WORLD_TO_NDC, camera.world_to_ndc),
-        )
+        for matrix in (camera.world_to_camera, camera.world_to_ndc)
         if matrix is not None
     ]
     if not named:
-        return
-    matrices = torch.stack([matrix for _, _, matrix in named])
-    finite = torch.isfinite(matrices).flatten(1).all(1)
-    ranks = torch.linalg.matrix_rank(matrices.nan_to_num(0.0, 0.0, 0.0))
-    wrong = (~finite | (ranks < MATRIX_RANK)).tolist()
-    for number, name, _ in itertools.compress(named, wrong):
-        raise FrameFolderError(
-            f"{frames.root}, frame {number}: {name} is not a camera matrix (it is "
-            "singular or not finite); give the cameras in a side-car, "
-            'capture.toml: camera = "camera.csv"'
-        )
+        return set()
+    matrices = torch.stack([matrix for _, matrix in named])
+    finite = (matrices.abs() <= LARGEST_STORED_NUMBER).flatten(1).all(1)
+    known = torch.where(finite[:, None, None], matrices, torch.zeros_like(matrices))
+    wrong = (torch.linalg.matrix_rank(known) < MATRIX_RANK).tolist()
+    return {number for number, _ in itertools.compress(named, wrong)}
+
+
+def _describe_fault(stored: Mapping[str, Tensor]) -> str:
+    """Say which of the matrices of a frame, as they are stored, is none, and why."""
+    for name, matrix in stored.items():
+        strange = ~(matrix.abs() <= LARGEST_STORED_NUMBER)
+        if bool(strange.any()):
+            row, column = strange.nonzero()[0].tolist()
+            cell = row * MATRIX_RANK + column + 1
+            return f"cell {cell} (row {row + 1}, column {column + 1}) of {name} is no finite number"
+        if int(torch.linalg.matrix_rank(matrix)) < MATRIX_RANK:
+            return f"{name} is singular (it has no inverse)"
+    return f"{' and '.join(stored)} make no camera together"
 
 
 def _read_matrix(header: ExrHeader, name: str) -> Tensor | None:

@@ -49,6 +49,7 @@ class CameraMetadata:
         jitter_px: sample position minus pixel centre, pixels of the frame's own resolution.
         pre_exposure: factor already applied to the radiance.
         cut: True where temporal history must not reach back beyond this frame.
+        fault: why matrices that the files do have are none; empty if they are not at fault.
     """
 
     world_to_camera: Tensor | None = None
@@ -56,6 +57,7 @@ class CameraMetadata:
     jitter_px: Jitter = (0.0, 0.0)
     pre_exposure: float = 1.0
     cut: bool = False
+    fault: str = ""
 
     @property
     def has_matrices(self) -> bool:

@@ -105,6 +105,12 @@ def widen(rotation: Iterable[Iterable[float]]) -> Tensor:
     return matrix
 
 
+def invert_matrix(matrix: Tensor) -> Tensor:
+    """Inverse of a matrix; NaN throughout where it has none, which no camera has."""
+    inverse, failed = torch.linalg.inv_ex(matrix)
+    return torch.full_like(matrix, torch.nan) if bool(failed) else inverse
+
+
 def matrices_to_memory(
     stored: StoredMatrices, convention: CameraConvention
 ) -> tuple[Tensor | None, Tensor | None]:
@@ -118,8 +124,7 @@ def matrices_to_memory(
 
     view, ndc, projection = (ordered(m) for m in (stored.view, stored.ndc, stored.projection))
     if view is not None and CameraWord.CAMERA_TO_WORLD in convention.words:
-        # a matrix that has none gives numbers that are not finite; the survey refuses them
-        view = torch.linalg.inv_ex(view).inverse
+        view = invert_matrix(view)
     if view is not None and ndc is None and projection is not None:
         ndc = view @ projection
     if ndc is not None and CameraWord.NDC_Y_DOWN in convention.words:

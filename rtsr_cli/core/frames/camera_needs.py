@@ -90,6 +90,15 @@ def find_unmet_needs(
     return unmet
 
 
+def describe_faults(cameras: Mapping[int, CameraMetadata]) -> str:
+    """Say in which frames files hold matrices that are none, and why; empty if in none."""
+    found: dict[str, list[int]] = {}
+    for number, camera in cameras.items():
+        if camera.fault:
+            found.setdefault(camera.fault, []).append(number)
+    return "; ".join(f"{say_frames(numbers)}: {fault}" for fault, numbers in found.items())
+
+
 def name_lacking(numbers: Collection[int], *, everywhere: bool) -> str:
     """Return " of frame 7" or " of frames 1-3"; nothing where all frames are meant."""
     return "" if everywhere or not numbers else f" of {say_frames(numbers)}"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.measuring.declaration_text import write_toml_value
@@ -81,7 +81,17 @@ def list_fixes(
     known = {fix.line for fix in fixes}
     offered = [_declare_guess(b, hints) for b in hints.guessed] if _is_unread(missing) else []
     fixes += [fix for fix in offered if fix.line not in known]
-    return tuple(dict.fromkeys(fixes))
+    return tuple(_merge_fixes(fixes))
+
+
+def _merge_fixes(fixes: Iterable[Fix]) -> Iterator[Fix]:
+    """Offer a line once, for all that it provides: a key that is pasted twice is no TOML."""
+    grouped: dict[tuple[str, str], list[Fix]] = {}
+    for fix in fixes:
+        grouped.setdefault((fix.where, fix.line), []).append(fix)
+    for same in grouped.values():
+        names = dict.fromkeys(fix.missing for fix in same)
+        yield replace(same[0], missing=", ".join(names))
 
 
 def strip_size(missing: str) -> str:

@@ -213,7 +213,9 @@ def _describe_one(name: str, reader: FrameReader, size: str) -> str:
     if name == CAMERA:
         lacking = reader.without_camera
         every = len(lacking) == len(reader.cameras)
-        return f"{size}{CAMERA}{name_lacking(lacking, everywhere=every)}"
+        bare = [n for n in lacking if not reader.cameras[n].fault]
+        why = f" ({reader.camera_faults})" if reader.camera_faults else ""
+        return f"{size}{CAMERA}{name_lacking(bare, everywhere=every)}{why}"
     unmet, without = reader.unmet.get(Buffer(name)), reader.lacking.get(Buffer(name))
     if without:
         return f"{size}{name} of {say_frames(without)}"

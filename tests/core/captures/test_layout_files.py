@@ -232,6 +232,7 @@ def test_a_channel_needs_to_be_in_one_of_the_two_resolutions_only(tmp_path: Path
         ("[buffers]", "buffers: has 0 entries (allowed: 1 or more)"),
         ('[buffers]\nnormals = "n.XYZ"', "buffers.normals: no such buffer, did you mean 'normal'?"),
         ('[buffers]\ncolor = "beauty"', "buffers: color needs 3 channels, not 1"),
+        ('[buffers]\ncolor = "max(a.RGB, 0)"', "not 1; column 4: there are no parentheses"),
         ('[buffers]\ndepth = ["a", "b"]', "buffers: depth needs 1 channels, not 2"),
         ('[buffers]\nsky = "s"', "buffers: sky is not read"),
         ("[buffers]\ndepth = true", "buffers.depth: True is not a list"),

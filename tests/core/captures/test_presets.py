@@ -296,10 +296,17 @@ def test_nss_frames_may_be_called_frame_numbers(tmp_path: Path) -> None:
     assert reader_of(tmp_path).cameras[0].cut
 
 
-def test_an_nss_matrix_that_fits_no_camera_is_refused_with_the_frame(tmp_path: Path) -> None:
-    write_nss(tmp_path, nss_json(FovX=1.0, CameraNearPlane=20.0), 0.9)
-    with pytest.raises(Exception, match=r"0000\.json: .*frame 0: ViewProjection does not fit"):
-        reader_of(tmp_path)
+@pytest.mark.parametrize(
+    "change", [{"FovX": 1.0, "CameraNearPlane": 20.0}, {"ViewProjection": [0.0] * 16}]
+)
+def test_an_nss_matrix_that_fits_no_camera_is_unknown_and_named_with_the_frame(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
+    write_nss(tmp_path, nss_json(**change), 0.9)
+    reader = reader_of(tmp_path)
+    assert not reader.has_camera
+    assert reader.camera_faults.startswith("frame 0: ViewProjection does not fit")
+    assert reader.cameras[0].jitter_px == (0.25, -0.375)
 
 
 def test_nss_ratios_that_are_no_whole_scale_are_refused_by_name(tmp_path: Path) -> None:

@@ -308,13 +308,17 @@ def test_a_table_that_leaves_frames_out_is_refused(
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan])
-def test_matrices_that_are_none_are_refused(
+def test_matrices_that_are_none_are_unknown_and_the_frame_and_the_matrix_are_named(
     tmp_path: Path, write_frames: Write, open_folder: Open, value: float
 ) -> None:
     matrix = np.full((4, 4), value, np.float32)
     write_frames(tmp_path, [1], attributes={"worldToCamera": matrix})
-    with pytest.raises(FrameFolderError, match="frame 1: worldToCamera is not a camera matrix"):
-        open_folder(tmp_path)
+    write_frames(tmp_path, [2], attributes={"worldToCamera": np.eye(4, dtype=np.float32)})
+    reader = open_folder(tmp_path)
+    assert reader.cameras[1].world_to_camera is None
+    assert reader.cameras[2].world_to_camera is not None
+    assert reader.camera_faults.startswith("frame 1: ")
+    assert "worldToCamera is" in reader.camera_faults
 
 
 def test_a_frame_that_stands_in_brings_its_jitter_along(

@@ -63,3 +63,8 @@ def test_a_sum_of_colours_stands_for_the_parts_of_material() -> None:
 def test_guesses_are_offered_where_nothing_can_be_read() -> None:
     hints = Hints(guessed={Buffer.COLOR: ("hdr.R", "hdr.G", "hdr.B")})
     assert lines(("a known layout",), hints) == ['color = ["hdr.R", "hdr.G", "hdr.B"]']
+
+
+def test_one_line_provides_all_that_it_can() -> None:
+    missing = ("lr camera", "lr camera for depth (ray distance)", "hr camera of frame 3")
+    assert lines(missing) == ['camera = "camera.csv"']

@@ -63,13 +63,17 @@ def _follow_finding(
 
 
 def _describe_gap(reader: FrameReader) -> str:
-    """Say which frames have no matrices though others have; empty if all or none have any."""
-    lacking = reader.without_camera
-    if not lacking or len(lacking) == len(reader.cameras):
+    """Say which frames have matrices that are none, or none though others have some."""
+    bare = [n for n in reader.without_camera if not reader.cameras[n].fault]
+    if len(bare) == len(reader.cameras):
         return ""
-    return (
-        f"{say_frames(lacking)} without the camera matrices that the other frames have (4 x 4, "
-        f"worldToCamera and worldToNDC): {REFUSED}; write them into the headers, or give those of "
+    lacking = (
+        f"{say_frames(bare)} without the camera matrices that the other frames have (4 x 4, "
+        "worldToCamera and worldToNDC)"
+    )
+    said = "; ".join(text for text in (reader.camera_faults, lacking if bare else "") if text)
+    return said and (
+        f"{said}; {REFUSED}; write them into the headers, or give those of "
         'all frames in a side-car (capture.toml: camera = "camera.csv")'
     )
 
