@@ -21,7 +21,13 @@ from rtsr_cli.core.pairs.simulation import average_samples
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models import load_system
 from rtsr_cli.models.cgts.config import CgtsConfig, CgtsLoss, Stage
-from rtsr_cli.models.cgts.inputs import CgtsState, carry_history, prepare
+from rtsr_cli.models.cgts.inputs import (
+    CgtsState,
+    carry_history,
+    clip_history,
+    limit_clipping,
+    prepare,
+)
 from rtsr_cli.models.cgts.loss import (
     ALIASING_ORDER,
     GHOSTING_ORDER,
@@ -322,3 +328,40 @@ def test_an_ablation_sees_no_classes(make_windows: MakeWindows) -> None:
         network.classifier.decoder[-1].bias += torch.tensor([0.0, 0.0, 0.0, 2.0, -1.0, 0.0])
     second = run(network, windows)[-1]["weight"]
     assert torch.equal(first, second)
+
+
+def test_history_is_clipped_where_it_moves() -> None:
+    share, motion = torch.ones(1, 1, 1, 3), torch.zeros(1, 2, 1, 3)
+    motion[0, 0, 0] = torch.tensor([0.0, 0.25, 20.0])
+    limited = limit_clipping(share, motion)[0, 0, 0]
+    torch.testing.assert_close(limited, torch.tensor([0.0, 0.6321, 1.0]), rtol=0, atol=1e-4)
+
+
+def test_untrained_it_is_held_half_way_within_the_colours_around(
+    make_windows: MakeWindows,
+) -> None:
+    """The pattern moves by two pixels a frame; a history of 1 is brighter than all around."""
+    inputs = prepare(CONFIG, make_windows(SYSTEM, 2)[0])
+    white = replace(make_state(inputs), color=torch.ones_like(inputs["color"]))
+    network = build()
+    with torch.no_grad():
+        outputs, _ = network(inputs, white)
+    clipped = clip_history(torch.ones_like(inputs["color"]), inputs["around"])
+    assert float(clipped.amin()) < 0.9
+    moving = 1.0 - torch.exp(torch.tensor(-2.0 / 0.25))
+    held = torch.lerp(torch.ones_like(clipped), clipped, 0.5 * moving)
+    inner = (..., slice(None, -4))
+    expected = torch.lerp(held, inputs["color"], outputs["weight"])
+    torch.testing.assert_close(outputs["color"][inner], expected[inner], rtol=1e-4, atol=1e-5)
+
+
+def test_the_published_surroundings_clip_nothing(make_windows: MakeWindows) -> None:
+    config = CgtsConfig(preset=Preset.PAPER)
+    inputs = prepare(config, make_windows(SYSTEM, 2)[0])
+    assert "around" not in inputs
+    white = replace(make_state(inputs), color=torch.ones_like(inputs["color"]))
+    with torch.no_grad():
+        outputs, _ = build(config)(inputs, white)
+    inner = (..., slice(None, -4))
+    expected = torch.lerp(torch.ones_like(inputs["color"]), inputs["color"], outputs["weight"])
+    torch.testing.assert_close(outputs["color"][inner], expected[inner])
