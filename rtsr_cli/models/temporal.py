@@ -19,7 +19,6 @@ from torch import nn
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.demodulation import remodulate
 from rtsr_cli.core.lighting import lighting, lighting_history
-from rtsr_cli.core.lighting.lighting import decode_lighting, lighting_scale_of
 from rtsr_cli.core.lighting.lighting_history import (
     HistoryWeights,
     LightingHistory,
@@ -51,7 +50,7 @@ def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction
     """Gather lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     config = cast(DemodTemporalConfig, network.config)
     gathered = gather_lighting(window, cast(LightingHistory | None, state), config)
-    light = decode_lighting(gathered.encoded, lighting_scale_of(window.current))
+    light = gathered.history.lighting
     hr = window.require_hr().gbuffer
     image = remodulate(light, hr[Buffer.MATERIAL], hr.buffers.get(Buffer.EMISSION))
     return Prediction(

@@ -131,7 +131,8 @@ def upsample_guided(
         small: of the samples.
         large: of the output, n . S*h S*w.
         scale: S.
-        fallback: n c S*h S*w; what stands where no sample fits.
+        fallback: n . S*h S*w, the first channels' or all; what stands where no sample fits, 0 for
+            those behind.
     """
     return _enlarge(values, mask, small, large, scale=scale, fallback=fallback, fit=None)
 
@@ -171,7 +172,7 @@ def _enlarge(
         scale,
     )
     taps = _find_taps(scale, width, like=values)
-    enlarged = torch.empty_like(fallback)
+    enlarged = values.new_empty(count, values.shape[1], *fallback.shape[2:])
     rows = _strip_rows(height, count * scale * scale * width)
 
     def enlarge_strip(top: int) -> None:
@@ -181,8 +182,8 @@ def _enlarge(
         best = None if fit is None else fit[:, :, here]
         total = _weigh_samples(around, _guides(large, here.start, here.stop, scale), taps, best)
         total = total.flatten(2, 3)
-        sums = total[:, :-1].add_(fallback[:, :, here], alpha=FALLBACK_WEIGHT)
-        torch.div(sums, total[:, -1:].add_(FALLBACK_WEIGHT), out=enlarged[:, :, here])
+        total[:, : fallback.shape[1]].add_(fallback[:, :, here], alpha=FALLBACK_WEIGHT)
+        torch.div(total[:, :-1], total[:, -1:].add_(FALLBACK_WEIGHT), out=enlarged[:, :, here])
 
     share_among_threads(enlarge_strip, range(0, height, rows))
     return enlarged

@@ -188,19 +188,17 @@ def _enlarge_frame(
 ) -> tuple[Color, Plane, Color]:
     """g, fit, and d, 0 where it is not known; enlarged at once, as their weights are one."""
     encoded, mask = encode_frame(window.current), window.current.gbuffer[Buffer.LIGHTING_MASK]
-    values, fallback = [encoded], [enlarge_cubic(window, encoded)]
+    values = [encoded]
     if carried is not None:
         seen = (pick_samples(window, worth) > SEEN).to(mask) * mask
         change = (encoded - pick_samples(window, carried)) * seen
         values += [change, seen]
-        nothing = torch.zeros_like(fallback[0])
-        fallback += [nothing, nothing[:, :1]]
     enlarged, fit = upsample_guided_and_fit(
         torch.cat(values, dim=1),
         mask,
         *guide_window(window),
         scale=window.scale,
-        fallback=torch.cat(fallback, dim=1),
+        fallback=enlarge_cubic(window, encoded),
     )
     enlarged, fit = unalign_image(window, enlarged), unalign_image(window, fit)
     now, change = enlarged[:, :3], torch.zeros_like(enlarged[:, :3])
