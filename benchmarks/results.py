@@ -167,18 +167,35 @@ def rows_of(
     return rows + list(mean_gain_rows(held_out))
 
 
+def find_place(row: Row) -> tuple[str, ...]:
+    """Kind of LR frames, and sequence, of a row."""
+    return tuple(row.get(c, "") for c in COLUMNS[: COLUMNS.index("split")])
+
+
+def check_baselines(known: Sequence[Row], measured: Sequence[Row]) -> None:
+    """Hold what gains are over to be what it was.
+
+    Raises:
+        click.ClickException: it is not: the table is of other frames, or of another version.
+    """
+    before = {(*find_place(row), row["system"]): row for row in known}
+    for row in (r for r in measured if r["system"] in STRAIGHT):
+        was = before.get((*find_place(row), row["system"]))
+        if was is not None and was["psnr"] != row["psnr"]:
+            raise click.ClickException(
+                f"{row['sequence']}, {row['system']}: {row['psnr']} dB, and {was['psnr']} dB in "
+                "the table: measure all systems anew"
+            )
+
+
 def merge_rows(known: Sequence[Row], measured: Sequence[Row]) -> list[Row]:
     """Rows that were measured in place of those of the same system, or behind their sequence's."""
-
-    def place(row: Row) -> tuple[str, ...]:
-        return tuple(row.get(c, "") for c in COLUMNS[: COLUMNS.index("split")])
-
-    fresh = {(*place(row), row["system"]): row for row in measured}
+    fresh = {(*find_place(row), row["system"]): row for row in measured}
     merged: list[Row] = []
     for i, row in enumerate(known):
-        merged.append(fresh.pop((*place(row), row["system"]), row))
-        if i + 1 == len(known) or place(known[i + 1]) != place(row):
-            more = [key for key in fresh if key[:-1] == place(row)]
+        merged.append(fresh.pop((*find_place(row), row["system"]), row))
+        if i + 1 == len(known) or find_place(known[i + 1]) != find_place(row):
+            more = [key for key in fresh if key[:-1] == find_place(row)]
             merged += [fresh.pop(key) for key in more]
     return merged + list(fresh.values())
 
@@ -207,6 +224,8 @@ def main(data: Path, table: Path, output: Path, keep: Path | None, only: tuple[s
             names = methods(scale, only)
             result = judged(tree, work, names, scale, kind)
             measured = [title | dict(row) for row in rows_of(result, sequences, names)]
+            if only:
+                check_baselines(read_csv(table), measured)
             rows += [row for row in measured if not only or row["system"] in only]
     write_csv(table, COLUMNS, merge_rows(read_csv(table), rows) if only else rows)
     write_text(table, output)
