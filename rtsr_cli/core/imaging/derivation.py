@@ -193,10 +193,20 @@ def derive_sky(gbuffer: GBuffer) -> Mask:
 
 
 def derive_nov(frame: Frame) -> Plane:
-    """View cosine: stored, from the camera, or from positions and depth (first that is there)."""
+    """View cosine: stored, from the camera, or from positions and depth (first that is there).
+
+    A surface whose normal is 0, which says nothing, is taken to face the camera.
+    """
     gbuffer = frame.gbuffer
     if Buffer.NOV in gbuffer:
         return gbuffer[Buffer.NOV].clamp(0.0, 1.0)
+    nov = _find_view_cosine(frame)
+    unfaced = (gbuffer[Buffer.NORMAL] == 0).all(1, keepdim=True) & (derive_sky(gbuffer) < 0.5)
+    return nov.masked_fill_(unfaced, 1.0)
+
+
+def _find_view_cosine(frame: Frame) -> Plane:
+    gbuffer = frame.gbuffer
     normal = gbuffer[Buffer.NORMAL]
     nov = view_cosine_from_camera(
         normal, frame.camera, frame.view, jitter_px=frame.camera.jitter_px

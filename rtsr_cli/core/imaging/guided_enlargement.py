@@ -5,7 +5,8 @@
     d = max(0, |z(p) - z(q)| - b |grad z(p)| |p - q|) / (c z(p))
 
 over the small frame's samples q near p: those whose normal is that of p and whose depth is that of
-p's plane count [Kopf et al. 2007, with the edge-stopping functions of Dammertz et al. 2010].
+p's plane count; where p or q is a surface whose normal is 0, which says nothing, its depth alone
+does (n(p).n(q) = 1) [Kopf et al. 2007, with the edge-stopping functions of Dammertz et al. 2010].
 
 Conventions: samples are pixel (S//2, S//2) of their S x S block (see `alignment`).
 """
@@ -21,6 +22,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
 from rtsr_cli.core.shapes import Image, Mask, Plane, Vector3
 from rtsr_cli.core.threads import share_among_threads
 
@@ -59,12 +61,17 @@ class SurfaceGuides:
     """What tells surfaces apart.
 
     Attributes:
-        normal: n 3 h w, unit, 0 on sky.
-        depth: n 1 h w, any unit, infinite on sky.
+        normal: n 3 h w, unit; 0 on sky, and on surfaces whose normal is not known.
+        depth: n 1 h w, metres, `SKY_DEPTH_M` or more on sky.
     """
 
     normal: Vector3
     depth: Plane
+
+    def find_unfaced(self) -> Mask:
+        """1 on surfaces whose normal is 0."""
+        zero = (self.normal == 0).all(1, keepdim=True) & (self.depth < SKY_DEPTH_M)
+        return zero.to(self.depth)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,11 +99,13 @@ class _Guides:
         normal: x, y, z.
         per_depth: log2(e) / (c z).
         slope: b |grad z| log2(e) / (c z), a small pixel.
+        unfaced: 1 on surfaces whose normal is 0; None where no surface of either frame is so.
     """
 
     normal: tuple[Tensor, ...]
     per_depth: Tensor
     slope: Tensor
+    unfaced: Tensor | None
 
 
 def _gradient(depth: Plane) -> Plane:
@@ -167,10 +176,11 @@ def _enlarge(
 ) -> Image:
     """Enlarge, and write into `fit` how well the best sample fits where that is asked for."""
     count, _, height, width = values.shape
-    samples = _widen(
-        [values * mask, mask, _LOG2_E * FACING * small.normal, small.depth.clamp(max=MAX_DEPTH)],
-        scale,
-    )
+    unfaced = large.find_unfaced(), small.find_unfaced()
+    blind = any(bool(mask.any()) for mask in unfaced)
+    facing = _LOG2_E * FACING * small.normal
+    planes = [values * mask, mask, small.depth.clamp(max=MAX_DEPTH), facing]
+    samples = _widen([*planes, *([_LOG2_E * FACING * unfaced[1]] if blind else [])], scale)
     taps = _find_taps(scale, width, like=values)
     enlarged = values.new_empty(count, values.shape[1], *fallback.shape[2:])
     rows = _strip_rows(height, count * scale * scale * width)
@@ -180,7 +190,8 @@ def _enlarge(
         around = samples[:, :, top : bottom + 2 * REACH]
         here = slice(top * scale, bottom * scale)
         best = None if fit is None else fit[:, :, here]
-        total = _weigh_samples(around, _guides(large, here.start, here.stop, scale), taps, best)
+        guides = _guides(large, unfaced[0] if blind else None, here.start, here.stop, scale)
+        total = _weigh_samples(around, guides, taps, best)
         total = total.flatten(2, 3)
         total[:, : fallback.shape[1]].add_(fallback[:, :, here], alpha=FALLBACK_WEIGHT)
         torch.div(total[:, :-1], total[:, -1:].add_(FALLBACK_WEIGHT), out=enlarged[:, :, here])
@@ -221,7 +232,9 @@ def _find_taps(scale: int, width: int, *, like: Tensor) -> list[_Tap]:
     return taps
 
 
-def _guides(large: SurfaceGuides, first: int, last: int, scale: int) -> _Guides:
+def _guides(
+    large: SurfaceGuides, unfaced: Mask | None, first: int, last: int, scale: int
+) -> _Guides:
     """What the weights of HR rows first..last depend on, n . rows S S*w."""
     above, below = max(0, first - 1), min(large.depth.shape[2], last + 1)
     bounded = large.depth[:, :, above:below].clamp(min=MIN_DEPTH, max=MAX_DEPTH)
@@ -237,6 +250,7 @@ def _guides(large: SurfaceGuides, first: int, last: int, scale: int) -> _Guides:
         normal=torch.split(split_rows(large.normal[:, :, first:last]), 1, dim=1),
         per_depth=split_rows(per_depth),
         slope=split_rows(slope),
+        unfaced=None if unfaced is None else split_rows(unfaced[:, :, first:last]),
     )
 
 
@@ -248,20 +262,24 @@ def _weigh_samples(
     The largest weight goes into `best`. Exponents are of 2, which costs half of what those of e
     cost.
     """
-    n_x, n_y, n_z = guides.normal
-    per_depth, slope = guides.per_depth, guides.slope
+    per_depth, slope, unfaced = guides.per_depth, guides.slope, guides.unfaced
     count, _, rows, scale, width = per_depth.shape
-    channels = samples.shape[1] - 4
+    facing = [*guides.normal, *([] if unfaced is None else [1.0 - unfaced])]
+    channels = samples.shape[1] - 1 - len(facing)
     own_depth = per_depth.new_full((1, 1, 1, 1, 1), _LOG2_E / DEPTH_SHARE)
     total = per_depth.new_zeros(count, channels, rows, scale, width)
     power, apart = torch.empty_like(per_depth), torch.empty_like(per_depth)
     largest = None if best is None else best.view_as(per_depth)
     for tap in taps:
         there = samples[:, :, tap.top : tap.top + rows, None, tap.left : tap.left + width]
-        counted, x, y, z, depth = torch.split(there, [channels, 1, 1, 1, 1], dim=1)
+        counted, depth, *toward = torch.split(there, [channels, *[1] * (1 + len(facing))], dim=1)
         # a (n(p).n(q) - 1) - |p - q|^2 / (2 s^2) - d(p, q)
-        torch.addcmul(tap.exponent, n_x, x, out=power)
-        power.addcmul_(n_y, y).addcmul_(n_z, z)
+        nearest = tap.exponent
+        if unfaced is not None:
+            nearest = nearest + _LOG2_E * FACING * unfaced
+        torch.addcmul(nearest, facing[0], toward[0], out=power)
+        for own, other in zip(facing[1:], toward[1:], strict=True):
+            power.addcmul_(own, other)
         torch.addcmul(own_depth, depth, per_depth, value=-1.0, out=apart)
         apart.abs_().addcmul_(slope, tap.distance, value=-1.0).clamp_(min=0.0)
         total.addcmul_(power.sub_(apart).exp2_(), counted)

@@ -12,6 +12,7 @@ from torch import Tensor
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.conventions import SkyRule
 from rtsr_cli.core.frames.selection import format_ranges
 
 COARSE_STEP_PX = 0.25
@@ -35,6 +36,7 @@ class PixelStatistics:
     Attributes:
         low, high, median: of the finite values.
         nonfinite: frame -> number of NaN and Inf.
+        not_numbers: frame -> number of NaN.
         negative: frame -> number of values below 0.
         zero: frames in which every value is 0.
         fractional: share of the values that are no whole numbers.
@@ -45,6 +47,7 @@ class PixelStatistics:
     high: float
     median: float
     nonfinite: Mapping[int, int] = field(default_factory=dict)
+    not_numbers: Mapping[int, int] = field(default_factory=dict)
     negative: Mapping[int, int] = field(default_factory=dict)
     zero: tuple[int, ...] = ()
     fractional: float = 0.0
@@ -59,6 +62,7 @@ class _RunningStatistics:
     high: float = float("-inf")
     medians: list[float] = field(default_factory=list)
     nonfinite: dict[int, int] = field(default_factory=dict)
+    not_numbers: dict[int, int] = field(default_factory=dict)
     negative: dict[int, int] = field(default_factory=dict)
     zero: list[int] = field(default_factory=list)
     fractional: list[float] = field(default_factory=list)
@@ -69,6 +73,7 @@ class _RunningStatistics:
         finite = values[torch.isfinite(values)]
         if finite.numel() < values.numel():
             self.nonfinite[number] = values.numel() - finite.numel()
+            self.not_numbers |= {number: n} if (n := int(values.isnan().sum())) else {}
         if finite.numel():
             lowest = float(finite.amin())
             self.low = min(self.low, lowest)
@@ -88,6 +93,7 @@ class _RunningStatistics:
             high=0.0 if nothing else self.high,
             median=0.0 if nothing else sorted(self.medians)[len(self.medians) // 2],
             nonfinite=self.nonfinite,
+            not_numbers=self.not_numbers,
             negative=self.negative,
             zero=tuple(self.zero),
             fractional=_mean(self.fractional),
@@ -116,13 +122,20 @@ def measure_statistics(
     return {buffer: r.result() for buffer, r in running.items()}, damaged
 
 
-def describe_nonfinite(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
-    """Say which buffers hold NaN or Inf; depth may, on sky."""
+def describe_nonfinite(
+    reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]
+) -> list[str]:
+    """Say which buffers hold NaN or Inf; depth may, on sky: Inf, and NaN where that is its rule."""
+    found: dict[Buffer, Mapping[int, int]] = {
+        b: s.nonfinite for b, s in statistics.items() if b != Buffer.DEPTH
+    }
+    if Buffer.DEPTH in statistics and reader.conventions.depth.sky is not SkyRule.NAN:
+        found[Buffer.DEPTH] = statistics[Buffer.DEPTH].not_numbers
     return [
-        f"{sum(s.nonfinite.values())} values of '{buffer}' are NaN or Inf in frames "
-        f"{format_ranges(s.nonfinite)}: render them again, or use --on-nonfinite zero|inpaint"
-        for buffer, s in statistics.items()
-        if s.nonfinite and buffer is not Buffer.DEPTH
+        f"{sum(frames.values())} values of '{buffer}' are NaN or Inf in frames "
+        f"{format_ranges(frames)}: render them again, or use --on-nonfinite zero|inpaint"
+        for buffer, frames in found.items()
+        if frames
     ]
 
 
@@ -139,7 +152,7 @@ def describe_negative(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]
 
 def list_doubts(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
     """Pixels that may not be what they should, though commands take them."""
-    problems = [*_doubt_ids(statistics), *_doubt_colors(statistics)]
+    problems = [*_doubt_ids(statistics), *_doubt_colors(statistics), *_doubt_zeros(statistics)]
     motion = statistics.get(Buffer.MOTION)
     if motion is None:
         return problems
@@ -160,6 +173,20 @@ def list_doubts(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics
             f"are {step:.2f} px, sub-pixel motion is lost; write it as float, or uncentred"
         )
     return problems
+
+
+NEVER_EMPTY = (Buffer.NORMAL, Buffer.ALBEDO, Buffer.MATERIAL, Buffer.ROUGHNESS, Buffer.POSITION)
+"""Buffers that are 0 in every pixel of a frame only where nothing but sky is seen."""
+
+
+def _doubt_zeros(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
+    """Say of passes that some frames lack; of those that all lack surfaces tell."""
+    return [
+        f"'{buffer}' is 0 in every pixel of frames {format_ranges(s.zero)}, and not in others: a "
+        "pass that was not rendered there; render these frames again"
+        for buffer, s in statistics.items()
+        if buffer in NEVER_EMPTY and s.zero and s.high > s.low
+    ]
 
 
 def _doubt_ids(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:

@@ -423,7 +423,7 @@ def _with_pixels(
         *holes,
         *(
             ShotProblem(text=text, gravity=Severity.PIXELS)
-            for text in describe_nonfinite(statistics)
+            for text in describe_nonfinite(reader, statistics)
         ),
         *([unsettled] if settled.undecided else []),
         *(ShotProblem(text=text) for text in remarks),

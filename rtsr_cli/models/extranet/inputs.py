@@ -187,7 +187,7 @@ def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
     """
     frames = window.lr
     moving = find_moving(own, sample_motion(frames[0], frames[1]), frames[1])
-    stands = (moving < 0.5) & (own.facing[:, 3:] < 0.5)
+    stands = (moving < 0.5) & ~own.on_sky
     chained = chain_motions(frames[: PLACES[-1] + 1])
     motions = [chained[place - 1] for place in PLACES if place < len(frames)]
     for i, place in enumerate(PLACES[1 : len(motions)], start=1):

@@ -160,6 +160,25 @@ def test_the_view_cosine_from_positions_agrees_with_that_from_the_camera(
     assert 0.2 < float((by_camera > 0.1).float().mean()) < 0.9
 
 
+def test_a_surface_without_normal_is_taken_to_face_the_camera_and_sky_is_not(
+    make_frame: MakeFrame,
+    make_camera: Callable[..., CameraMetadata],
+    buffers: dict[Buffer, torch.Tensor],
+) -> None:
+    normal, depth = buffers[Buffer.NORMAL].clone(), buffers[Buffer.DEPTH]
+    right = derive_nov(
+        make_frame({Buffer.NORMAL: normal, Buffer.DEPTH: depth}, camera=make_camera())
+    )
+    normal[..., 5, 3] = 0.0
+    found = derive_nov(
+        make_frame({Buffer.NORMAL: normal, Buffer.DEPTH: depth}, camera=make_camera())
+    )
+    assert found[0, 0, 5, 3] == 1.0
+    right[..., 5, 3] = 1.0
+    assert torch.equal(found, right)
+    assert found[derive_sky(GBuffer(buffers)) > 0.5].max() == 0.0
+
+
 def test_the_brdf_divisor_is_diffuse_plus_the_split_sum(
     monkeypatch: pytest.MonkeyPatch, make_frame: MakeFrame, buffers: dict[Buffer, torch.Tensor]
 ) -> None:

@@ -101,6 +101,53 @@ def test_where_no_sample_fits_the_fallback_stands() -> None:
     assert torch.allclose(found, fallback, atol=1e-4)
 
 
+@pytest.mark.parametrize("zero", ["large", "small", "both"])
+def test_where_normals_are_0_depth_alone_tells_surfaces_apart(zero: str) -> None:
+    """Bit for bit what one normal everywhere gives, of which the normals' term is 0."""
+    torch.manual_seed(2)
+    depth = torch.where(torch.rand(1, 1, 24, 32) < 0.5, 2.0, 9.0)
+    values, mask = torch.rand(1, 2, 6, 8), (torch.rand(1, 1, 6, 8) < 0.8).float()
+    facing, fallback = flat(24, 32).normal, torch.rand(1, 2, 24, 32)
+
+    def run(large: Image, small: Image) -> Image:
+        return upsample_guided(
+            values,
+            mask,
+            SurfaceGuides(normal=small, depth=decimated(depth)),
+            SurfaceGuides(normal=large, depth=depth),
+            scale=SCALE,
+            fallback=fallback,
+        )
+
+    torch.manual_seed(3)
+    other = F.normalize(torch.randn(1, 3, 24, 32), dim=1)
+    nothing = torch.zeros_like(other)
+    large = other if zero == "small" else nothing
+    small = decimated(other if zero == "large" else nothing)
+    assert run(large, small).equal(run(facing, decimated(facing)))
+
+
+def test_a_few_normals_of_0_change_nothing_elsewhere() -> None:
+    torch.manual_seed(4)
+    normal = F.normalize(torch.randn(1, 3, 24, 32), dim=1)
+    depth = torch.full((1, 1, 24, 32), 3.0)
+    values = torch.rand(1, 1, 6, 8)
+    spoilt = normal.clone()
+    spoilt[..., 4, 5] = 0.0
+    right = enlarged(values, SurfaceGuides(normal=normal, depth=depth), fill=0.5)
+    found = enlarged(values, SurfaceGuides(normal=spoilt, depth=depth), fill=0.5)
+    assert (found != right).nonzero().tolist() == [[0, 0, 4, 5]]
+
+
+def test_sky_whose_normals_are_0_is_enlarged_as_ever() -> None:
+    """No sample is like it: the fallback stands."""
+    sky = SurfaceGuides(
+        normal=torch.zeros(1, 3, 24, 32), depth=torch.full((1, 1, 24, 32), torch.inf)
+    )
+    found = enlarged(torch.zeros(1, 1, 6, 8), sky, fill=0.7)
+    assert torch.allclose(found, torch.full_like(found, 0.7), atol=1e-4)
+
+
 def test_weights_are_the_equation() -> None:
     torch.manual_seed(1)
     height, width = 12, 16

@@ -76,6 +76,33 @@ def test_other_objects_and_what_is_not_divided_are_never_alike() -> None:
     assert weigh_likeness(own, undivided.pack()).item() == 0.0
 
 
+@pytest.mark.parametrize("known", ["neither", "own", "other"])
+def test_normals_of_0_say_nothing_and_depth_tells(known: str) -> None:
+    """exp(-|z(q) - z(p)| / (c z(p))), as of walls that face the camera."""
+    depth = torch.full((1, 1, 1, 1), 10.0)
+    nothing, facing = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    own = describe(frame_of(facing if known == "own" else nothing, depth, CameraMetadata()))
+    other = facing if known == "other" else nothing
+    beside, behind = (
+        describe(frame_of(other, depth + apart, CameraMetadata())).pack() for apart in (0.0, 0.3)
+    )
+    assert weigh_likeness(own, beside).item() == 1.0
+    assert weigh_likeness(own, behind).item() == pytest.approx(
+        math.exp(-0.3 / (PLANE_SHARE * 10.0)), rel=1e-4
+    )
+
+
+def test_where_the_camera_is_known_depth_is_measured_along_it(make_camera: Camera) -> None:
+    """Points of one depth lie in a plane across the camera's axis, wherever it looks."""
+    depth = torch.full((1, 1, 6, 8), 10.0)
+    level = describe(frame_of((0.0, 0.0, 0.0), depth, make_camera()))
+    behind = describe(frame_of((0.0, 0.0, 0.0), depth + 0.3, make_camera()))
+    mirrored = level.pack().flip(3)
+    assert weigh_likeness(level, mirrored).min().item() == pytest.approx(1.0, abs=1e-4)
+    expected = math.exp(-0.3 / (PLANE_SHARE * 10.0))
+    assert weigh_likeness(level, behind.pack()).amax().item() == pytest.approx(expected, rel=1e-3)
+
+
 def test_sky_is_like_sky_alone() -> None:
     depth = torch.full((1, 1, 1, 2), SKY_DEPTH_M)
     sky = describe_surfaces(
@@ -86,7 +113,13 @@ def test_sky_is_like_sky_alone() -> None:
         torch.zeros_like(depth),
     )
     assert weigh_likeness(sky, sky.pack()).min().item() == 1.0
-    assert weigh_likeness(sky, wall.pack()).max().item() < 1e-9
+    bare = describe_surfaces(
+        frame_of((0.0, 0.0, 0.0), depth.clamp(max=5.0), CameraMetadata(), object_id=0),
+        torch.zeros_like(depth),
+    )
+    for surface in (wall, bare):
+        assert weigh_likeness(sky, surface.pack()).max().item() == 0.0
+        assert weigh_likeness(surface, sky.pack()).max().item() == 0.0
 
 
 def test_a_slanted_plane_is_one_surface_where_the_camera_is_known() -> None:

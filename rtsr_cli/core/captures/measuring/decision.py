@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import Layout, OpenMotion
@@ -158,18 +157,13 @@ UNFIT = 1.5
 
 
 def _check_plausible(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
-    """Warn of vectors that are all zero though the camera moves, or that fit no frame at all."""
+    """Warn of buffers that hold nothing of the frames, and of vectors that fit no frame at all."""
     del capture
-    finding, reader = settled.measured.motion, settled.reader
+    for fault in settled.measured.faults:
+        settled = add_warning(settled, fault.text)
+    finding = settled.measured.motion
     if finding is None:
         return settled
-    poses = [reader.cameras[n].world_to_camera for n in settled.measured.frames]
-    moves = any(a is not None and b is not None and not a.equal(b) for a, b in pairwise(poses))
-    if finding.moving == 0.0 and moves:
-        return add_warning(
-            settled,
-            "motion is zero in every pixel though the camera moves: the motion pass is missing",
-        )
     best = finding.candidates[0].error if finding.candidates else 0.0
     if best > UNFIT * finding.unmoved_error + WIDE_MARGIN:
         return add_warning(

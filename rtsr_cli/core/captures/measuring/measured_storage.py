@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
+from rtsr_cli.core.captures.measuring.empty_buffers import BufferFault
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
@@ -30,6 +31,7 @@ class StorageMeasurement:
         position_unit_m: metres in a unit of the position buffer.
         normal: packing and axes.
         sky: what is sky, None where neither depth nor normals tell.
+        faults: buffers that say nothing, or what no surface is.
         frames: numbers that were read.
     """
 
@@ -45,6 +47,7 @@ class StorageMeasurement:
     position_unit_m: float | None = None
     normal: NormalFinding | None = None
     sky: SkyFinding | None = None
+    faults: tuple[BufferFault, ...] = ()
     frames: tuple[int, ...] = ()
 
     @property

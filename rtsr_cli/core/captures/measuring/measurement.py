@@ -15,6 +15,12 @@ from torch import Tensor
 
 from rtsr_cli.core.captures.measuring.camera_measurement import check_reader_cameras, drop_matrices
 from rtsr_cli.core.captures.measuring.depth_median import find_median_depth
+from rtsr_cli.core.captures.measuring.empty_buffers import (
+    NEVER_ZERO,
+    SHARES,
+    BufferFault,
+    find_faults,
+)
 from rtsr_cli.core.captures.measuring.geometry_measurement import add_geometry, list_close
 from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.measuring.motion_by_position import prove_motion
@@ -121,6 +127,8 @@ def _read_group(
         Buffer.GEONORMAL,
         *SKY_BUFFERS,
         *PICTURES,
+        *NEVER_ZERO,
+        *SHARES,
     }
     buffers = wanted & reader.stored_in(numbers)
     try:
@@ -168,7 +176,27 @@ def _measure_group(
         camera = reader.cameras[last] if certain else drop_matrices(reader.cameras[last])
         normal = find_normals(stored[last][Buffer.NORMAL], camera, reader.view)
         measured = replace(measured, normal=normal)
+    measured = replace(measured, faults=_find_faults(reader, stored, presumed, measured))
     return add_geometry(reader, stored, presumed, measured)
+
+
+def _find_faults(
+    reader: FrameReader,
+    stored: Mapping[int, Mapping[Buffer, Tensor]],
+    presumed: Conventions,
+    measured: StorageMeasurement,
+) -> tuple[BufferFault, ...]:
+    """Look for passes that are not there; what is declared as a constant is meant."""
+    sky, normal = measured.sky, measured.normal
+    if sky is not None and sky.sky is not None:
+        presumed = replace(presumed, depth=replace(presumed.depth, sky=sky.sky))
+    if normal is not None and normal.packed is not None:
+        presumed = replace(presumed, normal=replace(presumed.normal, packed=normal.packed))
+    frames = {
+        number: {b: t for b, t in buffers.items() if len(reader.binding[b])}
+        for number, buffers in stored.items()
+    }
+    return find_faults(frames, presumed, reader.cameras, reader.step)
 
 
 def _place_by_positions(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.captures.measuring.geometry_finder import LEAST_POINTS, ThinnedFrame
 from rtsr_cli.core.errors import MissingBufferError
@@ -18,6 +19,20 @@ LEAST_LENGTH = 0.1
 
 UNIT_TOLERANCE = 0.1
 """Unit normals: mean deviation of their length from 1."""
+
+ONE_VALUE = 0.99
+"""Share of the surfaces that have one vector where a pass holds nothing else."""
+
+SAME = 1e-3
+"""Difference up to which components of vectors are one."""
+
+
+def measure_likeness(vectors: Tensor) -> float:
+    """Share of vectors, 3 n, that are the most usual one; of none all are."""
+    if not vectors.shape[1]:
+        return 1.0
+    usual = vectors.median(dim=1, keepdim=True).values
+    return float(((vectors - usual).abs() < SAME).all(0).float().mean())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,12 +62,17 @@ def find_packing(stored: Vector3) -> bool | None:
 
 
 def unpack_normals(stored: Vector3) -> Vector3 | None:
-    """Stored normals as vectors of length 1, or 0 where there is none; None if they are none."""
+    """Stored normals as vectors of length 1, or 0 where there is none; None if they are none.
+
+    One vector everywhere is no normal of surfaces: it tells nothing of a camera.
+    """
     packed = find_packing(stored)
     if packed is None:
         return None
     normal = stored * 2.0 - 1.0 if packed else stored
     there = torch.isfinite(normal).all(1, keepdim=True) & (vector_length(normal) > LEAST_LENGTH)
+    if measure_likeness(normal[0][:, there[0, 0]]) > ONE_VALUE:
+        return None
     return normalize_vectors(torch.where(there, normal, torch.zeros_like(normal)))
 
 
@@ -64,6 +84,8 @@ def find_normals(stored: Vector3, camera: CameraMetadata, view: View) -> NormalF
     if packed is None:
         return NormalFinding(facing={})
     nonzero = vector_length(stored * 2.0 - 1.0 if packed else stored) > LEAST_LENGTH
+    if measure_likeness(stored[0][:, nonzero[0, 0]]) > ONE_VALUE:
+        return NormalFinding(packed=packed, facing={})
     facing = {}
     for space in NormalSpace:
         convention = NormalConvention(space=space, packed=packed)

@@ -77,8 +77,7 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
     """
     convention, marker = conventions.depth, conventions.normal.sky
     if marker is not None and Buffer.NORMAL in frames[0]:
-        own = torch.tensor(marker).view(1, 3, 1, 1)
-        marked = [f[Buffer.NORMAL].sub(own).abs().lt(1e-3).all(1, keepdim=True) for f in frames]
+        marked = [_is_marker(f[Buffer.NORMAL], marker) for f in frames]
         return SkyFinding(share=_share(marked), rule=f"normals of {marker}")
     if Buffer.DEPTH not in frames[0]:
         zero = [_is_zero(f[Buffer.NORMAL]) for f in frames if Buffer.NORMAL in f]
@@ -113,13 +112,33 @@ def _find_by_rule(
     frames: Sequence[Stored], depths: Sequence[Plane], convention: DepthConvention
 ) -> SkyFinding:
     """Take for sky what a convention does."""
-    sky = [is_sky_depth(d, convention) for d in depths]
-    marker = SKY_MARKERS.get(convention.sky) if isinstance(convention.sky, SkyRule) else None
-    if marker is not None and marker in frames[0]:
-        sky = [s | _is_zero(f[marker]) for s, f in zip(sky, frames, strict=True)]
+    sky = [_mark_by_rule(f, d, convention) for f, d in zip(frames, depths, strict=True)]
     possible = [s | (d > 0) for s, d in zip(sky, depths, strict=True)]
     impossible = 0.0 if convention.kind is DepthKind.DEVICE else 1.0 - _share(possible)
     return SkyFinding(share=_share(sky), rule=describe_rule(convention), impossible=impossible)
+
+
+def _mark_by_rule(frame: Stored, depth: Plane, convention: DepthConvention) -> Mask:
+    sky = is_sky_depth(depth, convention)
+    marker = SKY_MARKERS.get(convention.sky) if isinstance(convention.sky, SkyRule) else None
+    if marker is None or marker not in frame:
+        return sky
+    return sky | _is_zero(frame[marker])
+
+
+def mark_sky(frame: Stored, conventions: Conventions) -> Mask | None:
+    """True on what is sky by conventions; None where neither depth nor normals tell."""
+    normal, marker = frame.get(Buffer.NORMAL), conventions.normal.sky
+    if marker is not None and normal is not None:
+        return _is_marker(normal, marker)
+    if Buffer.DEPTH in frame:
+        return _mark_by_rule(frame, frame[Buffer.DEPTH].float(), conventions.depth)
+    return None if normal is None else _is_zero(normal)
+
+
+def _is_marker(normal: Tensor, marker: tuple[float, float, float]) -> Mask:
+    own = torch.tensor(marker).view(1, 3, 1, 1)
+    return normal.sub(own).abs().lt(1e-3).all(1, keepdim=True)
 
 
 def describe_rule(convention: DepthConvention) -> str:
@@ -186,11 +205,9 @@ def _find_farthest(
 
 def _is_marked(masks: Sequence[Mask], frames: Sequence[Stored], *, region_suffices: bool) -> bool:
     """Tell whether other buffers, or their shape, show that pixels are sky."""
-    marks = [
-        _share_within(masks, [_is_zero(f[buffer]) for f in frames])
-        for buffer in SKY_MARKERS.values()
-        if buffer in frames[0]
-    ]
+    zero = [[_is_zero(f[b]) for f in frames] for b in SKY_MARKERS.values() if b in frames[0]]
+    # what is 0 nearly everywhere marks nothing: a pass that is not there
+    marks = [_share_within(masks, marked) for marked in zero if _share(marked) <= EVERYTHING]
     if any(share >= AGREES for share in marks):
         return True
     if not region_suffices or _have_surfaces(masks, frames):

@@ -168,3 +168,14 @@ def test_depth_in_memory(
     view, plane = View(display=(1, 3)), torch.tensor(stored).view(1, 1, 1, 3)
     metres = depth_to_metres(plane, convention, CameraMetadata(), view, where="a test")
     assert torch.allclose(metres.flatten(), torch.tensor(expected))
+
+
+@pytest.mark.parametrize("marker", [Buffer.NORMAL, Buffer.OBJECT_ID])
+def test_a_pass_that_is_0_everywhere_marks_no_sky(marker: Buffer) -> None:
+    """The farthest wall shares one depth; that its normals are 0 means nothing if all are."""
+    known = scene(20.0)
+    frame = {Buffer.DEPTH: known[Buffer.DEPTH], marker: known[marker]}
+    assert find(frame).sky == 20.0
+    frame[marker] = torch.zeros_like(known[marker])
+    assert find(frame).sky is None
+    assert find(frame).share == 0.0

@@ -1,0 +1,279 @@
+"""Finding buffers that say nothing of surfaces, or what no surface is.
+
+A pass that was not rendered is 0, one value, or the pass of another frame; one of another unit
+leaves the range of what it stands for. What divides radiance, or tells surfaces apart, is then
+wrong wherever it is read, though every value is a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.captures.measuring.geometry_finder import ThinnedFrame
+from rtsr_cli.core.captures.measuring.normal_finder import ONE_VALUE, SAME, measure_likeness
+from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL, Stored, mark_sky
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera import CameraMetadata, is_orthographic
+from rtsr_cli.core.frames.conventions import Conventions, DepthKind
+from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.shapes import Mask, Plane
+
+NEVER_ZERO: Mapping[Buffer, tuple[float, str]] = {
+    Buffer.NORMAL: (DOUBTFUL, "there surfaces are told apart by depth alone, and face the camera"),
+    Buffer.ALBEDO: (0.99, "what divides radiance lacks it there"),
+    Buffer.MATERIAL: (0.99, "nothing can be divided there"),
+    Buffer.ROUGHNESS: (0.99, "every surface is then a perfect mirror"),
+    Buffer.NOV: (0.99, "every surface is then seen edge on"),
+    Buffer.POSITION: (0.99, "all points are then one"),
+}
+"""Share of the surfaces on which a buffer may be 0, and what it leads to; few pixels may be."""
+
+SHARES = (Buffer.ROUGHNESS, Buffer.METALLIC, Buffer.NOV)
+"""Buffers of 0..1."""
+
+OUTSIDE = 0.02
+"""How far rounding may lead out of 0..1."""
+
+UNIT = (0.9, 1.1)
+"""Lengths of normals, up to what filters and rounding leave."""
+
+OFF_PLANE = 0.25
+"""How much depth differs, as a share of it, from that of one plane where there are several."""
+
+SEVERAL_PLANES = 0.1
+"""Share of the surfaces that are off one plane where there are several."""
+
+LEAST_SURFACE = 64
+"""Fewer pixels of surfaces tell nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BufferFault:
+    """What is wrong with a buffer in some frames.
+
+    Attributes:
+        buffer: which one.
+        frames: where it was seen.
+        text: for the user: what is seen, what it leads to, and the remedy.
+    """
+
+    buffer: Buffer
+    frames: tuple[int, ...]
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Seen:
+    """One thing that is wrong, in one frame: its wording is that of all frames but for the share.
+
+    Attributes:
+        buffer: which one.
+        what: said before the share; empty where every pixel is meant.
+        then: said behind the frames, from its comma or colon on.
+        share: of the surfaces, None where every pixel is meant.
+    """
+
+    buffer: Buffer
+    what: str
+    then: str
+    share: float | None = None
+
+
+def find_faults(
+    frames: Mapping[int, Stored],
+    conventions: Conventions,
+    cameras: Mapping[int, CameraMetadata],
+    step: int,
+) -> tuple[BufferFault, ...]:
+    """Find what is wrong with the buffers of some frames.
+
+    Args:
+        frames: buffers as stored, by frame number, without those that are declared constants.
+        conventions: of them, with the rule of the sky.
+        cameras: of the frames.
+        step: numbers from one frame to the next.
+    """
+    seen: dict[tuple[Buffer, str, str], dict[int, float | None]] = {}
+    for number, stored in frames.items():
+        before = number - step
+        known = None if before not in frames else (frames[before], cameras[before])
+        for one in _look_at_frame(stored, conventions, cameras[number], known):
+            seen.setdefault((one.buffer, one.what, one.then), {})[number] = one.share
+    return tuple(
+        BufferFault(buffer=buffer, frames=tuple(shares), text=_describe(buffer, what, then, shares))
+        for (buffer, what, then), shares in seen.items()
+    )
+
+
+def _describe(buffer: Buffer, what: str, then: str, shares: Mapping[int, float | None]) -> str:
+    frames = f"frame{'s' if len(shares) > 1 else ''} {format_ranges(shares)}"
+    numbers = [share for share in shares.values() if share is not None]
+    if not numbers:
+        return f"'{buffer}' {what} of {frames}{then}"
+    mean = sum(numbers) / len(numbers)
+    return f"'{buffer}' {what} on {mean:.1%} of the surfaces of {frames}{then}"
+
+
+def _look_at_frame(
+    stored: Stored,
+    conventions: Conventions,
+    camera: CameraMetadata,
+    before: tuple[Stored, CameraMetadata] | None,
+) -> Iterator[_Seen]:
+    if before is not None and Buffer.MOTION in stored:
+        yield from _look_at_motion(stored, before[0], conventions, camera, before[1])
+    size = next(iter(stored.values()))
+    thinning = ThinnedFrame.of(size)
+    thinned: dict[Buffer, Tensor] = {
+        b: thinning.image(t) for b, t in stored.items() if b != Buffer.MOTION
+    }
+    sky = mark_sky(thinned, conventions)
+    if sky is None:
+        return
+    if bool(sky.all()) and Buffer.NORMAL in stored and not stored[Buffer.NORMAL].any():
+        yield _Seen(
+            buffer=Buffer.NORMAL,
+            what="is 0 in every pixel",
+            then=": all of it is taken for sky; render the normal pass, or depth, which tells sky",
+        )
+    # where depth is none, as where files have no pixels, the rule of the sky tells
+    surface = ~sky & (thinned[Buffer.DEPTH] > 0) if Buffer.DEPTH in thinned else ~sky
+    if int(surface.sum()) < LEAST_SURFACE:
+        return
+    yield from _look_for_zeros(thinned, surface, conventions)
+    yield from _look_at_ranges(thinned, surface)
+    yield from _look_at_geometry(thinned, surface, conventions)
+
+
+def _look_for_zeros(stored: Stored, surface: Mask, conventions: Conventions) -> Iterator[_Seen]:
+    for buffer, (most, consequence) in NEVER_ZERO.items():
+        if buffer not in stored:
+            continue
+        share = _share((stored[buffer] == 0).all(1, keepdim=True), surface)
+        if buffer is Buffer.NORMAL and conventions.normal.packed:
+            middle = (stored[buffer] - 0.5).abs().amax(1, keepdim=True) < SAME
+            share += _share(middle, surface)
+        if share > most:
+            then = f": {consequence}; render that pass again, or leave it out"
+            yield _Seen(buffer=buffer, what="is 0", then=then, share=share)
+
+
+def _look_at_ranges(stored: Stored, surface: Mask) -> Iterator[_Seen]:
+    for buffer in SHARES:
+        if buffer not in stored:
+            continue
+        values = stored[buffer]
+        share = _share((values < -OUTSIDE) | (values > 1.0 + OUTSIDE), surface)
+        if share > DOUBTFUL:
+            then = (
+                ": it is clamped there; render it again as 0..1, or declare what it is stored as "
+                f'(capture.toml: [buffers] {buffer} = "CHANNEL / 255")'
+            )
+            yield _Seen(buffer=buffer, what="is outside of 0..1", then=then, share=share)
+
+
+def _look_at_geometry(stored: Stored, surface: Mask, conventions: Conventions) -> Iterator[_Seen]:
+    """Passes of one value, and normals of other lengths."""
+    depth, normal = stored.get(Buffer.DEPTH), stored.get(Buffer.NORMAL)
+    known = None if normal is None else surface & (normal != 0).any(1, keepdim=True)
+    if normal is None or known is None or int(known.sum()) < LEAST_SURFACE:
+        return
+    vectors = normal[0][:, known[0, 0]]
+    alike = measure_likeness(vectors)
+    if alike > ONE_VALUE and depth is not None and _has_several_planes(depth, known, conventions):
+        yield _Seen(
+            buffer=Buffer.NORMAL,
+            what="is one vector",
+            then=": depth has several surfaces there, which are not told apart; render the normal "
+            "pass, or leave it out",
+            share=alike,
+        )
+        return
+    if depth is not None and alike < ONE_VALUE:
+        values = depth[known]
+        same = float((values == values.median()).float().mean())
+        if same > ONE_VALUE:
+            yield _Seen(
+                buffer=Buffer.DEPTH,
+                what="is one value",
+                then=": surfaces there face several ways; render the depth pass, or leave it out",
+                share=same,
+            )
+    yield from _look_at_lengths(vectors)
+
+
+def _look_at_lengths(vectors: Tensor) -> Iterator[_Seen]:
+    """Say of normals, plain or packed, that half of them are of no length that normals have."""
+    lengths = [v.square().sum(0).sqrt() for v in (vectors, 2.0 * vectors - 1.0)]
+    wrong = [float(((n < UNIT[0]) | (n > UNIT[1])).float().mean()) for n in lengths]
+    if min(wrong) > 0.5:
+        yield _Seen(
+            buffer=Buffer.NORMAL,
+            what=f"has a length of {float(lengths[0].median()):.3g}, not 1,",
+            then=": only its direction is used; declare its factor if it is of another range "
+            '(capture.toml: [buffers] normal = "2 * N.XYZ - 1")',
+            share=wrong[0],
+        )
+
+
+def _has_several_planes(depth: Plane, known: Mask, conventions: Conventions) -> bool:
+    """Tell whether depth is not that of one plane, which is affine in the pixel or its inverse is.
+
+    1 / z = a + b x + c y   (perspective),   z = a + b x + c y   (orthographic, device)
+    """
+    rows, columns = known[0, 0].nonzero(as_tuple=True)
+    stored = depth[0, 0][rows, columns].double()
+    usable = torch.isfinite(stored) & (stored > 0)
+    if int(usable.sum()) < LEAST_SURFACE:
+        return False
+    values, x, y = (t[usable].double() for t in (stored, columns, rows))
+    design = torch.stack([torch.ones_like(x), x, y], dim=1)
+    candidates = [values]
+    if conventions.depth.kind is not DepthKind.DEVICE:
+        candidates.append(1.0 / values)
+    for target in candidates:
+        plane = design @ torch.linalg.lstsq(design, target.unsqueeze(1)).solution
+        off = (target - plane[:, 0]).abs() > OFF_PLANE * target
+        if float(off.double().mean()) < SEVERAL_PLANES:
+            return False
+    return True
+
+
+def _look_at_motion(
+    stored: Stored,
+    before: Stored,
+    conventions: Conventions,
+    camera: CameraMetadata,
+    camera_before: CameraMetadata,
+) -> Iterator[_Seen]:
+    """Vectors that cannot be those of a camera that moves."""
+    pose, previous = camera.world_to_camera, camera_before.world_to_camera
+    if pose is None or previous is None or pose.equal(previous):
+        return
+    motion = stored[Buffer.MOTION] - conventions.motion.zero
+    then = ", though the camera moves: the motion pass is missing; render it, or leave it out"
+    if not motion.any():
+        yield _Seen(buffer=Buffer.MOTION, what="is zero in every pixel", then=then)
+        return
+    projection = camera.projection
+    flat = projection is not None and is_orthographic(projection)
+    low, high = motion.flatten(2).aminmax(dim=2)
+    depth = stored.get(Buffer.DEPTH)
+    if not flat and bool((low == high).all()) and depth is not None and bool(depth.diff().any()):
+        yield _Seen(buffer=Buffer.MOTION, what="is one vector in every pixel", then=then)
+    known = before.get(Buffer.MOTION), before.get(Buffer.DEPTH)
+    if depth is None or known[0] is None or known[1] is None or known[1].equal(depth):
+        return
+    if bool((low != high).any()) and known[0].equal(stored[Buffer.MOTION]):
+        then = ", though depth is another: the pass of one frame several times; render it again"
+        yield _Seen(
+            buffer=Buffer.MOTION, what="is that of the frame before in every pixel", then=then
+        )
+
+
+def _share(marked: Mask, surface: Mask) -> float:
+    return float(marked[surface].float().mean())

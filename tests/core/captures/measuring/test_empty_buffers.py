@@ -1,0 +1,148 @@
+"""Buffers that say nothing of surfaces: what is seen, where, and the share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.captures.measuring.empty_buffers import BufferFault, find_faults
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.conventions import Conventions, DepthConvention, NormalConvention, SkyRule
+
+SIZE = (40, 60)
+PLAIN = Conventions()
+
+
+def room(seed: int = 1) -> dict[Buffer, Tensor]:
+    """Surfaces of every kind below a sky that fills a quarter."""
+    torch.manual_seed(seed)
+    depth = 4.0 + 16.0 * torch.rand(1, 1, *SIZE)
+    depth[..., :10, :] = SKY_DEPTH_M
+    normal = torch.nn.functional.normalize(torch.randn(1, 3, *SIZE), dim=1)
+    normal[..., :10, :] = 0.0
+    frame = {Buffer.DEPTH: depth, Buffer.NORMAL: normal, Buffer.ALBEDO: torch.rand(1, 3, *SIZE)}
+    for buffer in (Buffer.ROUGHNESS, Buffer.METALLIC, Buffer.NOV):
+        frame[buffer] = torch.rand(1, 1, *SIZE)
+    frame[Buffer.MOTION] = torch.randn(1, 2, *SIZE)
+    return frame
+
+
+def look(
+    *frames: Mapping[Buffer, Tensor], conventions: Conventions = PLAIN, still: bool = False
+) -> tuple[BufferFault, ...]:
+    """Faults of frames 1, 2, ..., whose camera moves on."""
+    cameras = {}
+    for number in range(1, len(frames) + 1):
+        pose = torch.eye(4)
+        pose[3, 0] = 0.0 if still else float(number)
+        cameras[number] = CameraMetadata(world_to_camera=pose)
+    return find_faults(dict(enumerate(frames, 1)), conventions, cameras, 1)
+
+
+def test_frames_that_are_whole_have_none() -> None:
+    assert look(room(1), room(2), room(3)) == ()
+
+
+@pytest.mark.parametrize("buffer", [Buffer.NORMAL, Buffer.ALBEDO, Buffer.ROUGHNESS, Buffer.NOV])
+def test_a_pass_of_0_is_said_with_buffer_frames_and_share(buffer: Buffer) -> None:
+    whole, empty = room(1), room(2)
+    empty[buffer] = torch.zeros_like(empty[buffer])
+    (fault,) = look(whole, empty, empty | {Buffer.MOTION: torch.randn(1, 2, *SIZE)})
+    assert (fault.buffer, fault.frames) == (buffer, (2, 3))
+    assert fault.text.startswith(f"'{buffer}' is 0 on 100.0% of the surfaces of frames 2-3: ")
+    assert "render that pass again" in fault.text
+
+
+def test_normals_of_0_on_part_of_the_surfaces_are_said_and_sky_does_not_count() -> None:
+    frame = room()
+    frame[Buffer.NORMAL][..., 25:28, :] = 0.0
+    (fault,) = look(frame)
+    # 3 of the 30 rows below the sky
+    assert "is 0 on 10.0% of the surfaces of frame 1" in fault.text
+
+
+def test_a_metal_without_roughness_and_black_objects_are_no_fault() -> None:
+    frame = room()
+    for buffer in (Buffer.ALBEDO, Buffer.ROUGHNESS, Buffer.METALLIC):
+        frame[buffer][..., 10:30, :] = 0.0
+    assert look(frame) == ()
+
+
+@pytest.mark.parametrize("buffer", [Buffer.ROUGHNESS, Buffer.METALLIC, Buffer.NOV])
+@pytest.mark.parametrize("factor", [255.0, -1.0])
+def test_shares_out_of_their_range_are_said(buffer: Buffer, factor: float) -> None:
+    frame = room()
+    frame[buffer] = frame[buffer] * factor
+    (fault,) = look(frame)
+    assert fault.buffer is buffer
+    assert "is outside of 0..1" in fault.text
+    assert f"[buffers] {buffer} = " in fault.text
+
+
+def test_one_vector_on_several_surfaces_is_said_and_on_one_wall_it_is_not() -> None:
+    frame = room()
+    frame[Buffer.NORMAL] = torch.tensor([0.0, 0.6, 0.8]).view(1, 3, 1, 1).expand(1, 3, *SIZE)
+    (fault,) = look(frame)
+    assert fault.buffer is Buffer.NORMAL
+    assert "is one vector on 100.0% of the surfaces" in fault.text
+    # a floor: the inverse of its depth is affine in the row
+    row = torch.arange(SIZE[0]).view(1, 1, -1, 1).expand(1, 1, *SIZE)
+    assert look(frame | {Buffer.DEPTH: 1.0 / (0.02 + 0.01 * row)}) == ()
+    assert look(frame | {Buffer.DEPTH: torch.full((1, 1, *SIZE), 5.0)}) == ()
+
+
+def test_one_depth_on_surfaces_that_face_several_ways_is_said() -> None:
+    frame = room()
+    frame[Buffer.DEPTH] = torch.where(frame[Buffer.DEPTH] < SKY_DEPTH_M, 5.0, SKY_DEPTH_M)
+    (fault,) = look(frame)
+    assert "'depth' is one value on 100.0% of the surfaces of frame 1" in fault.text
+
+
+@pytest.mark.parametrize("length", [0.3, 2.0])
+def test_normals_of_another_length_are_said(length: float) -> None:
+    frame = room()
+    frame[Buffer.NORMAL] = frame[Buffer.NORMAL] * length
+    (fault,) = look(frame)
+    assert f"has a length of {length:g}, not 1" in fault.text
+    packed = room()
+    packed[Buffer.NORMAL] = (packed[Buffer.NORMAL] + 1.0) / 2.0
+    assert look(packed, conventions=replace(PLAIN, normal=NormalConvention(packed=True))) == ()
+
+
+def test_motion_of_0_one_vector_or_another_frames_is_said_where_the_camera_moves() -> None:
+    first, second, third = room(1), room(2), room(3)
+    for motion, said in (
+        (torch.zeros(1, 2, *SIZE), "is zero in every pixel of frame 2"),
+        (torch.full((1, 2, *SIZE), 1.5), "is one vector in every pixel of frame 2"),
+        (first[Buffer.MOTION], "is that of the frame before in every pixel of frame 2"),
+    ):
+        (fault,) = look(first, second | {Buffer.MOTION: motion}, third)
+        assert fault.buffer is Buffer.MOTION
+        assert said in fault.text
+    nothing = {Buffer.MOTION: torch.zeros(1, 2, *SIZE)}
+    assert look(first | nothing, second | nothing, still=True) == ()
+
+
+def test_normals_of_0_are_sky_where_there_is_no_depth_and_that_is_said_of_all() -> None:
+    frame = room()
+    del frame[Buffer.DEPTH]
+    assert look(frame) == ()
+    frame[Buffer.NORMAL] = torch.zeros_like(frame[Buffer.NORMAL])
+    (fault,) = look(frame)
+    assert "is 0 in every pixel of frame 1: all of it is taken for sky" in fault.text
+
+
+def test_what_is_declared_to_be_sky_is_no_surface() -> None:
+    frame = room()
+    frame[Buffer.NORMAL][..., 25:28, :] = 0.0
+    declared = replace(PLAIN, depth=DepthConvention(sky=SkyRule.NORMAL))
+    assert look(frame, conventions=declared) == ()
+    frame[Buffer.DEPTH][..., 25:28, :] = math.nan
+    declared = replace(PLAIN, depth=DepthConvention(sky=SkyRule.NAN))
+    assert look(frame, conventions=declared) == ()
