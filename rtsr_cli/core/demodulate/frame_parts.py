@@ -19,8 +19,8 @@ from rtsr_cli.core.imaging.derivation import (
     STRIP_PIXELS,
     DerivationConfig,
     derive_material,
-    derive_sky,
 )
+from rtsr_cli.core.imaging.derived_geometry import derive_sky
 from rtsr_cli.core.imaging.row_strips import cut_frame
 from rtsr_cli.core.run.outputs import check_output
 from rtsr_cli.core.shapes import Image, Mask, Size

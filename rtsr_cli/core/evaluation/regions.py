@@ -22,7 +22,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.color import luminance
 from rtsr_cli.core.imaging.demodulation import LIGHTING_FLOOR, floor_material
-from rtsr_cli.core.imaging.derivation import derive_sky
+from rtsr_cli.core.imaging.derived_geometry import derive_sky
 from rtsr_cli.core.imaging.disocclusion import (
     DisocclusionThresholds,
     SurfaceBuffers,

@@ -22,7 +22,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import write_exr
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.derivation import derive_sky
+from rtsr_cli.core.imaging.derived_geometry import derive_sky
 from rtsr_cli.core.pairs.opening import (
     ReadOptions,
     find_shots_of,

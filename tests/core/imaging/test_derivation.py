@@ -16,10 +16,9 @@ from rtsr_cli.core.imaging.derivation import (
     DerivationConfig,
     derive,
     derive_material,
-    derive_nov,
-    derive_sky,
     resolve_needs,
 )
+from rtsr_cli.core.imaging.derived_geometry import derive_nov, derive_sky
 
 BRDF = DerivationConfig()
 ALBEDO = DerivationConfig(mode=DemodulationMode.ALBEDO)
