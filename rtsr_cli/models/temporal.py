@@ -11,20 +11,25 @@ frames only, as the state has the target's size.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 from torch import nn
 
-from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.imaging.demodulation import remodulate
 from rtsr_cli.core.lighting import lighting, lighting_history
+from rtsr_cli.core.lighting.lighting import (
+    LOG_LIGHTING,
+    compose_lighting,
+    describe_picture,
+    unalign_image,
+)
 from rtsr_cli.core.lighting.lighting_history import (
+    HISTORY_FRAMES,
     HistoryWeights,
     LightingHistory,
+    describe_window,
     gather_lighting,
 )
-from rtsr_cli.core.lighting.radiance import add_radiance
 from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
@@ -49,15 +54,11 @@ class DemodTemporalConfig(HistoryWeights):
 def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Gather lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     config = cast(DemodTemporalConfig, network.config)
-    gathered = gather_lighting(window, cast(LightingHistory | None, state), config)
-    light = gathered.history.lighting
-    hr = window.require_hr().gbuffer
-    image = remodulate(light, hr[Buffer.MATERIAL], hr.buffers.get(Buffer.EMISSION))
-    return Prediction(
-        image=add_radiance(window, image.clamp(min=0.0)),
-        state=gathered.history,
-        debug={"lighting": light, "worth": gathered.worth},
-    )
+    inputs = describe_window(window) | describe_picture(window)
+    gathered = gather_lighting(inputs, cast(LightingHistory | None, state), config)
+    made = compose_lighting(LOG_LIGHTING, window, inputs, gathered.encoded)
+    worth = unalign_image(window, gathered.worth)
+    return replace(made, state=gathered.history, debug={**made.debug, "worth": worth})
 
 
 DEMOD_TEMPORAL = System(
@@ -68,6 +69,7 @@ DEMOD_TEMPORAL = System(
     lr_optional=(*lighting.LR_OPTIONAL, *lighting_history.LR_OPTIONAL),
     hr_inputs=(*lighting.HR_BUFFERS, *lighting_history.HR_BUFFERS),
     hr_optional=(*lighting.HR_OPTIONAL, *lighting_history.HR_OPTIONAL),
+    history_frames=HISTORY_FRAMES,
     recurrent=True,
     preroll_frames=PREROLL_FRAMES,
     halo_px=None,

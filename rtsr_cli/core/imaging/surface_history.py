@@ -73,11 +73,25 @@ def warp_along_surfaces(
     """Fetch past values where each pixel was, from its own surface alone.
 
     Args:
-        values: of the past frame, 1 c h w.
+        values: of the past frame, n c h w.
         motion_px: from the current samples to the past ones.
         own: surfaces of the current frame.
         past: of the past frame.
     """
+    parts = [
+        _warp_one(values[i, None], motion_px[i, None], own.pick(i), past.pick(i))
+        for i in range(len(values))
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return CarriedImage(
+        values=torch.cat([part.values for part in parts]),
+        weight=torch.cat([part.weight for part in parts]),
+    )
+
+
+def _warp_one(values: Image, motion_px: MotionPx, own: Surfaces, past: Surfaces) -> CarriedImage:
+    """`warp_along_surfaces` of one frame of a batch."""
     channels = values.shape[1]
     fetched = torch.cat([values, past.pack()], dim=1)[0].flatten(1)
     taps = [(i.flatten(), w.flatten()) for i, w in bilinear_places(motion_px)]

@@ -85,6 +85,10 @@ class Surfaces:
 
         return Surfaces(**{f.name: pick(getattr(self, f.name)) for f in fields(self)})
 
+    def pick(self, index: int) -> Surfaces:
+        """Return those of one frame of a batch, 1 . h w."""
+        return Surfaces(**{f.name: getattr(self, f.name)[index, None] for f in fields(self)})
+
     def widen(self, moving: Mask) -> Surfaces:
         """Return the same with the tolerance of what moves where `moving` is 1."""
         factor = 1.0 + (MOVING_SHARE / PLANE_SHARE - 1.0) * moving

@@ -26,7 +26,8 @@ from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitt
 from rtsr_cli.core.imaging.color import encode_reinhard
 from rtsr_cli.core.imaging.demodulation import remodulate
 from rtsr_cli.core.imaging.enlargement import enlarge_log_lighting
-from rtsr_cli.core.imaging.guided_enlargement import SurfaceGuides, upsample_guided
+from rtsr_cli.core.imaging.guided_enlargement import upsample_guided
+from rtsr_cli.core.imaging.guided_kernel import GuidedSamples, SurfaceGuides
 from rtsr_cli.core.lighting.radiance import add_radiance
 from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane, Vector3
@@ -134,10 +135,15 @@ def enlarge_lighting(window: FrameWindow, base: EnlargementBase) -> Color:
     encoded = encode_frame(frame)
     mask = frame.gbuffer[Buffer.LIGHTING_MASK]
     cubic = enlarge_cubic(window, encoded)
-    small, large = frame.gbuffer.buffers, window.require_hr().gbuffer.buffers
-    if base is EnlargementBase.CUBIC or not all(g in small and g in large for g in GUIDES):
+    sizes = (frame.gbuffer, window.require_hr().gbuffer)
+    if base is EnlargementBase.CUBIC or not all(g in held for held in sizes for g in GUIDES):
         return cubic
-    return upsample_guided(encoded, mask, *guide_window(window), scale=scale, fallback=cubic)
+    small, large = guide_window(window)
+    return upsample_guided(
+        GuidedSamples(
+            values=encoded, mask=mask, small=small, large=large, scale=scale, fallback=cubic
+        )
+    )
 
 
 def encode_frame(frame: Frame) -> Color:
@@ -160,12 +166,6 @@ def guide_window(window: FrameWindow) -> tuple[SurfaceGuides, SurfaceGuides]:
         SurfaceGuides(normal=small[Buffer.NORMAL], depth=small[Buffer.DEPTH]),
         SurfaceGuides(normal=normal, depth=depth),
     )
-
-
-def pick_samples(window: FrameWindow, image: Image) -> Image:
-    """Pixels of an HR image that the LR samples lie in, at the LR size."""
-    middle = slice(window.scale // 2, None, window.scale)
-    return align_image(window, image)[..., middle, middle]
 
 
 def keep_picture(window: FrameWindow, image: Color) -> Color:
@@ -219,6 +219,24 @@ LOG_LIGHTING = Surroundings()
 """Log lighting, corrected, with emission and sky apart."""
 
 
+def describe_picture(window: FrameWindow, *, emission_apart: bool = True) -> dict[str, Tensor]:
+    """What makes a picture of lighting: `material`, `emission` (HR, aligned), `lighting_scale`.
+
+    Emission is 0 where it was not taken out of the radiance before that was divided
+    (`emission_apart`).
+    """
+    gbuffer = window.require_hr().gbuffer
+    material = align_image(window, gbuffer[Buffer.MATERIAL])
+    emission = gbuffer.buffers.get(Buffer.EMISSION) if emission_apart else None
+    return {
+        "material": material,
+        "emission": (
+            torch.zeros_like(material) if emission is None else align_image(window, emission)
+        ),
+        "lighting_scale": lighting_scale_of(window.current),
+    }
+
+
 def build_lighting_inputs(
     window: FrameWindow,
     surroundings: Surroundings,
@@ -226,24 +244,15 @@ def build_lighting_inputs(
     *,
     emission_apart: bool = True,
 ) -> dict[str, Tensor]:
-    """`material`, `emission` (HR, aligned), `lighting_scale`, and `base` where there is one.
+    """`describe_picture`, and `base` where there is one: what a network corrects.
 
-    `base` is the enlargement of log lighting that a network corrects. Emission comes with it, and
-    is 0 where it was not taken out of the radiance before that was divided (`emission_apart`).
+    Emission is added by whoever corrects such an enlargement of log lighting, and by no one else.
     """
-    frame, hr = window.current, window.require_hr()
-    material = hr.gbuffer[Buffer.MATERIAL]
-    emission = hr.gbuffer.buffers.get(Buffer.EMISSION) if emission_apart else None
-    inputs = {
-        "material": align_image(window, material),
-        "lighting_scale": lighting_scale_of(frame),
-    }
-    if surroundings.corrects_base:
-        inputs["emission"] = (
-            torch.zeros_like(material) if emission is None else align_image(window, emission)
-        )
-        inputs["base"] = enlarge_lighting(window, base)
-    return inputs
+    inputs = describe_picture(window, emission_apart=emission_apart)
+    if not surroundings.corrects_base:
+        del inputs["emission"]
+        return inputs
+    return inputs | {"base": enlarge_lighting(window, base)}
 
 
 def multiply_material(lighting: Color, inputs: Tensors) -> Color:

@@ -10,18 +10,24 @@
 g is the guided enlargement of the frame's own lighting e = log(1 + lighting / k). A pixel takes
 most from the frames whose samples came nearest to it on its own surface; those of this frame tell
 how light has changed since. History of another surface weighs nothing (`warp_along_surfaces`).
+
+Conventions: history lies on the HR frame's own pixels; samples are enlarged, and blended with it, on
+the grid that `alignment` moves.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.frame_motion import add_jitter_change, exposure_ratio
+from rtsr_cli.core.imaging.alignment import block_shift, shift_image
 from rtsr_cli.core.imaging.guided_enlargement import upsample_guided_and_fit
+from rtsr_cli.core.imaging.guided_kernel import GuidedSamples, SurfaceGuides
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.imaging.surface_history import warp_along_surfaces
 from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
@@ -34,18 +40,19 @@ from rtsr_cli.core.lighting.lighting import (
     enlarge_cubic,
     guide_window,
     lighting_scale_of,
-    pick_samples,
-    unalign_image,
 )
 from rtsr_cli.core.lighting.past_lighting import find_divided
-from rtsr_cli.core.shapes import Color, MotionPx, Plane
-from rtsr_cli.core.system import FrameWindow
+from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
+from rtsr_cli.core.system import FrameWindow, Tensors
 
 LR_BUFFERS = (*GUIDES, Buffer.MOTION)
 HR_BUFFERS = GUIDES
 LR_OPTIONAL = (Buffer.REACTIVE,)
 HR_OPTIONAL = (Buffer.MOTION, Buffer.OBJECT_ID, Buffer.POSITION)
 """What this module reads beside what `lighting` reads."""
+
+HISTORY_FRAMES = 1
+"""Of the window: whose camera tells what moves by itself."""
 
 SEEN = 1e-3
 """Samples that history has to be worth to be compared with the frame's."""
@@ -55,6 +62,8 @@ LEAST_SEEN = 0.05
 
 LEAST_WORTH = 1e-6
 """Where nothing is worth anything, the frame's own enlargement stands."""
+
+SURFACE_PLANES = tuple(field.name for field in fields(Surfaces))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,18 +91,50 @@ class LightingHistory:
         lighting: linear, as the frame was exposed.
         worth: samples that it is worth.
         surfaces: that it lies on.
-        frame: whose they are; its camera and exposure, no buffers.
+        jitter: n 2 1 1, where its pixels lie, minus pixel centres.
+        exposure: n 1 1 1, of the frame.
     """
 
     lighting: Color
     worth: Plane
     surfaces: Surfaces
-    frame: Frame
+    jitter: Tensor
+    exposure: Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarriedLighting:
+    """History where each pixel's surface was, on the moved grid.
+
+    Attributes:
+        encoded: h, anything where it is worth nothing.
+        worth: c.
+    """
+
+    encoded: Color
+    worth: Plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnlargedLighting:
+    """What a frame's own samples say at every pixel, on the moved grid.
+
+    Attributes:
+        encoded: g.
+        fit: how well the best of them fits.
+        change: d, 0 where it is not known.
+        seen: share of the samples around whose surface was seen before.
+    """
+
+    encoded: Color
+    fit: Plane
+    change: Color
+    seen: Plane
 
 
 @dataclass(frozen=True, kw_only=True)
 class GatheredLighting:
-    """Lighting of a frame.
+    """Lighting of a frame, on the moved grid.
 
     Attributes:
         encoded: e'.
@@ -106,103 +147,198 @@ class GatheredLighting:
     history: LightingHistory
 
 
+def describe_window(window: FrameWindow) -> dict[str, Tensor]:
+    """What gathering reads of a window, by name.
+
+    encoded, mask, small_normal, small_depth    LR: e, 1 where it counts, guides
+    normal, depth, cubic                        HR, moved: guides, cubic enlargement of e
+    facing, position, plane, tolerance, kind    HR: `Surfaces`
+    motion, trusted                             HR: of surfaces, px; 1 where history may be used
+    jitter, shift                               n 2 1 1, HR pixels: of the HR frame; of the grid
+    exposure, lighting_scale                    n 1 1 1: pre-exposure; k
+    """
+    lr, hr = window.current, window.require_hr()
+    encoded = encode_frame(lr)
+    small, large = guide_window(window)
+    motion = find_surface_motion(window)
+    surfaces = describe_surfaces(hr, find_divided(hr))
+    before = _find_camera_before(window)
+    if before is not None:
+        surfaces = surfaces.widen(find_moving(surfaces, motion, before))
+    one = torch.ones_like(surfaces.kind[:, :, :1, :1])
+
+    def as_vector(pair: tuple[float, float]) -> Tensor:
+        return one.new_tensor(pair).view(1, 2, 1, 1)
+
+    return {
+        "encoded": encoded,
+        "mask": lr.gbuffer[Buffer.LIGHTING_MASK],
+        "small_normal": small.normal,
+        "small_depth": small.depth,
+        "normal": large.normal,
+        "depth": large.depth,
+        "cubic": enlarge_cubic(window, encoded),
+        **{name: getattr(surfaces, name) for name in SURFACE_PLANES},
+        "motion": motion,
+        "trusted": _find_trusted(window),
+        "jitter": as_vector(hr.camera.jitter_px),
+        "shift": as_vector(block_shift(lr.camera.jitter_px, window.scale)),
+        "exposure": one * hr.camera.pre_exposure,
+        "lighting_scale": lighting_scale_of(lr),
+    }
+
+
+def move_grid(image: Image, inputs: Tensors, *, back: bool = False) -> Image:
+    """Bring an HR image onto the moved grid, or back from it."""
+    sign = -1 if back else 1
+    shifts = [(sign * int(x), sign * int(y)) for x, y in inputs["shift"].flatten(1).tolist()]
+    moved = [shift_image(image[i, None], shift) for i, shift in enumerate(shifts)]
+    return moved[0] if len(moved) == 1 else torch.cat(moved)
+
+
+def find_surface_motion(window: FrameWindow) -> MotionPx:
+    """Motion of the surfaces that HR pixels show, HR pixels; that of the nearest LR sample where
+    the HR G-buffer has none.
+    """
+    hr, lr = window.require_hr(), window.current
+    own = hr.gbuffer.buffers.get(Buffer.MOTION)
+    if own is not None:
+        return own
+    motion: MotionPx = upsample_motion(
+        lr.gbuffer[Buffer.MOTION], window.scale, mode="nearest", jitter_px=lr.camera.jitter_px
+    )
+    return motion
+
+
+def _find_camera_before(window: FrameWindow) -> Frame | None:
+    """The frame before, as a camera of the HR frame's size and jitter; None if it is not known."""
+    if len(window.lr) <= HISTORY_FRAMES:
+        return None
+    hr, before = window.require_hr(), window.lr[HISTORY_FRAMES]
+    camera = replace(before.camera, jitter_px=hr.camera.jitter_px)
+    return replace(before, camera=camera, view=hr.view)
+
+
+def _find_trusted(window: FrameWindow) -> Plane:
+    reactive = window.current.gbuffer.buffers.get(Buffer.REACTIVE)
+    if reactive is None:
+        return torch.ones_like(window.require_hr().gbuffer[Buffer.SKY])
+    return 1.0 - upsample_nearest(reactive.clamp(0.0, 1.0), window.scale)
+
+
+def describe_samples(inputs: Tensors, values: Image) -> GuidedSamples:
+    """What is enlarged along the surfaces of a window; log lighting comes first among `values`."""
+    height, small_height = inputs["depth"].shape[2], inputs["mask"].shape[2]
+    return GuidedSamples(
+        values=values,
+        mask=inputs["mask"],
+        small=SurfaceGuides(normal=inputs["small_normal"], depth=inputs["small_depth"]),
+        large=SurfaceGuides(normal=inputs["normal"], depth=inputs["depth"]),
+        scale=height // small_height,
+        fallback=inputs["cubic"],
+    )
+
+
+def carry_history(before: LightingHistory, inputs: Tensors) -> CarriedLighting:
+    """Bring history to where each pixel's surface was."""
+    motion = inputs["motion"] + inputs["jitter"] - before.jitter
+    gain = inputs["exposure"] / before.exposure
+    encoded = encode_lighting(before.lighting * gain, inputs["lighting_scale"])
+    carried = warp_along_surfaces(
+        torch.cat([encoded, before.worth], dim=1), motion, own_surfaces(inputs), before.surfaces
+    )
+    encoded, worth = carried.values.split_with_sizes([3, 1], dim=1)
+    known = torch.cat([encoded, worth * carried.weight * inputs["trusted"]], dim=1)
+    encoded, worth = move_grid(known, inputs).split_with_sizes([3, 1], dim=1)
+    return CarriedLighting(encoded=encoded, worth=worth)
+
+
+def own_surfaces(inputs: Mapping[str, Tensor]) -> Surfaces:
+    """Surfaces of a window."""
+    return Surfaces(**{name: inputs[name] for name in SURFACE_PLANES})
+
+
+def sample_change(inputs: Tensors, carried: CarriedLighting) -> tuple[Color, Mask]:
+    """e - h at the samples whose surface was seen before, and 1 for these."""
+    scale = inputs["depth"].shape[2] // inputs["mask"].shape[2]
+    middle = slice(scale // 2, None, scale)
+    history, worth = (image[..., middle, middle] for image in (carried.encoded, carried.worth))
+    seen = (worth > SEEN).to(worth) * inputs["mask"]
+    return (inputs["encoded"] - history) * seen, seen
+
+
+def enlarge_frame(inputs: Tensors, carried: CarriedLighting | None) -> EnlargedLighting:
+    """Enlarge log lighting and its change at once, as their weights are one."""
+    values = [inputs["encoded"]]
+    if carried is not None:
+        values += sample_change(inputs, carried)
+    enlarged, fit = upsample_guided_and_fit(describe_samples(inputs, torch.cat(values, dim=1)))
+    return split_enlarged(enlarged, fit)
+
+
+def split_enlarged(enlarged: Image, fit: Plane) -> EnlargedLighting:
+    """Name the channels of what was enlarged: log lighting, and change and seen where there are."""
+    encoded = enlarged[:, :3]
+    change, seen = torch.zeros_like(encoded), torch.zeros_like(fit)
+    if enlarged.shape[1] > 3:
+        seen = enlarged[:, 6:]
+        known = enlarged[:, 3:6] / seen.clamp(min=LEAST_SEEN)
+        change = torch.where(seen > LEAST_SEEN, known, 0.0)
+    return EnlargedLighting(encoded=encoded, fit=fit, change=change, seen=seen)
+
+
+def age_worth(worth: Plane, change: Color, weights: HistoryWeights) -> Plane:
+    """c' = a c / (1 + |d|^2 / s^2)."""
+    spread = change.square().mean(1, keepdim=True) / weights.change_spread**2
+    return worth * weights.age / (1.0 + spread)
+
+
+def blend_history(
+    frame: EnlargedLighting, carried: CarriedLighting, *, fresh: Plane, share: Plane | float
+) -> Color:
+    """e' = (c' h' + n g) / (c' + n).
+
+    Args:
+        frame: g and d.
+        carried: h and c'.
+        fresh: n.
+        share: b.
+    """
+    total = (fresh + carried.worth).clamp(min=LEAST_WORTH)
+    moved = carried.encoded + share * frame.change
+    return torch.lerp(frame.encoded, moved, carried.worth / total).clamp(min=0.0)
+
+
+def keep_history(inputs: Tensors, encoded: Color, worth: Plane) -> LightingHistory:
+    """What goes on to the next frame."""
+    lighting = decode_lighting(encoded, inputs["lighting_scale"])
+    return LightingHistory(
+        lighting=move_grid(lighting, inputs, back=True),
+        worth=move_grid(worth, inputs, back=True),
+        surfaces=own_surfaces(inputs),
+        jitter=inputs["jitter"],
+        exposure=inputs["exposure"],
+    )
+
+
 def gather_lighting(
-    window: FrameWindow, before: LightingHistory | None, weights: HistoryWeights
+    inputs: Tensors, before: LightingHistory | None, weights: HistoryWeights
 ) -> GatheredLighting:
     """Gather a frame's samples; without history they are enlarged along surfaces.
 
     Args:
-        window: LR and HR frame.
+        inputs: `describe_window`.
         before: history, None at a reset.
         weights: of the equations.
     """
-    hr, scale = window.require_hr(), lighting_scale_of(window.current)
-    own = describe_surfaces(hr, find_divided(hr))
-    if before is None:
-        carried, worth = None, torch.zeros_like(own.kind)
-    else:
-        carried, worth = carry_history(window, before, own)
-    now, fit, change = _enlarge_frame(window, carried, worth)
-    fresh = fit.pow(weights.fit_power)
-    encoded = now
+    carried = None if before is None else carry_history(before, inputs)
+    frame = enlarge_frame(inputs, carried)
+    worth = fresh = frame.fit.pow(weights.fit_power)
+    encoded = frame.encoded
     if carried is not None:
-        spread = change.square().mean(1, keepdim=True) / weights.change_spread**2
-        worth = worth * weights.age / (1.0 + spread)
-        total = (fresh + worth).clamp(min=LEAST_WORTH)
-        encoded = torch.lerp(now, carried + weights.change * change, worth / total)
-        encoded = encoded.clamp_(min=0.0)
-    worth = worth + fresh
-    history = LightingHistory(
-        lighting=decode_lighting(encoded, scale),
-        worth=worth,
-        surfaces=own,
-        frame=replace(hr, gbuffer=hr.gbuffer.only(())),
+        aged = replace(carried, worth=age_worth(carried.worth, frame.change, weights))
+        encoded = blend_history(frame, aged, fresh=fresh, share=weights.change)
+        worth = fresh + aged.worth
+    return GatheredLighting(
+        encoded=encoded, worth=worth, history=keep_history(inputs, encoded, worth)
     )
-    return GatheredLighting(encoded=encoded, worth=worth, history=history)
-
-
-def carry_history(
-    window: FrameWindow, before: LightingHistory, own: Surfaces
-) -> tuple[Color, Plane]:
-    """e of the lighting so far where each pixel's surface was, and samples that it is worth.
-
-    Args:
-        window: LR and HR frame.
-        before: history.
-        own: surfaces of the HR frame.
-    """
-    hr = window.require_hr()
-    motion = find_motion(window, before.frame)
-    gain = exposure_ratio(hr, before.frame)
-    encoded = encode_lighting(before.lighting * gain, lighting_scale_of(window.current))
-    carried = warp_along_surfaces(
-        torch.cat([encoded, before.worth], dim=1),
-        motion,
-        own.widen(find_moving(own, motion, before.frame)),
-        before.surfaces,
-    )
-    encoded, worth = carried.values.split_with_sizes([3, 1], dim=1)
-    worth = worth * carried.weight
-    reactive = window.current.gbuffer.buffers.get(Buffer.REACTIVE)
-    if reactive is not None:
-        worth = worth * (1.0 - upsample_nearest(reactive.clamp(0.0, 1.0), window.scale))
-    return encoded, worth
-
-
-def find_motion(window: FrameWindow, before: Frame) -> MotionPx:
-    """Motion of the HR pixels to those of the HR frame before; that of the nearest LR sample
-    where the HR G-buffer has none.
-    """
-    hr, lr = window.require_hr(), window.current
-    own = hr.gbuffer.buffers.get(Buffer.MOTION)
-    if own is None:
-        jitter_px = lr.camera.jitter_px
-        own = upsample_motion(
-            lr.gbuffer[Buffer.MOTION], window.scale, mode="nearest", jitter_px=jitter_px
-        )
-    return add_jitter_change(own, hr, before)
-
-
-def _enlarge_frame(
-    window: FrameWindow, carried: Color | None, worth: Plane
-) -> tuple[Color, Plane, Color]:
-    """g, fit, and d, 0 where it is not known; enlarged at once, as their weights are one."""
-    encoded, mask = encode_frame(window.current), window.current.gbuffer[Buffer.LIGHTING_MASK]
-    values = [encoded]
-    if carried is not None:
-        seen = (pick_samples(window, worth) > SEEN).to(mask) * mask
-        change = (encoded - pick_samples(window, carried)) * seen
-        values += [change, seen]
-    enlarged, fit = upsample_guided_and_fit(
-        torch.cat(values, dim=1),
-        mask,
-        *guide_window(window),
-        scale=window.scale,
-        fallback=enlarge_cubic(window, encoded),
-    )
-    enlarged, fit = unalign_image(window, enlarged), unalign_image(window, fit)
-    now, change = enlarged[:, :3], torch.zeros_like(enlarged[:, :3])
-    if carried is not None:
-        seen = enlarged[:, 6:]
-        change = torch.where(seen > LEAST_SEEN, enlarged[:, 3:6] / seen, 0.0)
-    return now, fit, change

@@ -21,7 +21,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image
 from rtsr_cli.core.imaging.enlargement import enlarge_masked_radiance, enlarge_radiance
-from rtsr_cli.core.imaging.guided_enlargement import REACH
+from rtsr_cli.core.imaging.guided_kernel import REACH
 from rtsr_cli.core.imaging.resampling import sample_at_lr, upsample_nearest
 from rtsr_cli.core.shapes import Color, Mask, Plane
 from rtsr_cli.core.system import FrameWindow

@@ -9,7 +9,8 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from rtsr_cli.core.imaging.guided_enlargement import (
+from rtsr_cli.core.imaging.guided_enlargement import upsample_emphasised, upsample_guided
+from rtsr_cli.core.imaging.guided_kernel import (
     DEPTH_SHARE,
     FACING,
     FALLBACK_WEIGHT,
@@ -17,8 +18,8 @@ from rtsr_cli.core.imaging.guided_enlargement import (
     REACH,
     SLOPE,
     SPREAD,
+    GuidedSamples,
     SurfaceGuides,
-    upsample_guided,
 )
 from rtsr_cli.core.shapes import Image
 
@@ -42,7 +43,11 @@ def enlarged(values: Image, large: SurfaceGuides, scale: int = SCALE, fill: floa
     )
     fallback = torch.full((1, values.shape[1], *large.depth.shape[-2:]), fill)
     mask = torch.ones_like(values[:, :1])
-    return upsample_guided(values, mask, small, large, scale=scale, fallback=fallback)
+    return upsample_guided(
+        GuidedSamples(
+            values=values, mask=mask, small=small, large=large, scale=scale, fallback=fallback
+        )
+    )
 
 
 @pytest.mark.parametrize("scale", [2, 3, 4, 8])
@@ -88,7 +93,11 @@ def test_samples_that_do_not_count_are_left_out() -> None:
     mask[..., 2, 3] = 0.0
     small = SurfaceGuides(normal=decimated(large.normal), depth=decimated(large.depth))
     fallback = torch.full((1, 1, 24, 32), 0.5)
-    found = upsample_guided(values, mask, small, large, scale=SCALE, fallback=fallback)
+    found = upsample_guided(
+        GuidedSamples(
+            values=values, mask=mask, small=small, large=large, scale=SCALE, fallback=fallback
+        )
+    )
     assert torch.allclose(found, torch.full_like(found, 0.5), atol=1e-5)
 
 
@@ -97,7 +106,11 @@ def test_where_no_sample_fits_the_fallback_stands() -> None:
     small = SurfaceGuides(normal=-decimated(large.normal), depth=decimated(large.depth))
     values, mask = torch.zeros(1, 1, 6, 8), torch.ones(1, 1, 6, 8)
     fallback = torch.rand(1, 1, 24, 32)
-    found = upsample_guided(values, mask, small, large, scale=SCALE, fallback=fallback)
+    found = upsample_guided(
+        GuidedSamples(
+            values=values, mask=mask, small=small, large=large, scale=SCALE, fallback=fallback
+        )
+    )
     assert torch.allclose(found, fallback, atol=1e-4)
 
 
@@ -158,9 +171,15 @@ def test_weights_are_the_equation() -> None:
     fallback = torch.rand(1, 1, height, width)
     small = SurfaceGuides(normal=decimated(normal), depth=decimated(depth))
     found = upsample_guided(
-        values, torch.ones(1, 1, 3, 4), small, SurfaceGuides(normal=normal, depth=depth),
-        scale=SCALE, fallback=fallback,
-    )  # fmt: skip
+        GuidedSamples(
+            values=values,
+            mask=torch.ones(1, 1, 3, 4),
+            small=small,
+            large=SurfaceGuides(normal=normal, depth=depth),
+            scale=SCALE,
+            fallback=fallback,
+        )
+    )
     y, x = 6, 5
     z = depth[0, 0]
     slopes = (
@@ -249,6 +268,61 @@ def test_strips_of_any_height_give_the_equations(
     small = SurfaceGuides(normal=decimated(normal, scale), depth=decimated(large.depth, scale))
     values, mask = 3.0 * torch.rand(2, 3, 9, 7), (torch.rand(2, 1, 9, 7) > 0.2).float()
     fallback = torch.rand(2, 3, height, width)
-    given = upsample_guided(values, mask, small, large, scale=scale, fallback=fallback)
+    given = upsample_guided(
+        GuidedSamples(
+            values=values, mask=mask, small=small, large=large, scale=scale, fallback=fallback
+        )
+    )
     wanted = plainly(values, mask, small, large, scale, fallback)
     assert torch.allclose(given, wanted, atol=2e-4)
+
+
+def make_rough_samples(seed: int) -> GuidedSamples:
+    torch.manual_seed(seed)
+    toward = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    normal = F.normalize(toward + 0.3 * torch.randn(2, 3, 12, 8), dim=1)
+    depth = 2.0 + torch.rand(2, 1, 12, 8).cumsum(-1) * 0.1
+    return GuidedSamples(
+        values=torch.rand(2, 3, 3, 2),
+        mask=(torch.rand(2, 1, 3, 2) > 0.2).float(),
+        small=SurfaceGuides(normal=decimated(normal), depth=decimated(depth)),
+        large=SurfaceGuides(normal=normal, depth=depth),
+        scale=SCALE,
+        fallback=torch.rand(2, 3, 12, 8),
+    )
+
+
+def test_factors_of_one_change_nothing() -> None:
+    samples = make_rough_samples(1)
+    found = upsample_emphasised(samples, torch.ones(2, 3, 12, 8))
+    torch.testing.assert_close(found, upsample_guided(samples), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("term", [0, 1, 2])
+def test_the_gradient_of_a_factor_is_what_small_changes_give(term: int) -> None:
+    samples = make_rough_samples(2)
+    factors = torch.full((2, 3, 12, 8), 0.6).requires_grad_()
+    found = upsample_emphasised(samples, factors)
+    weights = torch.rand_like(found)
+    (gradient,) = torch.autograd.grad((found * weights).sum(), factors)
+    step = 1e-2
+    moved = torch.zeros(2, 3, 12, 8)
+    moved[:, term] = step
+    ends = [upsample_emphasised(samples, factors.detach() + s * moved) for s in (1.0, -1.0)]
+    slope = ((ends[0] - ends[1]) * weights).sum(1) / (2.0 * step)
+    torch.testing.assert_close(gradient[:, term], slope, rtol=2e-2, atol=2e-3)
+
+
+def test_no_emphasis_on_normals_takes_what_faces_away() -> None:
+    large = flat(24, 32)
+    values = torch.zeros(1, 1, 6, 8)
+    values[..., :4] = 1.0
+    small = SurfaceGuides(normal=-decimated(large.normal), depth=decimated(large.depth))
+    samples = GuidedSamples(
+        values=values, mask=torch.ones_like(values), small=small, large=large, scale=SCALE,
+        fallback=torch.full((1, 1, 24, 32), 7.0),
+    )  # fmt: skip
+    factors = torch.ones(1, 3, 24, 32)
+    factors[:, 1] = 0.0
+    assert float(upsample_guided(samples).min()) > 6.0
+    assert float(upsample_emphasised(samples, factors).max()) <= 1.0 + 1e-3
