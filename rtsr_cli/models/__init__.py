@@ -50,6 +50,7 @@ ROWS = (
         rank=1,
         when=(InputCondition.TRUSTED_MOTION, InputCondition.POINT_SAMPLES),
     ),
+    SystemRow(name="gather", module="gather", trainable=True),
     SystemRow(
         name="taau",
         module="taau",

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from torch import nn
 
+from rtsr_cli.core.lighting.filtered_lighting import match_filter
 from rtsr_cli.core.lighting.lighting import (
     GUIDES,
     HR_BUFFERS,
@@ -36,7 +37,7 @@ class DemodGuidedConfig:
 def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Enlarge lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     del network, state
-    inputs = build_lighting_inputs(window, LOG_LIGHTING)
+    inputs = build_lighting_inputs(match_filter(window), LOG_LIGHTING)
     return compose_lighting(LOG_LIGHTING, window, inputs, inputs["base"])
 
 

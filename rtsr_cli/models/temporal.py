@@ -17,6 +17,7 @@ from typing import cast
 from torch import nn
 
 from rtsr_cli.core.lighting import lighting, lighting_history
+from rtsr_cli.core.lighting.filtered_lighting import match_filter
 from rtsr_cli.core.lighting.lighting import (
     LOG_LIGHTING,
     compose_lighting,
@@ -30,7 +31,6 @@ from rtsr_cli.core.lighting.lighting_history import (
     describe_window,
     gather_lighting,
 )
-from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
 PREROLL_FRAMES = 16
@@ -39,22 +39,13 @@ PREROLL_FRAMES = 16
 
 @dataclass(frozen=True, kw_only=True)
 class DemodTemporalConfig(HistoryWeights):
-    """Weights of history; `age` and `change` are shares."""
-
-    def __post_init__(self) -> None:
-        """Check the weights.
-
-        Raises:
-            ConfigError: one is out of its range.
-        """
-        least = {"age": 0.0, "change": 0.0, "change_spread": 1e-3, "fit_power": 0.0}
-        check_numbers(self, "network", least, {"age": 1.0, "change": 1.0})
+    """Weights of history."""
 
 
 def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction:
     """Gather lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     config = cast(DemodTemporalConfig, network.config)
-    inputs = describe_window(window) | describe_picture(window)
+    inputs = describe_window(match_filter(window)) | describe_picture(window)
     gathered = gather_lighting(inputs, cast(LightingHistory | None, state), config)
     made = compose_lighting(LOG_LIGHTING, window, inputs, gathered.encoded)
     worth = unalign_image(window, gathered.worth)

@@ -24,6 +24,8 @@ class Frame:
         view: which part of the image plane the buffers show.
         lighting_scale: k of the whole frame, `exp(mean(log(lighting + 1e-3)))` over divided
             pixels; 1 where there is no lighting. Crops and tiles keep the frame's value.
+        filter_width_px: standard deviation of the pixel filter that went over the radiance and not
+            over the other buffers, pixels; 0 = radiance is point-sampled like these.
         beside: further radiance of the moment by name, at a reduced rate for example; there where
             it is what training compares with.
     """
@@ -33,6 +35,7 @@ class Frame:
     camera: CameraMetadata
     view: View
     lighting_scale: float = 1.0
+    filter_width_px: float = 0.0
     beside: Mapping[str, Color] = field(default_factory=dict)
 
     @property

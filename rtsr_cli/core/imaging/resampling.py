@@ -259,6 +259,9 @@ def _blackman_harris_taps(block: int) -> Tensor:
     return a0 - a1 * torch.cos(angle) + a2 * torch.cos(2 * angle) - a3 * torch.cos(3 * angle)
 
 
+FILTER_CUTOFF = 3.0
+"""Standard deviations of a Gaussian beyond which nothing counts."""
+
 PIXEL_FILTERS = {"box": _box_taps, "blackman-harris": _blackman_harris_taps}
 """Filters of the LR radiance by name; each gives the taps for a block size."""
 
@@ -277,6 +280,40 @@ def decimate_filtered(radiance: Image, name: str, block: int, offset: tuple[int,
     # shifted strided sums: depthwise convolutions of three channels are many times slower
     rows = _weighted_sum(padded, weights, ROWS, range(offset[1], height, block))
     return _weighted_sum(rows, weights, COLUMNS, range(offset[0], width, block))
+
+
+def measure_filter_width(name: str, block: int) -> float:
+    """Standard deviation of a pixel filter, in blocks: root of sum w x^2 / sum w."""
+    taps = PIXEL_FILTERS[name](block)
+    reach = len(taps) // 2
+    x = torch.arange(-reach, reach + 1, dtype=taps.dtype) / block
+    return float(((taps * x.square()).sum() / taps.sum()).sqrt())
+
+
+def filter_at_samples(image: Image, width: float, scale: int, jitter_px: Jitter) -> Image:
+    """Filter an HR image around the places of the LR samples, by a Gaussian.
+
+    out(q) = sum_i w_i image(i),   w_i ~ exp(-(i - c(q))^2 / (2 (width S)^2)) along both axes,
+    c(q) = S (q + 1/2 + jitter) - 1/2,   cut off at 3 width; borders are replicated
+
+    Args:
+        image: n c S*h S*w.
+        width: standard deviation, LR pixels, above 0.
+        scale: S.
+        jitter_px: of the LR samples, LR pixels.
+    """
+    reach = FILTER_CUTOFF * width * scale
+    margin = math.ceil(reach + scale)
+    filtered = F.pad(image, (margin,) * 4, mode="replicate")
+    for dim, jitter in ((ROWS, jitter_px[1]), (COLUMNS, jitter_px[0])):
+        centre = (0.5 + jitter) * scale - 0.5
+        first, last = math.ceil(centre - reach), math.floor(centre + reach)
+        taps = [math.exp(-0.5 * ((i - centre) / (width * scale)) ** 2)
+                for i in range(first, last + 1)]  # fmt: skip
+        start, count = first + margin, image.shape[dim] // scale
+        kept = range(start, start + count * scale, scale)
+        filtered = _weighted_sum(filtered, [tap / sum(taps) for tap in taps], dim, kept)
+    return filtered
 
 
 def _weighted_sum(image: Image, weights: Sequence[float], dim: int, kept: range) -> Image:

@@ -11,8 +11,8 @@ g is the guided enlargement of the frame's own lighting e = log(1 + lighting / k
 most from the frames whose samples came nearest to it on its own surface; those of this frame tell
 how light has changed since. History of another surface weighs nothing (`warp_along_surfaces`).
 
-Conventions: history lies on the HR frame's own pixels; samples are enlarged, and blended with it, on
-the grid that `alignment` moves.
+Conventions: history lies on the HR frame's own pixels; samples are enlarged, and blended with it,
+on the grid that `alignment` moves.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ from rtsr_cli.core.lighting.lighting import (
     lighting_scale_of,
 )
 from rtsr_cli.core.lighting.past_lighting import find_divided
+from rtsr_cli.core.settings import check_numbers
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
 
@@ -81,6 +82,15 @@ class HistoryWeights:
     change: float = 0.65
     change_spread: float = 0.5
     fit_power: float = 4.0
+
+    def __post_init__(self) -> None:
+        """Hold `age` and `change` to be shares, the others to be positive.
+
+        Raises:
+            ConfigError: one is out of its range.
+        """
+        least = {"age": 0.0, "change": 0.0, "change_spread": 1e-3, "fit_power": 0.0}
+        check_numbers(self, "network", least, {"age": 1.0, "change": 1.0})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,6 +28,7 @@ from rtsr_cli.core.imaging.resampling import (
     decimate,
     decimate_filtered,
     halton_offset,
+    measure_filter_width,
     sample_jitter,
 )
 
@@ -69,6 +70,13 @@ class Simulation:
         x, y = self.offset(number)
         return sample_jitter(x, self.block), sample_jitter(y, self.block)
 
+    @property
+    def filter_width_px(self) -> float:
+        """Standard deviation of the pixel filter, LR pixels; 0 where there is none."""
+        if self.lr_filter == "none":
+            return 0.0
+        return measure_filter_width(self.lr_filter, self.block)
+
 
 def keep_samples(buffer: Buffer, tensor: Tensor, simulation: Simulation, offset: Offset) -> Tensor:
     """Keep one sample of each block; vectors become LR pixels.
@@ -101,6 +109,7 @@ def decimate_frame(full: Frame, buffers: Collection[Buffer], simulation: Simulat
         ),
         camera=replace(full.camera, jitter_px=simulation.jitter_px(full.number)),
         view=shrink_view(full.view, simulation.block),
+        filter_width_px=simulation.filter_width_px,
     )
 
 

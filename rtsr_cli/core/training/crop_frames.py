@@ -145,7 +145,11 @@ def make_lr_frame(cut: Cut, position: int) -> Frame:
     planes = _change_planes(cut, pick(cut, position, _list_names(cut, reads)))
     view = shrink_view(_view(cut), cut.simulation.block)
     frame = _make_frame(cut, position, planes, reads, view)
-    frame = replace(frame, camera=replace(frame.camera, jitter_px=_jitter(cut, position)))
+    frame = replace(
+        frame,
+        camera=replace(frame.camera, jitter_px=_jitter(cut, position)),
+        filter_width_px=cut.simulation.filter_width_px,
+    )
     return build_lr(
         frame, reads, cut.derivation, lighting_scale=measure_lighting_scale(cut, position)
     )

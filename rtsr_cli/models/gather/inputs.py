@@ -1,0 +1,143 @@
+"""What the network sees of a frame and of its history.
+
+LR, 16 channels:
+  lighting 3, mask 1       e of the samples, 0 where nothing was divided
+  normal 3, depth 1        of the samples; depth as 1 / (1 + z)
+  change 3, seen 1         e less history where the sample's surface was seen before
+  largest change 1, detail 1, filter 1, block 1    detail: e less its mean of 3 x 3 samples;
+                           deviation of the pixel filter, LR pixels; 1 / S
+HR, 20 channels, on the moved grid:
+  fit 1, its logarithm 1, history's worth 1, whether there is any 1
+  change 2, difference 2   enlarged, mean and root of the mean square; history less the frame's own
+                           lighting, mean and largest
+  lighting 2               the frame's own and history's, means
+  bump 1, roughness 1, material 1, depth 1
+  speed 1, blur 1          of the motion: largest component; sum of f (1 - f), f its fraction
+  seen 1, place 2, filter 1    place: of the pixel minus the sample's, LR pixels
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.lighting.filtered_lighting import match_filter
+from rtsr_cli.core.lighting.lighting import align_image, describe_picture, inverse_depth
+from rtsr_cli.core.lighting.lighting_history import (
+    CarriedLighting,
+    EnlargedLighting,
+    describe_window,
+    move_grid,
+    sample_change,
+)
+from rtsr_cli.core.shapes import Image, Plane
+from rtsr_cli.core.system import FrameWindow, Tensors
+from rtsr_cli.models.gather.config import GatherConfig
+
+LR_CHANNELS, HR_CHANNELS = 16, 20
+
+ROUGHNESS = 0.5
+"""What stands where there is no such buffer."""
+
+FASTEST_PX = 8.0
+"""Motion beyond which nothing more is told of it."""
+
+LEAST_SEEN = 1e-4
+"""Samples from which history is there."""
+
+
+def prepare(config: GatherConfig, window: FrameWindow) -> Tensors:
+    """What gathering reads, what makes a picture of lighting, and roughness."""
+    del config
+    hr = window.require_hr().gbuffer
+    roughness = hr.buffers.get(Buffer.ROUGHNESS)
+    if roughness is None:
+        roughness = torch.full_like(hr[Buffer.DEPTH], ROUGHNESS)
+    inputs = describe_window(match_filter(window)) | describe_picture(window)
+    width = inputs["exposure"].new_full((1, 1, 1, 1), window.current.filter_width_px)
+    return inputs | {"roughness": align_image(window, roughness), "filter_width": width}
+
+
+def see_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:
+    """The LR channels."""
+    mask, encoded = inputs["mask"], inputs["encoded"]
+    change, seen = torch.zeros_like(encoded), torch.zeros_like(mask)
+    if carried is not None:
+        change, seen = sample_change(inputs, carried)
+    mean = encoded.mean(1, keepdim=True)
+    block = inputs["mask"].shape[2] / inputs["depth"].shape[2]
+    return torch.cat(
+        [
+            encoded * mask,
+            mask,
+            inputs["small_normal"],
+            inverse_depth(inputs["small_depth"]),
+            change,
+            seen,
+            change.abs().amax(1, keepdim=True),
+            mean - _blur(mean),
+            inputs["filter_width"].expand_as(mask),
+            torch.full_like(mask, block),
+        ],
+        dim=1,
+    )
+
+
+def see_pixels(inputs: Tensors, carried: CarriedLighting | None, frame: EnlargedLighting) -> Image:
+    """The HR channels."""
+    fit, own = frame.fit, frame.encoded
+    history, worth = own, torch.zeros_like(fit)
+    if carried is not None:
+        history, worth = carried.encoded, carried.worth
+    there = (worth > LEAST_SEEN).to(worth)
+    difference = (history - own) * there
+    motion = inputs["motion"]
+    fraction = motion - motion.floor()
+    moved = torch.cat(
+        [
+            motion.abs().amax(1, keepdim=True).clamp(max=FASTEST_PX) / FASTEST_PX,
+            2.0 * (fraction * (1.0 - fraction)).sum(1, keepdim=True),
+        ],
+        dim=1,
+    )
+    bump = 1.0 - _blur(inputs["normal"]).square().sum(1, keepdim=True).sqrt()
+    return torch.cat(
+        [
+            fit,
+            (fit + 1e-3).log() / 4.0,
+            worth.log1p() / 2.0,
+            there,
+            frame.change.mean(1, keepdim=True),
+            frame.change.square().mean(1, keepdim=True).sqrt(),
+            difference.mean(1, keepdim=True),
+            difference.abs().amax(1, keepdim=True),
+            own.mean(1, keepdim=True),
+            (history * there).mean(1, keepdim=True),
+            10.0 * bump,
+            inputs["roughness"],
+            (inputs["material"].mean(1, keepdim=True) + 1e-2).log() / 4.0,
+            inverse_depth(inputs["depth"]),
+            move_grid(moved, inputs).nan_to_num(),
+            frame.seen,
+            _find_places(inputs),
+            inputs["filter_width"].expand_as(fit),
+        ],
+        dim=1,
+    )
+
+
+def _find_places(inputs: Tensors) -> Image:
+    """(x, y) of each pixel minus that of its block's sample, LR pixels."""
+    depth = inputs["depth"]
+    count, _, height, width = depth.shape
+    scale = height // inputs["mask"].shape[2]
+    inside = (torch.arange(scale).to(depth) - scale // 2) / scale
+    x = inside.repeat(width // scale).view(1, 1, 1, width).expand(count, 1, height, width)
+    y = inside.repeat(height // scale).view(1, 1, height, 1).expand(count, 1, height, width)
+    return torch.cat([x, y], dim=1)
+
+
+def _blur(image: Image) -> Plane:
+    """Mean of 3 x 3 pixels, borders replicated."""
+    return F.avg_pool2d(F.pad(image, (1,) * 4, mode="replicate"), 3, 1)

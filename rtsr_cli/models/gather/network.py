@@ -1,0 +1,169 @@
+"""The network: how far each term of the kernel, and history, are to be believed at every pixel.
+
+A trunk of residual blocks sees the samples and what their pixels average to; a small head sees each
+pixel and its eight neighbours, and the trunk's features of the sample that the pixel's block
+belongs to. Both are the same at every scale: where a pixel lies in its block is among what it sees.
+
+    f = exp(r_1..3)           factors of distance, normal and depth in log w: `guided_kernel`
+    c' = a c e^r_4 / (1 + |d|^2 / s^2),   b' = sigmoid(logit(b) + r_5): `lighting_history`
+
+r is 0 before any training: the network is `demod-temporal` then. History of another surface is
+worth nothing whatever r_4 is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import cast
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from rtsr_cli.core.imaging.guided_enlargement import upsample_emphasised
+from rtsr_cli.core.imaging.row_strips import run_in_strips
+from rtsr_cli.core.lighting.lighting_history import (
+    CarriedLighting,
+    EnlargedLighting,
+    LightingHistory,
+    age_worth,
+    blend_history,
+    carry_history,
+    describe_samples,
+    enlarge_frame,
+    keep_history,
+    sample_change,
+    split_enlarged,
+)
+from rtsr_cli.core.network.blocks import ResidualBlock, make_conv3
+from rtsr_cli.core.shapes import Color, Image
+from rtsr_cli.core.system import State, Tensors
+from rtsr_cli.models.gather.config import GatherConfig
+from rtsr_cli.models.gather.inputs import HR_CHANNELS, LR_CHANNELS, see_pixels, see_samples
+
+WIDTH = 32
+"""Channels of the trunk."""
+
+BLOCKS = 3
+
+HIDDEN = 24
+"""Channels of the head."""
+
+MOST_EMPHASIS, MOST_LOGIT = 3.0, 6.0
+"""Bounds of r_1..3, and of r_4."""
+
+MOST_WORTH = 50.0
+"""Samples that history is worth at most."""
+
+STRIP_ROWS = 16
+"""LR rows that the head sees at once, so that its features stay small."""
+
+
+class Trunk(nn.Module):
+    """What the samples say: n 36 h w -> n 24 h w."""
+
+    def __init__(self) -> None:
+        """Make the layers."""
+        super().__init__()
+        self.first = make_conv3(LR_CHANNELS + HR_CHANNELS, WIDTH)
+        self.blocks = nn.Sequential(*(ResidualBlock(WIDTH) for _ in range(BLOCKS)))
+        self.last = nn.Conv2d(WIDTH, HIDDEN, 1)
+
+    def forward(self, seen: Image) -> Image:
+        """Run the layers."""
+        features: Image = self.last(F.relu(self.blocks(F.relu(self.first(seen)))))
+        return features
+
+
+class Head(nn.Module):
+    """What a pixel says of it: n 20 S*h S*w and n 24 h w -> n c S*h S*w, 0 at first."""
+
+    def __init__(self, channels: int) -> None:
+        """Make the layers, the last one of zeros."""
+        super().__init__()
+        self.first = make_conv3(HR_CHANNELS, HIDDEN)
+        self.second = nn.Conv2d(HIDDEN, HIDDEN, 1)
+        self.last = nn.Conv2d(HIDDEN, channels, 1)
+        nn.init.zeros_(self.last.weight)
+        nn.init.zeros_(cast(Tensor, self.last.bias))
+
+    def forward(self, pixels: Image, features: Image) -> Image:
+        """Run the layers."""
+        hidden = self.first(pixels)
+        scale = pixels.shape[2] // features.shape[2]
+        hidden = F.relu(hidden + F.interpolate(features, scale_factor=scale, mode="nearest"))
+        hidden = F.relu(hidden + self.second(hidden))
+        given: Image = self.last(hidden)
+        return given
+
+
+class GatherNetwork(nn.Module):
+    """Trunk, head, and what is made of their corrections; its state is a `LightingHistory`."""
+
+    def __init__(self, config: GatherConfig, scale: int) -> None:
+        """Make the layers; they are the same at every scale."""
+        super().__init__()
+        del scale
+        self.config = config
+        self.trunk = Trunk()
+        self.head = Head(8 if config.residual else 5)
+
+    def forward(self, inputs: Tensors, state: State) -> tuple[dict[str, Tensor], State]:
+        """Carry history, correct how much is believed, and gather."""
+        before = cast(LightingHistory | None, state)
+        with torch.no_grad(), torch.autocast(inputs["depth"].device.type, enabled=False):
+            carried = None if before is None else carry_history(before, inputs)
+            frame = enlarge_frame(inputs, carried)
+        given = self._correct(inputs, carried, frame).float()
+        with torch.autocast(inputs["depth"].device.type, enabled=False):
+            encoded, worth = self._gather(inputs, carried, frame, given)
+            history = keep_history(inputs, encoded.detach(), worth.detach().clamp(max=MOST_WORTH))
+        return {"encoded": encoded, "worth": worth.detach()}, history
+
+    def _correct(
+        self, inputs: Tensors, carried: CarriedLighting | None, frame: EnlargedLighting
+    ) -> Image:
+        """r of every pixel."""
+        pixels = see_pixels(inputs, carried, frame)
+        small = F.avg_pool2d(pixels, pixels.shape[2] // inputs["mask"].shape[2])
+        features = self.trunk(torch.cat([see_samples(inputs, carried), small], dim=1))
+        images = {"pixels": pixels, "features": features}
+        if self.training:
+            return self._run_head(images)
+        return run_in_strips(self._run_head, images, rows=STRIP_ROWS, halo=1)
+
+    def _run_head(self, images: Tensors) -> Image:
+        given: Image = self.head(images["pixels"], images["features"])
+        return given
+
+    def _gather(
+        self,
+        inputs: Tensors,
+        carried: CarriedLighting | None,
+        frame: EnlargedLighting,
+        given: Image,
+    ) -> tuple[Color, Tensor]:
+        """e' and c."""
+        config, fresh = self.config, frame.fit.pow(self.config.fit_power)
+        terms, believed, trusted = given[:, :3], given[:, 3:4], given[:, 4:5]
+        shown = frame
+        if config.kernel:
+            values = [inputs["encoded"]]
+            if carried is not None:
+                values += sample_change(inputs, carried)
+            samples = describe_samples(inputs, torch.cat(values, dim=1))
+            emphasis = terms.clamp(-MOST_EMPHASIS, MOST_EMPHASIS).exp()
+            shown = split_enlarged(upsample_emphasised(samples, emphasis), frame.fit)
+        encoded, worth = shown.encoded, fresh
+        if carried is not None:
+            aged = age_worth(carried.worth, frame.change, config)
+            share: Tensor | float = config.change
+            if config.history:
+                aged = aged * believed.clamp(-MOST_LOGIT, MOST_LOGIT).exp()
+                share = torch.sigmoid(trusted + math.log(config.change / (1.0 - config.change)))
+            encoded = blend_history(shown, replace(carried, worth=aged), fresh=fresh, share=share)
+            worth = fresh + aged
+        if config.residual:
+            encoded = (encoded + given[:, 5:]).clamp(min=0.0)
+        return encoded, worth
