@@ -17,7 +17,11 @@ from typing import cast
 from torch import nn
 
 from rtsr_cli.core.lighting import lighting, lighting_history
-from rtsr_cli.core.lighting.filtered_lighting import match_filter
+from rtsr_cli.core.lighting.filtered_lighting import (
+    describe_filter,
+    match_filter,
+    part_filtered,
+)
 from rtsr_cli.core.lighting.lighting import (
     LOG_LIGHTING,
     compose_lighting,
@@ -46,7 +50,9 @@ def predict(network: nn.Module, window: FrameWindow, state: State) -> Prediction
     """Gather lighting, multiply by HR material, add HR emission; sky from the LR sky alone."""
     config = cast(DemodTemporalConfig, network.config)
     inputs = describe_window(match_filter(window)) | describe_picture(window)
-    gathered = gather_lighting(inputs, cast(LightingHistory | None, state), config)
+    inputs |= describe_filter(window)
+    before = cast(LightingHistory | None, state)
+    gathered = gather_lighting(inputs, before, config, finish=part_filtered)
     made = compose_lighting(LOG_LIGHTING, window, inputs, gathered.encoded)
     worth = unalign_image(window, gathered.worth)
     return replace(made, state=gathered.history, debug={**made.debug, "worth": worth})

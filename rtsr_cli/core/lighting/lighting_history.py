@@ -17,7 +17,7 @@ on the grid that `alignment` moves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -332,7 +332,10 @@ def keep_history(inputs: Tensors, encoded: Color, worth: Plane) -> LightingHisto
 
 
 def gather_lighting(
-    inputs: Tensors, before: LightingHistory | None, weights: HistoryWeights
+    inputs: Tensors,
+    before: LightingHistory | None,
+    weights: HistoryWeights,
+    finish: Callable[[Tensors, Color], Color],
 ) -> GatheredLighting:
     """Gather a frame's samples; without history they are enlarged along surfaces.
 
@@ -340,6 +343,7 @@ def gather_lighting(
         inputs: `describe_window`.
         before: history, None at a reset.
         weights: of the equations.
+        finish: (inputs, e') -> log lighting that is shown and goes on.
     """
     carried = None if before is None else carry_history(before, inputs)
     frame = enlarge_frame(inputs, carried)
@@ -349,6 +353,7 @@ def gather_lighting(
         aged = replace(carried, worth=age_worth(carried.worth, frame.change, weights))
         encoded = blend_history(frame, aged, fresh=fresh, share=weights.change)
         worth = fresh + aged.worth
+    encoded = finish(inputs, encoded)
     return GatheredLighting(
         encoded=encoded, worth=worth, history=keep_history(inputs, encoded, worth)
     )

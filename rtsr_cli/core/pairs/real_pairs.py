@@ -12,8 +12,9 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
-from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.sources import (
     HR_FRAMES,
@@ -108,8 +109,24 @@ class RealPairs:
             return lr
         return lr + self.hr.files(self.lr.held.get(number, number), reads.hr.stored)
 
+    @cached_property
+    def filter_width_px(self) -> float:
+        """Standard deviation of the pixel filter that went over LR radiance alone; see there."""
+        if self.hr is None or self.missing(pixel_filter.INPUTS):
+            return 0.0
+        return pixel_filter.measure_first(
+            lambda number: self._read(number, pixel_filter.INPUTS), self.lr.numbers, self.scale
+        )
+
     def load(self, number: int, inputs: PairInputs) -> FramePair:
         """Read both frames; HR radiance is never among what is asked for."""
+        pair = self._read(number, inputs)
+        if pair.hr is None or Buffer.LIGHTING not in pair.lr.gbuffer:
+            return pair
+        return replace(pair, lr=replace(pair.lr, filter_width_px=self.filter_width_px))
+
+    def _read(self, number: int, inputs: PairInputs) -> FramePair:
+        """Read both frames, whatever filter went over radiance."""
         reads = self.resolve(inputs)
         checked = check_frame(self.lr.read(number, reads.lr.stored), inputs)
         lr = build_lr(checked.frame, reads.lr, inputs.derivation)

@@ -22,7 +22,7 @@ import torch
 import torch.nn.functional as F
 
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.lighting.filtered_lighting import match_filter
+from rtsr_cli.core.lighting.filtered_lighting import describe_filter, match_filter
 from rtsr_cli.core.lighting.lighting import align_image, describe_picture, inverse_depth
 from rtsr_cli.core.lighting.lighting_history import (
     CarriedLighting,
@@ -55,8 +55,8 @@ def prepare(config: GatherConfig, window: FrameWindow) -> Tensors:
     if roughness is None:
         roughness = torch.full_like(hr[Buffer.DEPTH], ROUGHNESS)
     inputs = describe_window(match_filter(window)) | describe_picture(window)
-    width = inputs["exposure"].new_full((1, 1, 1, 1), window.current.filter_width_px)
-    return inputs | {"roughness": align_image(window, roughness), "filter_width": width}
+    inputs |= describe_filter(window)
+    return inputs | {"roughness": align_image(window, roughness)}
 
 
 def see_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:

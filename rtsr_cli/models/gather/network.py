@@ -23,6 +23,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.imaging.guided_enlargement import upsample_emphasised
 from rtsr_cli.core.imaging.row_strips import run_in_strips
+from rtsr_cli.core.lighting.filtered_lighting import part_filtered
 from rtsr_cli.core.lighting.lighting_history import (
     CarriedLighting,
     EnlargedLighting,
@@ -118,6 +119,8 @@ class GatherNetwork(nn.Module):
         given = self._correct(inputs, carried, frame).float()
         with torch.autocast(inputs["depth"].device.type, enabled=False):
             encoded, worth = self._gather(inputs, carried, frame, given)
+            known = encoded.detach()
+            encoded = encoded + (part_filtered(inputs, known) - known)
             history = keep_history(inputs, encoded.detach(), worth.detach().clamp(max=MOST_WORTH))
         return {"encoded": encoded, "worth": worth.detach()}, history
 

@@ -22,7 +22,7 @@ from rtsr_cli.core.lighting.lighting_history import (
     find_surface_motion,
     gather_lighting,
 )
-from rtsr_cli.core.system import FrameWindow
+from rtsr_cli.core.system import FrameWindow, Tensors
 
 SCALE = 4
 HEIGHT, WIDTH = 24, 32
@@ -85,9 +85,16 @@ def gather(windows: list[FrameWindow], weights: HistoryWeights | None = None) ->
     gathered = None
     for window in windows:
         before = None if gathered is None else gathered.history
-        gathered = gather_lighting(describe_window(window), before, weights or HistoryWeights())
+        gathered = gather_lighting(
+            describe_window(window), before, weights or HistoryWeights(), finish=keep_encoded
+        )
     assert gathered is not None
     return gathered
+
+
+def keep_encoded(inputs: Tensors, encoded: Tensor) -> Tensor:
+    del inputs
+    return encoded
 
 
 def flat(value: float) -> Tensor:

@@ -1,0 +1,89 @@
+"""How wide a pixel filter went over LR radiance and not over its G-buffer; measured.
+
+    slope(G) = median of  (log c(p) - log c(q)) / (log G[m](p) - log G[m](q))     `measure_slope`
+
+c is LR radiance, m the HR material, G a Gaussian. Material that was filtered less than radiance
+changes more from pixel to pixel, and the slope is below 1; material that was filtered more, less,
+and it is above. The width is where it is 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from rtsr_cli.core.choices import NonfinitePolicy
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.filtered_gbuffer import filter_gbuffer
+from rtsr_cli.core.pairs.point_samples import FILTERED_SLOPE, measure_slope
+from rtsr_cli.core.pairs.sources import FramePair, PairInputs
+
+NARROWEST_PX, WIDEST_PX = 0.05, 0.8
+"""Standard deviations that are sought between: a box of one pixel has 0.29."""
+
+HALVINGS = 7
+"""Of that range: 0.006 pixels are left."""
+
+MOST_SKY = 0.5
+"""Share of the sky from which a sample is none of a surface."""
+
+INPUTS = PairInputs(
+    lr=(Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
+    lr_optional=(Buffer.EMISSION,),
+    hr=(Buffer.MATERIAL, Buffer.SKY),
+    hr_optional=(Buffer.EMISSION,),
+    on_nonfinite=NonfinitePolicy.ZERO,
+    straight=True,
+)
+"""What is read to tell."""
+
+
+def measure_filter_width(pair: FramePair, scale: int) -> float | None:
+    """Standard deviation of the pixel filter, LR pixels; 0 of point samples.
+
+    None where too little differs to tell.
+
+    Args:
+        pair: read with `INPUTS`.
+        scale: S.
+    """
+    slope = measure_slope(pair.lr)
+    if slope is None or pair.hr is None:
+        return None
+    if slope >= FILTERED_SLOPE:
+        return 0.0
+    low, high = NARROWEST_PX, WIDEST_PX
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        found = measure_slope(_filter_frame(pair.lr, pair.hr, middle, scale))
+        low, high = (middle, high) if found is not None and found < 1.0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def measure_first(read: Callable[[int], FramePair], numbers: Sequence[int], scale: int) -> float:
+    """`measure_filter_width` of the first frame that tells: the first, the middle, the last.
+
+    0 where none does, or cannot be read: whoever reads it next says why.
+
+    Args:
+        read: number -> pair of `INPUTS`.
+        numbers: of the frames.
+        scale: S.
+    """
+    for number in dict.fromkeys((numbers[0], numbers[len(numbers) // 2], numbers[-1])):
+        try:
+            width = measure_filter_width(read(number), scale)
+        except FrameFolderError:
+            return 0.0
+        if width is not None:
+            return width
+    return 0.0
+
+
+def _filter_frame(lr: Frame, hr: Frame, width: float, scale: int) -> Frame:
+    """The LR frame with a G-buffer that was filtered as its radiance is."""
+    filtered = filter_gbuffer(hr.gbuffer, width, scale, lr.camera.jitter_px)
+    filtered[Buffer.SKY] = (filtered[Buffer.SKY] > MOST_SKY).to(filtered[Buffer.SKY])
+    return replace(lr, gbuffer=lr.gbuffer.with_buffers(filtered))

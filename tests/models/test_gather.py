@@ -1,0 +1,155 @@
+"""`gather`: what it starts from, what it weighs, what it does without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import nn
+
+from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
+from rtsr_cli.models import load_system
+from rtsr_cli.models.gather.config import GatherConfig
+from rtsr_cli.models.gather.inputs import HR_CHANNELS, LR_CHANNELS, see_pixels, see_samples
+from rtsr_cli.models.gather.network import GatherNetwork
+
+SYSTEM = load_system("gather")
+
+PARAMETERS = 71_749
+"""Of the default network."""
+
+MakeWindows = Callable[..., list[FrameWindow]]
+
+
+def build(config: GatherConfig | None = None, *, moved: float = 0.0) -> GatherNetwork:
+    torch.manual_seed(3)
+    network = GatherNetwork(config or GatherConfig(), 4).eval()
+    nn.init.normal_(network.head.last.weight, std=moved)
+    return network
+
+
+def run(network: nn.Module, windows: list[FrameWindow], name: str = "gather") -> list[Prediction]:
+    system, state, made = load_system(name), None, []
+    for window in windows:
+        with torch.no_grad():
+            made.append(system.predict(network, window, state))
+        state = made[-1].state
+    return made
+
+
+def image_of(prediction: Prediction) -> torch.Tensor:
+    assert prediction.image is not None
+    return prediction.image
+
+
+def test_parameters() -> None:
+    assert sum(p.numel() for p in build().parameters()) == PARAMETERS
+
+
+@pytest.mark.parametrize("scale", [2, 3, 4])
+@pytest.mark.parametrize("optional", [False, True])
+def test_untrained_it_is_demod_temporal(
+    make_windows: MakeWindows, scale: int, optional: bool
+) -> None:
+    windows = make_windows(SYSTEM, scale, optional=optional)
+    baseline = load_system("demod-temporal")
+    known = run(baseline.build(baseline.config(), scale), windows, "demod-temporal")
+    for ours, theirs in zip(run(build(), windows), known, strict=True):
+        torch.testing.assert_close(image_of(ours), image_of(theirs), rtol=1e-4, atol=1e-5)
+
+
+def test_channels_are_those_of_the_table(make_windows: MakeWindows) -> None:
+    from rtsr_cli.core.lighting.lighting_history import enlarge_frame
+
+    window = make_windows(SYSTEM, 4, optional=True)[0]
+    learning = SYSTEM.learning
+    assert learning is not None
+    inputs = learning.prepare(GatherConfig(), window)
+    frame = enlarge_frame(inputs, None)
+    assert see_samples(inputs, None).shape == (1, LR_CHANNELS, 16, 24)
+    assert see_pixels(inputs, None, frame).shape == (1, HR_CHANNELS, 64, 96)
+
+
+def test_strips_of_the_head_are_the_whole(
+    make_windows: MakeWindows, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    windows = make_windows(SYSTEM, 4, optional=True)
+    whole = run(build(moved=0.3), windows)
+    monkeypatch.setattr("rtsr_cli.models.gather.network.STRIP_ROWS", 3)
+    for ours, theirs in zip(run(build(moved=0.3), windows), whole, strict=True):
+        torch.testing.assert_close(image_of(ours), image_of(theirs), rtol=1e-3, atol=1e-4)
+
+
+def test_whatever_it_learned_another_surface_weighs_nothing(make_windows: MakeWindows) -> None:
+    """History of surfaces that are not there any more, believed as far as it can be."""
+    windows = make_windows(SYSTEM, 4, count=2, optional=True)
+    network = build()
+    network.head.last.bias.data[3] = 100.0
+    hr = windows[1].require_hr()
+    renamed = hr.gbuffer.with_buffers({Buffer.OBJECT_ID: hr.gbuffer[Buffer.OBJECT_ID] + 1000})
+    other = replace(windows[1], hr=replace(hr, gbuffer=renamed))
+    followed, alone = run(network, [windows[0], other])[1], run(network, [other])[0]
+    torch.testing.assert_close(image_of(followed), image_of(alone), rtol=1e-4, atol=1e-5)
+    changed = run(network, windows)[1]
+    assert float((image_of(changed) - image_of(alone)).abs().max()) > 1e-3
+
+
+def stack(parts: list[Tensors]) -> dict[str, torch.Tensor]:
+    return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
+
+
+def test_a_batch_is_its_samples(make_windows: MakeWindows) -> None:
+    learning, network = SYSTEM.learning, build(moved=0.3)
+    assert learning is not None
+    shot = make_windows(SYSTEM, 4, optional=True)
+    filtered = [replace(w, lr=tuple(replace(f, filter_width_px=0.4) for f in w.lr)) for w in shot]
+    steps = [[learning.prepare(GatherConfig(), w) for w in ws] for ws in (shot, filtered)]
+    states = [None, None, None]
+    for parts in zip(*steps, strict=True):
+        with torch.no_grad():
+            both, states[2] = network(stack(list(parts)), states[2])
+            for i, part in enumerate(parts):
+                one, states[i] = network(part, states[i])
+                torch.testing.assert_close(
+                    both["encoded"][i, None], one["encoded"], rtol=1e-3, atol=1e-4
+                )
+
+
+def test_a_step_of_training_lessens_the_loss(make_windows: MakeWindows) -> None:
+    learning, network = SYSTEM.learning, build(moved=0.1).train()
+    assert learning is not None
+    config, state, windows = GatherConfig(), None, make_windows(SYSTEM, 4, optional=True)
+    optimiser = torch.optim.Adam(network.parameters(), 1e-3)
+    losses = []
+    for _ in range(8):
+        state, total = None, torch.zeros(())
+        for window in windows:
+            inputs = learning.prepare(config, window)
+            outputs, state = network(inputs, state)
+            ones = torch.ones_like(inputs["kind"])
+            target = {"color": 0.5 * inputs["material"], "surface_mask": ones}
+            total = total + sum(learning.loss(config, inputs, outputs, target).values())
+        optimiser.zero_grad()
+        total.backward()
+        optimiser.step()
+        losses.append(float(total.detach()))
+    assert losses[-1] < losses[0]
+
+
+@pytest.mark.parametrize("ablated", [{"kernel": False}, {"history": False}, {"residual": True}])
+def test_ablations_change_what_is_gathered(
+    make_windows: MakeWindows, ablated: dict[str, bool]
+) -> None:
+    windows = make_windows(SYSTEM, 4, optional=True)
+    whole = image_of(run(build(moved=0.3), windows)[-1])
+    less = image_of(run(build(GatherConfig(**ablated), moved=0.3), windows)[-1])
+    assert float((whole - less).abs().max()) > 1e-3
+
+
+def test_weights_out_of_range_are_refused() -> None:
+    with pytest.raises(ConfigError, match="age"):
+        GatherConfig(age=1.5)
