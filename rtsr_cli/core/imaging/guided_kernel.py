@@ -253,7 +253,9 @@ class SampleKernel:
         apart.abs_().addcmul_(guides.slope, tap.distance, value=-1.0).clamp_(min=0.0)
         if not self.factors:
             # a (n(p).n(q) - 1) - |p - q|^2 / (2 s^2) - d(p, q)
-            nearest = tap.exponent if guides.unfaced is None else tap.nearness + self.opposite
+            nearest = tap.exponent
+            if guides.unfaced is not None:
+                nearest = nearest + _LOG2_E * FACING * guides.unfaced
             self._add_facing(nearest, toward, power)
             power.sub_(apart)
         else:

@@ -124,12 +124,14 @@ def test_where_normals_are_0_depth_alone_tells_surfaces_apart(zero: str) -> None
 
     def run(large: Image, small: Image) -> Image:
         return upsample_guided(
-            values,
-            mask,
-            SurfaceGuides(normal=small, depth=decimated(depth)),
-            SurfaceGuides(normal=large, depth=depth),
-            scale=SCALE,
-            fallback=fallback,
+            GuidedSamples(
+                values=values,
+                mask=mask,
+                small=SurfaceGuides(normal=small, depth=decimated(depth)),
+                large=SurfaceGuides(normal=large, depth=depth),
+                scale=SCALE,
+                fallback=fallback,
+            )
         )
 
     torch.manual_seed(3)
