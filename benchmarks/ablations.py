@@ -44,10 +44,20 @@ ROWS: dict[str, dict[str, tuple[str, ...]]] = {
         "no LSTM": ("network.lstm=false",),
         "LSTM's state not moved (as published)": ("network.warp_state=false",),
     },
+    "gather": {
+        "as shipped": (),
+        "kernel not weighed": ("network.kernel=false",),
+        "history not weighed": ("network.history=false",),
+        "a residual beside": ("network.residual=true",),
+        "a residual in place of the kernel": ("network.kernel=false", "network.residual=true"),
+    },
 }
 """System -> row -> settings that differ from the default."""
 
-SHIPPED_WITH = {"nsrd": ("network.gradient_frames=4",)}
+SHIPPED_WITH = {
+    "nsrd": ("network.gradient_frames=4",),
+    "gather": ("training.augmentation.turns=false",),
+}
 """System -> settings that its weights were trained with and that are no defaults."""
 
 HEAD = """## What is each part of {system} worth?

@@ -224,6 +224,6 @@ def test_an_unknown_system_gets_a_suggestion_and_the_list() -> None:
 def test_what_upscale_prefers_are_upscalers_the_network_first() -> None:
     assert set(PREFERENCE) <= set(list_upscaler_names())
     assert PREFERENCE == (
-        "demod-temporal", "fusesr", "fusesr-fast", "demod-guided", "demod-bicubic", "cgts", "taau",
-        "bicubic",
+        "gather", "demod-temporal", "fusesr", "fusesr-fast", "demod-guided", "demod-bicubic",
+        "cgts", "taau", "bicubic",
     )  # fmt: skip

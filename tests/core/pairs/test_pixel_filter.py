@@ -1,0 +1,86 @@
+"""The width of a pixel filter, found from radiance and the HR material."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.resampling import (
+    decimate,
+    decimate_filtered,
+    measure_filter_width,
+    sample_jitter,
+)
+from rtsr_cli.core.pairs import pixel_filter
+from rtsr_cli.core.pairs.sources import FramePair
+
+SCALE = 4
+OFFSET = (1, 2)
+
+
+def make_pair(
+    lr_filter: str = "none", *, contrast: float = 1.0, shining: bool = False
+) -> FramePair:
+    """Tiles of 3 pixels, each of its own material, under a light that falls off; sky on top."""
+    generator = torch.Generator().manual_seed(4)
+    tiles = 0.4 + contrast * (torch.rand(1, 3, 80, 80, generator=generator) - 0.5) * 0.7
+    material = tiles.repeat_interleave(3, 2).repeat_interleave(3, 3)
+    side = material.shape[3]
+    sky = torch.zeros(1, 1, side, side)
+    sky[:, :, :40] = 1.0
+    light = torch.linspace(0.2, 3.0, side).view(1, 1, 1, side)
+    emission = torch.zeros_like(material)
+    if shining:
+        emission = 5.0 * (torch.rand(1, 3, side, side, generator=generator) > 0.7).float()
+    radiance = (material * light + emission) * (1.0 - sky) + 3.0 * sky
+    color = (
+        decimate(radiance, SCALE, OFFSET)
+        if lr_filter == "none"
+        else decimate_filtered(radiance, lr_filter, SCALE, OFFSET)
+    )
+    hr = {Buffer.MATERIAL: material, Buffer.SKY: sky}
+    if shining:
+        hr[Buffer.EMISSION] = emission
+    lr = {buffer: decimate(image, SCALE, OFFSET) for buffer, image in hr.items()}
+    jitter_px = (sample_jitter(OFFSET[0], SCALE), sample_jitter(OFFSET[1], SCALE))
+
+    def frame(buffers: dict[Buffer, torch.Tensor], jitter: tuple[float, float]) -> Frame:
+        gbuffer = GBuffer(buffers, "tiles")
+        camera = CameraMetadata(jitter_px=jitter)
+        return Frame(number=1, gbuffer=gbuffer, camera=camera, view=View(display=gbuffer.size))
+
+    return FramePair(frame({**lr, Buffer.COLOR: color}, jitter_px), frame(hr, (0.0, 0.0)))
+
+
+@pytest.mark.parametrize("shining", [False, True])
+@pytest.mark.parametrize("lr_filter", ["box", "blackman-harris"])
+def test_the_width_is_that_of_the_filter(lr_filter: str, shining: bool) -> None:
+    found = pixel_filter.measure_filter_width(make_pair(lr_filter, shining=shining), SCALE)
+    assert found == pytest.approx(measure_filter_width(lr_filter, SCALE), abs=0.08)
+
+
+def test_point_samples_have_none() -> None:
+    assert pixel_filter.measure_filter_width(make_pair(), SCALE) == 0.0
+
+
+def test_without_contrast_or_hr_nothing_is_told() -> None:
+    flat, alone = make_pair("box", contrast=0.05), make_pair("box")
+    assert pixel_filter.measure_filter_width(flat, SCALE) is None
+    assert pixel_filter.measure_filter_width(FramePair(alone.lr, None), SCALE) is None
+
+
+def test_the_first_frame_that_tells_decides() -> None:
+    pairs = {1: make_pair("box", contrast=0.05), 5: make_pair("box"), 9: make_pair()}
+    width = pixel_filter.measure_first(pairs.__getitem__, [1, 3, 5, 7, 9], SCALE)
+    assert width == pixel_filter.measure_filter_width(pairs[5], SCALE)
+
+
+def test_a_frame_that_cannot_be_read_is_left_to_whoever_reads_it_next() -> None:
+    def fail(number: int) -> FramePair:
+        raise FrameFolderError(f"frame {number} is gone")
+
+    assert pixel_filter.measure_first(fail, [1, 2, 3], SCALE) == 0.0
