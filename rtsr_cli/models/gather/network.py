@@ -8,7 +8,8 @@ belongs to. Both are the same at every scale: where a pixel lies in its block is
     c' = a c e^r_4 / (1 + |d|^2 / s^2),   b' = sigmoid(logit(b) + r_5): `lighting_history`
 
 r is 0 before any training: the network is `demod-temporal` then. History of another surface is
-worth nothing whatever r_4 is.
+worth nothing whatever r_4 is. In training, history is what the network itself made of the frames
+before; no gradient flows back through it.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ HIDDEN = 24
 
 MOST_EMPHASIS, MOST_LOGIT = 3.0, 6.0
 """Bounds of r_1..3, and of r_4."""
+
+LEAST_SHARE = 1e-6
 
 MOST_WORTH = 50.0
 """Samples that history is worth at most."""
@@ -149,7 +152,7 @@ class GatherNetwork(nn.Module):
     ) -> tuple[Color, Tensor]:
         """e' and c."""
         config, fresh = self.config, frame.fit.pow(self.config.fit_power)
-        terms, believed, trusted = given[:, :3], given[:, 3:4], given[:, 4:5]
+        terms, worth_logit, share_logit = given[:, :3], given[:, 3:4], given[:, 4:5]
         shown = frame
         if config.kernel:
             values = [inputs["encoded"]]
@@ -163,10 +166,15 @@ class GatherNetwork(nn.Module):
             aged = age_worth(carried.worth, frame.change, config)
             share: Tensor | float = config.change
             if config.history:
-                aged = aged * believed.clamp(-MOST_LOGIT, MOST_LOGIT).exp()
-                share = torch.sigmoid(trusted + math.log(config.change / (1.0 - config.change)))
+                aged = aged * worth_logit.clamp(-MOST_LOGIT, MOST_LOGIT).exp()
+                share = torch.sigmoid(share_logit + find_logit(config.change))
             encoded = blend_history(shown, replace(carried, worth=aged), fresh=fresh, share=share)
             worth = fresh + aged
         if config.residual:
             encoded = (encoded + given[:, 5:]).clamp(min=0.0)
         return encoded, worth
+
+
+def find_logit(share: float) -> float:
+    """Logit of a share, finite at 0 and 1."""
+    return math.log((share + LEAST_SHARE) / (1.0 - share + LEAST_SHARE))
