@@ -89,7 +89,7 @@ class OutputBlockedError(OutputError):
 LEAST_LIKE = 0.5
 """Of two names of two letters that are the other way round."""
 
-MOST_LISTED, MOST_NEAREST = 14, 5
+MOST_LISTED, MOST_NEAREST = 20, 5
 """Names that are listed in full, and how many of the nearest of more."""
 
 
