@@ -13,9 +13,9 @@ def test_a_near_miss_is_suggested_and_everything_listed() -> None:
 
 def test_of_many_names_the_five_nearest_are_listed() -> None:
     names = [f"ViewLayer.{p}.{c}" for p in ("Diffuse Color", "Glossy Color", "Emission",
-             "Normal", "Position") for c in "RGB"]  # fmt: skip
+             "Normal", "Position", "Shadow Catcher", "Volume", "UV") for c in "RGB"]  # fmt: skip
     assert did_you_mean("ViewLayer.Glosy Color.R", names) == (
-        ", did you mean 'ViewLayer.Glossy Color.R'? (nearest of 15: ViewLayer.Glossy Color.R, "
+        ", did you mean 'ViewLayer.Glossy Color.R'? (nearest of 24: ViewLayer.Glossy Color.R, "
         "ViewLayer.Glossy Color.G, ViewLayer.Glossy Color.B, ViewLayer.Diffuse Color.R, "
         "ViewLayer.Diffuse Color.G)"
     )
