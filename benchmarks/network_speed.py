@@ -1,6 +1,7 @@
 """Time of the networks on this processor: as built, and as `upscale` runs them.
 
     python benchmarks/network_speed.py [--size 480x270] [--scale 4] [--pairs 7] [--threads 2]
+        [--system fusesr --system gather ...]
 
 One run is `network(inputs, state)` with the state of the frame before: past features are known,
 warps are included, reading and preparation are not. Every round runs all ways back to back;
@@ -33,16 +34,21 @@ from rtsr_cli.models import load_system
 
 Run = Callable[[], Any]
 
-PLAIN = "as built, fp32"
+PLAIN, FAST = "as built, fp32", "accelerated, fp32"
 
 
 def noisy(inputs: Tensors) -> dict[str, torch.Tensor]:
-    """Random pictures of the same shapes; motion of a few pixels."""
+    """Random pictures of the same shapes; motion of a few pixels; facts of a frame as they are."""
     torch.manual_seed(1)
-    return {
-        name: 4.0 * torch.randn_like(tensor) if name.startswith("motion_") else tensor.uniform_()
-        for name, tensor in inputs.items()
-    }
+
+    def draw(name: str, tensor: torch.Tensor) -> torch.Tensor:
+        if tensor.shape[2:] == (1, 1):
+            return tensor
+        if name == "kind":
+            return torch.ones_like(tensor)
+        return 4.0 * torch.randn_like(tensor) if name.startswith("motion") else tensor.uniform_()
+
+    return {name: draw(name, tensor) for name, tensor in inputs.items()}
 
 
 def runner(network: nn.Module, inputs: Tensors, *, half: bool) -> Run:
@@ -70,7 +76,7 @@ def ways(name: str, scale: int, size: tuple[int, int]) -> dict[str, Run]:
     fast = accelerate_network(built)
     return {
         PLAIN: runner(built, inputs, half=False),
-        "accelerated, fp32": runner(fast, inputs, half=False),
+        FAST: runner(fast, inputs, half=False),
         "accelerated, bf16": runner(fast, inputs, half=True),
     }
 
@@ -95,6 +101,21 @@ def report(runs: dict[str, Run], pairs: int) -> None:
         )
 
 
+def compare(runs: dict[str, Run], pairs: int) -> None:
+    """Print how systems compare with the first, each round back to back."""
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(pairs):
+        for name, run in runs.items():
+            times[name].append(seconds(run))
+    first, *others = times
+    for name in others:
+        ratios = [a / b for a, b in zip(times[name], times[first], strict=True)]
+        print(
+            f"{name}: {statistics.median(ratios):.2f} of {first} ({FAST}, "
+            f"{min(ratios):.2f} to {max(ratios):.2f})"
+        )
+
+
 def show_profile(run: Run) -> None:
     """Print where the time goes."""
     with profile(activities=[ProfilerActivity.CPU]) as recorded:
@@ -115,13 +136,16 @@ def main(
     """Print medians and ratios."""
     torch.set_num_threads(threads)
     width, height = (int(side) for side in size.split("x"))
+    fast: dict[str, Run] = {}
     for name in names:
         print(f"{name} {width}x{height} -> {width * scale}x{height * scale}, {threads} threads")
         runs = ways(name, scale, (height, width))
         report(runs, pairs)
+        fast[name] = runs[FAST]
         for kind, run in runs.items() if profiled else ():
             print(kind)
             show_profile(run)
+    compare(fast, pairs)
 
 
 if __name__ == "__main__":

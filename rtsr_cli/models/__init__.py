@@ -45,17 +45,14 @@ ROWS = (
     SystemRow(name="demod-bicubic", module="bicubic", rank=6),
     SystemRow(name="demod-guided", module="guided", rank=5),
     SystemRow(
-        name="demod-temporal",
-        module="temporal",
-        rank=2,
-        when=(InputCondition.TRUSTED_MOTION, InputCondition.POINT_SAMPLES),
+        name="demod-temporal", module="temporal", rank=2, when=(InputCondition.TRUSTED_MOTION,)
     ),
     SystemRow(
         name="gather",
         module="gather",
         trainable=True,
         rank=1,
-        when=(InputCondition.TRUSTED_MOTION,),
+        when=(InputCondition.TRUSTED_MOTION, InputCondition.POINT_SAMPLES),
     ),
     SystemRow(
         name="taau",
