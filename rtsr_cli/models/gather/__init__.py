@@ -5,7 +5,7 @@ network raises and lowers them: the terms of the kernel over the frame's samples
 worth, how far a change of the light is believed. It never paints: what it writes is always a mean
 of samples of the pixel's own surface, times the HR material. See docs/gather.md.
 
-Conventions: those of `lighting.lighting_history`; any scale, by the same weights; whole frames
+Conventions: those of `lighting.lighting_history`; the same layers at every scale; whole frames
 only, as the state has the target's size.
 """
 
@@ -64,7 +64,7 @@ GATHER = System(
         unroll=UNROLLED_FRAMES,
         defaults={"crop": 48, "batch": 2, "jitter": "mixed", "learning_rate": 2e-3},
     ),
-    weights="gather.safetensors",
+    weights="gather-{scale}x.safetensors",
 )
 
 SYSTEMS = (GATHER,)
