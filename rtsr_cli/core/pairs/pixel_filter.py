@@ -4,7 +4,7 @@
 
 c is LR radiance, m the HR material, G a Gaussian. Material that was filtered less than radiance
 changes more from pixel to pixel, and the slope is below 1; material that was filtered more, less,
-and it is above. The width is where it is 1.
+and it is above. The width is the smallest one at which it is about 1.
 """
 
 from __future__ import annotations
@@ -20,11 +20,16 @@ from rtsr_cli.core.imaging.filtered_gbuffer import filter_gbuffer
 from rtsr_cli.core.pairs.point_samples import FILTERED_SLOPE, measure_slope
 from rtsr_cli.core.pairs.sources import FramePair, PairInputs
 
-NARROWEST_PX, WIDEST_PX = 0.05, 0.8
-"""Standard deviations that are sought between: a box of one pixel has 0.29."""
+WIDEST_PX, STEP_PX = 0.7, 0.1
+"""Standard deviations that are tried: a box of one pixel has 0.29. Beyond, and of radiance that
+follows no material however wide the filter, nothing is told."""
 
-HALVINGS = 7
-"""Of that range: 0.006 pixels are left."""
+HALVINGS = 4
+"""Of a step: 0.006 pixels are left."""
+
+MATCHED_SLOPE = 0.95
+"""Slope at which widths are right on our sequences in the mean, and within 0.1 pixels on each:
+light that differs along with material moves it away from 1."""
 
 MOST_SKY = 0.5
 """Share of the sky from which a sample is none of a surface."""
@@ -43,22 +48,31 @@ INPUTS = PairInputs(
 def measure_filter_width(pair: FramePair, scale: int) -> float | None:
     """Standard deviation of the pixel filter, LR pixels; 0 of point samples.
 
-    None where too little differs to tell.
+    None where too little differs to tell, or no width fits.
 
     Args:
         pair: read with `INPUTS`.
         scale: S.
     """
-    slope = measure_slope(pair.lr)
-    if slope is None or pair.hr is None:
+    lr, hr = pair.lr, pair.hr
+    slope = measure_slope(lr)
+    if slope is None or hr is None:
         return None
     if slope >= FILTERED_SLOPE:
         return 0.0
-    low, high = NARROWEST_PX, WIDEST_PX
+
+    def is_wide_enough(width: float) -> bool:
+        found = measure_slope(_filter_frame(lr, hr, width, scale))
+        return found is not None and found >= MATCHED_SLOPE
+
+    tried = [STEP_PX * n for n in range(1, round(WIDEST_PX / STEP_PX) + 1)]
+    first = next((width for width in tried if is_wide_enough(width)), None)
+    if first is None:
+        return None
+    low, high = first - STEP_PX, first
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        found = measure_slope(_filter_frame(pair.lr, pair.hr, middle, scale))
-        low, high = (middle, high) if found is not None and found < 1.0 else (low, middle)
+        low, high = (low, middle) if is_wide_enough(middle) else (middle, high)
     return 0.5 * (low + high)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -71,6 +73,14 @@ def test_without_contrast_or_hr_nothing_is_told() -> None:
     flat, alone = make_pair("box", contrast=0.05), make_pair("box")
     assert pixel_filter.measure_filter_width(flat, SCALE) is None
     assert pixel_filter.measure_filter_width(FramePair(alone.lr, None), SCALE) is None
+
+
+def test_radiance_that_follows_no_material_tells_no_width() -> None:
+    pair = make_pair()
+    noise = torch.rand(1, 3, 60, 60, generator=torch.Generator().manual_seed(2))
+    color = pair.lr.gbuffer.with_buffers({Buffer.COLOR: 0.1 + noise})
+    strange = FramePair(replace(pair.lr, gbuffer=color), pair.hr)
+    assert pixel_filter.measure_filter_width(strange, SCALE) is None
 
 
 def test_the_first_frame_that_tells_decides() -> None:
