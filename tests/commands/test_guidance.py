@@ -173,7 +173,7 @@ def test_pasted_lines_make_the_systems_ready(
     assert after["systems"]["demod-guided"]["ready"], after["problems"]
     assert after["fixes"] == []
     plan = planned(rtsr, folder, "--simulate-lr", 4)
-    assert plan["system"].startswith(("fusesr", "demod"))
+    assert plan["system"].startswith(("gather", "fusesr", "demod"))
 
 
 COLOURS = ("albedo.R", "albedo.G", "albedo.B")

@@ -30,7 +30,8 @@ def count_macs(system: System, config: Any, scale: int, lr_size: Size) -> int:
 
         MAC = output values * input channels / groups * kernel height * kernel width
 
-    Inputs are prepared from a uniform frame; the network then passes shapes alone.
+    Inputs are prepared from a uniform frame; the network then passes shapes alone, unless what it
+    does depends on values (`needs_values`).
 
     Args:
         system: one with a network.
@@ -43,14 +44,16 @@ def count_macs(system: System, config: Any, scale: int, lr_size: Size) -> int:
     """
     if system.learning is None:
         raise ConfigError(f"system '{system.name}' has no network")
-    network = system.build(config, scale).eval().to("meta")
+    network = system.build(config, scale).eval()
+    device = "cpu" if getattr(network, "needs_values", False) else "meta"
+    network.to(device)
     counted: list[int] = []
     for module in network.modules():
         if isinstance(module, nn.Conv2d):
             module.register_forward_hook(_make_counter(counted))
     with torch.inference_mode():
         inputs = system.learning.prepare(config, make_uniform_window(system, scale, lr_size))
-        network({name: tensor.to("meta") for name, tensor in inputs.items()}, None)
+        network({name: tensor.to(device) for name, tensor in inputs.items()}, None)
     return sum(counted)
 
 

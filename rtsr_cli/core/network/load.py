@@ -89,7 +89,7 @@ def _check_weights(weights: SavedWeights, system: System, scale: int) -> None:
             f"{weights.path}: weights of '{weights.system}', not of '{system.name}'; give others, "
             f"or choose --system {weights.system} where the command has that option"
         )
-    if system.scales and weights.scale != scale:
+    if weights.scale != scale:
         raise CheckpointError(
             f"{weights.path}: weights for {weights.scale}x, the frames ask for {scale}x"
         )

@@ -49,6 +49,7 @@ GATHER = System(
     lr_optional=(*lighting.LR_OPTIONAL, *lighting_history.LR_OPTIONAL),
     hr_inputs=(*lighting.HR_BUFFERS, *lighting_history.HR_BUFFERS),
     hr_optional=(*lighting.HR_OPTIONAL, *lighting_history.HR_OPTIONAL, Buffer.ROUGHNESS),
+    scales=(2, 3, 4),
     history_frames=lighting_history.HISTORY_FRAMES,
     recurrent=True,
     preroll_frames=PREROLL_FRAMES,

@@ -103,7 +103,13 @@ class Head(nn.Module):
 
 
 class GatherNetwork(nn.Module):
-    """Trunk, head, and what is made of their corrections; its state is a `LightingHistory`."""
+    """Trunk, head, and what is made of their corrections; its state is a `LightingHistory`.
+
+    Attributes:
+        needs_values: where pixels are fetched from depends on values, not on shapes alone.
+    """
+
+    needs_values = True
 
     def __init__(self, config: GatherConfig, scale: int) -> None:
         """Make the layers; they are the same at every scale."""
