@@ -7,6 +7,13 @@ from torch import Tensor
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.imaging.resampling import filter_at_samples
+from rtsr_cli.core.shapes import Color
+
+
+def carry_radiance(hr: GBuffer) -> Color:
+    """Material of what carries radiance: 0 on sky, and where it is no number."""
+    material: Color = hr[Buffer.MATERIAL].nan_to_num(nan=0.0) * (1.0 - hr[Buffer.SKY])
+    return material
 
 
 def filter_gbuffer(
@@ -24,7 +31,7 @@ def filter_gbuffer(
         Material, 0 where the sky is; share of the sky; emission. At the LR size.
     """
     seen = {
-        Buffer.MATERIAL: hr[Buffer.MATERIAL] * (1.0 - hr[Buffer.SKY]),
+        Buffer.MATERIAL: carry_radiance(hr),
         Buffer.SKY: hr[Buffer.SKY],
     }
     if Buffer.EMISSION in hr:

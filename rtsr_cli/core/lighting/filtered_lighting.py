@@ -24,7 +24,7 @@ from torch import Tensor
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.alignment import shift_jitter
-from rtsr_cli.core.imaging.filtered_gbuffer import filter_gbuffer
+from rtsr_cli.core.imaging.filtered_gbuffer import carry_radiance, filter_gbuffer
 from rtsr_cli.core.imaging.guided_enlargement import upsample_guided
 from rtsr_cli.core.imaging.resampling import filter_at_samples
 from rtsr_cli.core.lighting.lighting import align_image, decode_lighting, encode_lighting
@@ -34,7 +34,6 @@ from rtsr_cli.core.system import FrameWindow, Tensors
 
 MOST_SKY = 0.02
 """Share of the sky within the filter from which radiance is no surface's."""
-
 
 ITERATIONS = 4
 """Of the equation above."""
@@ -52,8 +51,9 @@ def match_filter(window: FrameWindow) -> FrameWindow:
     seen = filter_gbuffer(hr, frame.filter_width_px, window.scale, frame.camera.jitter_px)
     material, sky = seen[Buffer.MATERIAL], seen[Buffer.SKY]
     radiance: Color = gbuffer[Buffer.COLOR]
-    if Buffer.EMISSION in seen:
-        radiance = (radiance - seen[Buffer.EMISSION]).clamp(min=0.0)
+    emission = seen.get(Buffer.EMISSION, gbuffer.buffers.get(Buffer.EMISSION))
+    if emission is not None:
+        radiance = (radiance - emission).clamp(min=0.0)
     divided = (material > MATERIAL_EPSILON).all(1, keepdim=True) & (sky < MOST_SKY)
     divided &= gbuffer[Buffer.LIGHTING_MASK] > 0.5
     lighting = torch.where(divided, radiance / material.clamp(min=MATERIAL_EPSILON), 0.0)
@@ -69,7 +69,7 @@ def describe_filter(window: FrameWindow) -> dict[str, Tensor]:
     Place is that of the LR samples on the moved grid, minus LR pixel centres.
     """
     frame, hr = window.current, window.require_hr().gbuffer
-    surface = hr[Buffer.MATERIAL] * (1.0 - hr[Buffer.SKY])
+    surface = carry_radiance(hr)
     place = surface.new_tensor(shift_jitter(frame.camera.jitter_px, window.scale))
     return {
         "filter_width": surface.new_full((1, 1, 1, 1), frame.filter_width_px),

@@ -129,3 +129,29 @@ def test_without_a_filter_nothing_is_parted() -> None:
     window = make_window(torch.ones(1, 3, HEIGHT, WIDTH), checkers(0.1, 0.9, 3), width=0.0)
     encoded = torch.rand(1, 3, HEIGHT, WIDTH)
     assert part_filtered(describe(window), encoded) is encoded
+
+
+def test_a_pixel_without_a_material_spoils_nothing_else() -> None:
+    material = checkers(0.1, 0.9, 3)
+    material[..., 20, 20] = torch.nan
+    window = make_window(torch.ones(1, 3, HEIGHT, WIDTH), checkers(0.1, 0.9, 3))
+    hr = window.require_hr()
+    spoilt = Frame(**{**vars(hr), "gbuffer": hr.gbuffer.with_buffers({Buffer.MATERIAL: material})})
+    inputs = describe(FrameWindow(lr=window.lr, hr=spoilt, scale=SCALE))
+    assert bool(torch.isfinite(part_filtered(inputs, inputs["cubic"])).all())
+
+
+def test_emission_that_lr_alone_holds_is_taken_out() -> None:
+    light = torch.full((1, 3, HEIGHT, WIDTH), 2.0)
+    window = make_window(light, checkers(0.1, 0.9, 3))
+    hr, lr = window.require_hr(), window.current
+    dark = {b: t for b, t in hr.gbuffer.buffers.items() if b is not Buffer.EMISSION}
+    filtered = filter_at_samples(hr.gbuffer[Buffer.EMISSION], FILTER_PX, SCALE, JITTER_PX)
+    small = lr.gbuffer.with_buffers({Buffer.EMISSION: filtered})
+    changed = FrameWindow(
+        lr=(Frame(**{**vars(lr), "gbuffer": small}),),
+        hr=Frame(**{**vars(hr), "gbuffer": GBuffer(dark, "wall")}),
+        scale=SCALE,
+    )
+    lighting = match_filter(changed).current.gbuffer[Buffer.LIGHTING]
+    torch.testing.assert_close(lighting, torch.full_like(lighting, 2.0), rtol=1e-4, atol=1e-4)
