@@ -2,8 +2,8 @@
 
 Our own. `demod-temporal` gathers lighting along surfaces by weights made by hand; here a small
 network raises and lowers them: the terms of the kernel over the frame's samples, what history is
-worth, how far a change of the light is believed. It never paints: what it writes is always a mean
-of samples of the pixel's own surface, times the HR material. See docs/gather.md.
+worth, how far a change of the light is believed. It adds no lighting of its own. See
+docs/gather.md.
 
 Conventions: those of `lighting.lighting_history`; the same layers at every scale; whole frames
 only, as the state has the target's size.
