@@ -111,10 +111,20 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
     yield from _list_set_lines(inspection.main, inspection.capture)
     if inspection.hr is not None:
         yield from _list_set_lines(inspection.hr, inspection.capture)
+    width = inspection.filter_width_px
+    if width is not None:
+        yield _format_line("filter", _describe_filter(width, measured=inspection.filter_measured))
     for label, text in list_readiness_lines(inspection):
         yield _format_line(label, text)
     yield from _list_next_steps(inspection)
     yield ""
+
+
+def _describe_filter(width: float, *, measured: bool) -> str:
+    if not width:
+        return "none: LR radiance is of the points that its G-buffer is of"
+    said = "measured" if measured else "as declared"
+    return f"over LR radiance, standard deviation {width:.2f} LR pixels ({said})"
 
 
 def _format_line(label: str, text: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.run.events import BETTER, RunDone, ShotPlanned
+from rtsr_cli.core.run.events import BETTER, FILTER, RunDone, ShotPlanned
 from rtsr_cli.core.wording import say_count
 
 MIB = 1 << 20
@@ -39,8 +39,9 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         plan.pending,
         len(plan.selected) - plan.pending,
     )
-    if plan.details.get(BETTER):
-        LOG.info("    %s", plan.details[BETTER])
+    for detail in (BETTER, FILTER):
+        if plan.details.get(detail):
+            LOG.info("    %s", plan.details[detail])
     log_damage(plan.damaged)
     for reader in plan.readers:
         log_findings(reader)

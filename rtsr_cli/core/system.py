@@ -231,6 +231,7 @@ class System:
         preroll_frames: frames that a shard replays before its first output.
         halo_px: LR pixels that one output pixel depends on to each side; None = all of them,
             so that the frame cannot be tiled.
+        matches_filter: whether it has to know the pixel filter that went over LR radiance.
         derivation: what divides radiance; of a config, where a config decides.
         config: frozen dataclass of its settings; the defaults are used where weights name none.
         variants: configs of the published networks by name, where there are several.
@@ -258,6 +259,7 @@ class System:
     recurrent: bool = False
     preroll_frames: int = 0
     halo_px: int | None = 0
+    matches_filter: bool = False
     derivation: Callable[[Any], DerivationConfig] = default_derivation
     config: type[Any]
     variants: Mapping[str, Any] = field(default_factory=dict)

@@ -50,6 +50,7 @@ DEMOD_GUIDED = System(
     hr_inputs=(*HR_BUFFERS, *GUIDES),
     hr_optional=HR_OPTIONAL,
     halo_px=HALO_PX,
+    matches_filter=True,
     config=DemodGuidedConfig,
     build=build_baseline,
     predict=predict,

@@ -70,6 +70,7 @@ DEMOD_TEMPORAL = System(
     recurrent=True,
     preroll_frames=PREROLL_FRAMES,
     halo_px=None,
+    matches_filter=True,
     config=DemodTemporalConfig,
     build=build_baseline,
     predict=predict,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import pytest
 import torch
 
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
-from rtsr_cli.core.imaging.resampling import decimate_filtered
+from rtsr_cli.core.imaging.resampling import decimate_filtered, measure_filter_width
 
 Run = Callable[..., Any]
 
@@ -90,3 +92,82 @@ def test_dividing_by_filtered_material_gains(
     assert rtsr("upscale", pair, tmp_path / "plain", *options).exit_code == 0
     matched, plain = (judge(tmp_path / n, capture, load_rgb) for n in ("matched", "plain"))
     assert matched > plain + 0.3
+
+
+WIDTH_PX = measure_filter_width("blackman-harris", SCALE)
+
+
+@pytest.fixture
+def pair(capture: Path, tmp_path: Path) -> Path:
+    return write_filtered_pair(capture, tmp_path / "pair")
+
+
+def declare_width(pair: Path, width: float) -> None:
+    path = pair / "capture.toml"
+    path.write_text(f"filter_width_px = {width}\n{path.read_text(encoding='utf-8')}", "utf-8")
+
+
+def read_width(output: str) -> float:
+    (found,) = re.findall(r"standard deviation ([\d.]+) LR pixels", output)
+    return float(found)
+
+
+@pytest.mark.parametrize("system", ["demod-guided", "demod-temporal"])
+def test_the_measured_width_is_said(rtsr: Run, pair: Path, tmp_path: Path, system: str) -> None:
+    run = rtsr("upscale", pair, tmp_path / "out", "--system", system, "--dry-run")
+    assert read_width(run.output) == pytest.approx(WIDTH_PX, abs=0.12)
+    assert "measured" in run.output
+    told = rtsr("inspect", pair)
+    assert read_width(told.output) == read_width(run.output)
+    assert json.loads(rtsr("inspect", pair, "--json").stdout)["filter_width_px"] == pytest.approx(
+        read_width(run.output), abs=0.01
+    )
+
+
+def test_of_systems_that_know_no_filter_nothing_is_said(
+    rtsr: Run, pair: Path, tmp_path: Path
+) -> None:
+    run = rtsr("upscale", pair, tmp_path / "out", "--system", "demod-bicubic", "--dry-run")
+    assert "filter" not in run.output
+
+
+def test_what_is_declared_is_obeyed_and_stamped(rtsr: Run, pair: Path, tmp_path: Path) -> None:
+    options = ("--system", "demod-guided")
+    assert rtsr("upscale", pair, tmp_path / "measured", *options).exit_code == 0
+    declare_width(pair, 0.0)
+    run = rtsr("upscale", pair, tmp_path / "none", *options)
+    assert run.exit_code == 0
+    assert "pixel filter" not in run.output
+    (first,), (second,) = (
+        [p.read_bytes() for p in (tmp_path / name).glob("*.exr")] for name in ("measured", "none")
+    )
+    assert first != second
+    again = rtsr("upscale", pair, tmp_path / "measured", *options)
+    assert again.exit_code == 3
+    assert "--overwrite" in again.output
+
+
+def test_parts_of_a_run_take_no_measured_width(rtsr: Run, pair: Path, tmp_path: Path) -> None:
+    refused = rtsr("inspect", pair, "--write", "--overwrite")
+    assert "filter_width_px" in (pair / "capture.toml").read_text(encoding="utf-8"), refused.output
+    declared = (pair / "capture.toml").read_text(encoding="utf-8")
+    options = ("--system", "demod-guided", "--shard", "1/1")
+    run = rtsr("upscale", pair, tmp_path / "out", *options)
+    assert run.exit_code == 0, run.output
+    assert "as declared" in run.output
+    without = [line for line in declared.splitlines() if "filter_width_px" not in line]
+    (pair / "capture.toml").write_text("\n".join(without), "utf-8")
+    run = rtsr("upscale", pair, tmp_path / "other", *options)
+    assert run.exit_code == 3
+    assert "filter_width_px = 0." in run.output
+    assert not list((tmp_path / "other").rglob("*.exr"))
+
+
+@pytest.mark.parametrize("width", [-0.1, 3.0, "nan"])
+def test_widths_that_are_none_are_refused(
+    rtsr: Run, pair: Path, tmp_path: Path, width: Any
+) -> None:
+    declare_width(pair, width)
+    run = rtsr("upscale", pair, tmp_path / "out", "--system", "demod-guided")
+    assert run.exit_code in {2, 3}
+    assert "filter_width_px" in run.output

@@ -284,12 +284,17 @@ class ConventionTables(_Strict):
 MOST_SCALE = 64
 """HR pixels per LR pixel, along an axis."""
 
+WIDEST_FILTER_PX = 2.0
+"""Standard deviation of a pixel filter, in pixels."""
+
 
 class CaptureDeclaration(ConventionTables):
     """The whole of `capture.toml`; every field may be left out.
 
     `layout` is the name of a preset or the path of a layout file, relative to capture.toml;
     `layer` that of the layer or view that is read of files with several, `view` that of the view.
+    `filter_width_px` is the standard deviation of the pixel filter that went over radiance, in its
+    pixels; 0 of point samples.
     """
 
     layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
@@ -298,6 +303,7 @@ class CaptureDeclaration(ConventionTables):
     region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None
+    filter_width_px: Annotated[float, Field(ge=0.0, le=WIDEST_FILTER_PX)] | None = None
     scale: int | None = Field(default=None, ge=1, le=MOST_SCALE)
     frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
     camera_cuts: frozenset[FrameNumber] = frozenset()

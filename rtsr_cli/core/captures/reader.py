@@ -74,6 +74,8 @@ class FrameReader:
         foreign_tag: what files call the space of their radiance, if rtsr does not know it.
         cuts: frames before which history is declared to end.
         step: numbers that one motion vector spans.
+        filter_width_px: standard deviation of the pixel filter that went over radiance, pixels, as
+            declared; None if it is not.
         channels: names of the channels of every file, by sequence and number.
         subsampled: by sequence, channels with fewer samples than pixels.
         header_of: reads the header of a file.
@@ -108,6 +110,7 @@ class FrameReader:
     step: int
     channels: Mapping[str, Mapping[int, frozenset[str]]]
     subsampled: Mapping[str, frozenset[str]]
+    filter_width_px: float | None = None
     header_of: Callable[[Path], ExrHeader] = read_header
     foreign_tag: str = ""
     cuts: frozenset[int] = frozenset()

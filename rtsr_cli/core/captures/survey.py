@@ -120,6 +120,7 @@ def open_frames(
         held=held,
         cameras={},
         step=capture.frame_step,
+        filter_width_px=capture.filter_width_px,
         channels={key: {n: h.channels for n, h in by_n.items()} for key, by_n in headers.items()},
         subsampled={key: header.subsampled for key, header in first.items()},
         header_of=files.of,

@@ -24,6 +24,7 @@ def describe_shot(inspection: ShotInspection) -> dict[str, Any]:
     facts["systems"] = _describe_readiness(inspection.systems)
     facts["commands"] = {n: _describe_readiness(c) for n, c in inspection.commands.items()}
     facts["fixes"] = [asdict(fix) for fix in inspection.fixes]
+    facts["filter_width_px"] = inspection.filter_width_px
     if inspection.hr is not None:
         facts["hr"] = describe_set(inspection.hr)
     return facts

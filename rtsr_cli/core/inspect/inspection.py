@@ -81,9 +81,9 @@ def write_capture(
     """Write a shot's capture.toml, or say why it could not be written."""
     path = inspection.root / CAPTURE_FILE
     main = inspection.main
-    text = write_capture_text(
-        main.settled, inspection.capture, main.guessed, main.unknown, main.layers
-    )
+    known = {"filter_width_px": inspection.filter_width_px}
+    capture = inspection.capture.model_copy(update=known if known["filter_width_px"] else {})
+    text = write_capture_text(main.settled, capture, main.guessed, main.unknown, main.layers)
     try:
         kept = _replace(path, text, overwrite=overwrite)
     except OutputError as error:

@@ -119,6 +119,9 @@ class ShotInspection:
         commands: by command, whether each of its systems or parts can run.
         fixes: lines that would provide what is missing.
         capture: what is declared about it; nothing where that cannot be read.
+        filter_width_px: standard deviation of the pixel filter that went over LR radiance and not
+            over its G-buffer, LR pixels; 0 of point samples, None where that is not known.
+        filter_measured: whether that was measured, and is not 0.
     """
 
     name: str
@@ -128,6 +131,8 @@ class ShotInspection:
     commands: Mapping[str, Mapping[str, SystemReadiness]]
     fixes: tuple[Fix, ...] = ()
     capture: CaptureDeclaration = field(default_factory=CaptureDeclaration)
+    filter_width_px: float | None = None
+    filter_measured: bool = False
 
     @property
     def systems(self) -> Mapping[str, SystemReadiness]:
@@ -195,6 +200,13 @@ def inspect_shot(
     inspection = ShotInspection(
         name=shot.name, root=shot.root, main=main, hr=hr, commands={}, capture=capture
     )
+    if hr is not None and sources:
+        (_, pairs), *_ = sources
+        inspection = replace(
+            inspection,
+            filter_width_px=pairs.filter_width_px,
+            filter_measured=pairs.filter_measured,
+        )
     known = ShotSources(
         main=main.reader,
         in_time=main.in_time,

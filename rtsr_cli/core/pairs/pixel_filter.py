@@ -76,10 +76,12 @@ def measure_filter_width(pair: FramePair, scale: int) -> float | None:
     return 0.5 * (low + high)
 
 
-def measure_first(read: Callable[[int], FramePair], numbers: Sequence[int], scale: int) -> float:
+def measure_first(
+    read: Callable[[int], FramePair], numbers: Sequence[int], scale: int
+) -> float | None:
     """`measure_filter_width` of the first frame that tells: the first, the middle, the last.
 
-    0 where none does, or cannot be read: whoever reads it next says why.
+    None where none does, or cannot be read: whoever reads it next says why.
 
     Args:
         read: number -> pair of `INPUTS`.
@@ -90,10 +92,10 @@ def measure_first(read: Callable[[int], FramePair], numbers: Sequence[int], scal
         try:
             width = measure_filter_width(read(number), scale)
         except FrameFolderError:
-            return 0.0
+            return None
         if width is not None:
             return width
-    return 0.0
+    return None
 
 
 def _filter_frame(lr: Frame, hr: Frame, width: float, scale: int) -> Frame:

@@ -41,7 +41,13 @@ INPUTS = PairInputs(
 
 
 def is_point_sampled(source: PairSource) -> bool:
-    """Tell whether the first frame's radiance is point-sampled; true where that cannot be told."""
+    """Tell whether radiance is point-sampled; true where that cannot be told.
+
+    Where nothing says how wide a filter is, that of the first frame can still be found to be there.
+    """
+    width = source.filter_width_px
+    if width is not None:
+        return width == 0.0
     if source.missing(INPUTS):
         return True
     try:

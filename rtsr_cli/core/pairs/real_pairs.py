@@ -12,7 +12,7 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
-from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.nonfinite import apply_policy
@@ -110,20 +110,27 @@ class RealPairs:
         return lr + self.hr.files(self.lr.held.get(number, number), reads.hr.stored)
 
     @cached_property
-    def filter_width_px(self) -> float:
-        """Standard deviation of the pixel filter that went over LR radiance alone; see there."""
+    def filter_width_px(self) -> float | None:
+        """As declared, else as measured, which takes HR material."""
+        if self.lr.filter_width_px is not None:
+            return self.lr.filter_width_px
         if self.hr is None or self.missing(pixel_filter.INPUTS):
-            return 0.0
+            return None
         return pixel_filter.measure_first(
             lambda number: self._read(number, pixel_filter.INPUTS), self.lr.numbers, self.scale
         )
 
+    @property
+    def filter_measured(self) -> bool:
+        """Tell whether a filter was found that nobody declared."""
+        return self.lr.filter_width_px is None and bool(self.filter_width_px)
+
     def load(self, number: int, inputs: PairInputs) -> FramePair:
         """Read both frames; HR radiance is never among what is asked for."""
         pair = self._read(number, inputs)
-        if pair.hr is None or Buffer.LIGHTING not in pair.lr.gbuffer:
+        if not inputs.filter_known:
             return pair
-        return replace(pair, lr=replace(pair.lr, filter_width_px=self.filter_width_px))
+        return replace(pair, lr=replace(pair.lr, filter_width_px=self.filter_width_px or 0.0))
 
     def _read(self, number: int, inputs: PairInputs) -> FramePair:
         """Read both frames, whatever filter went over radiance."""

@@ -67,6 +67,16 @@ class SimulatedPairs:
         return self.simulation.jitter is not JitterMode.NONE
 
     @property
+    def filter_width_px(self) -> float:
+        """The simulation's."""
+        return self.simulation.filter_width_px
+
+    @property
+    def filter_measured(self) -> bool:
+        """It is known."""
+        return False
+
+    @property
     def frame_bytes(self) -> int:
         """The capture's."""
         return self.capture.frame_bytes

@@ -46,6 +46,7 @@ class PairInputs:
         on_nonfinite: policy for NaN and Inf.
         straight: take premultiplied LR radiance apart, so that a system sees the colour of what
             covers a pixel; `FramePair.covered` puts it together again.
+        filter_known: tell LR frames how wide a pixel filter went over their radiance.
     """
 
     lr: tuple[Buffer, ...]
@@ -55,6 +56,7 @@ class PairInputs:
     derivation: DerivationConfig = field(default_factory=DerivationConfig)
     on_nonfinite: NonfinitePolicy = NonfinitePolicy.ERROR
     straight: bool = False
+    filter_known: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,16 @@ class PairSource(Protocol):
     @property
     def jitters(self) -> bool:
         """Tell whether LR samples lie elsewhere from frame to frame, as far as is known."""
+
+    @property
+    def filter_width_px(self) -> float | None:
+        """Standard deviation of the pixel filter that went over LR radiance and not over its
+        G-buffer, LR pixels; 0 of point samples, None where nothing tells.
+        """
+
+    @property
+    def filter_measured(self) -> bool:
+        """Tell whether that width was measured and is not 0."""
 
     @property
     def frame_bytes(self) -> int:

@@ -15,6 +15,9 @@ from rtsr_cli.core.frames.selection import format_ranges
 BETTER = "better"
 """Detail of a plan: why no system that is preferred to the chosen one can run; may be empty."""
 
+FILTER = "filter"
+"""Detail of a plan: which pixel filter of LR radiance it reckons with; may be empty."""
+
 
 class Status(StrEnum):
     """What became of a frame."""

@@ -63,6 +63,7 @@ def resolve_system_inputs(
         derivation=system.derivation(system.config() if config is None else config),
         on_nonfinite=policy,
         straight=system.sees_straight,
+        filter_known=system.matches_filter,
     )
 
 
@@ -92,6 +93,37 @@ def check_system(system: System, source: PairSource, inputs: PairInputs) -> None
             f"{source.reader.frames.root}: system '{system.name}' is made for {made_for}, "
             f"not {source.scale}x"
         )
+
+
+def require_known_filter(source: PairSource, inputs: PairInputs, *, sharded: bool) -> None:
+    """Refuse a pixel filter that was measured where parts of a run might measure differently.
+
+    Raises:
+        FrameFolderError: names the folder, the width and the line to declare it.
+    """
+    if sharded and inputs.filter_known and source.filter_measured:
+        raise FrameFolderError(
+            f"{source.reader.frames.root}: the width of LR radiance's pixel filter is measured, "
+            "not declared, and --shard needs it declared so that all parts agree; run "
+            f"'rtsr inspect --write' once, or add filter_width_px = {source.filter_width_px:.2f} "
+            "to capture.toml"
+        )
+
+
+def describe_filter_width(source: PairSource, inputs: PairInputs) -> str:
+    """Say which pixel filter a run reckons with; empty if with none."""
+    width = source.filter_width_px if inputs.filter_known else None
+    if not width:
+        return ""
+    said = (
+        "measured; capture.toml: filter_width_px, 0 if it is none"
+        if source.filter_measured
+        else "as declared"
+    )
+    return (
+        f"LR radiance went through a pixel filter of standard deviation {width:.2f} LR pixels "
+        f"({said})"
+    )
 
 
 def check_inputs(

@@ -46,8 +46,8 @@ from rtsr_cli.core.training.clips import (
     write_clips,
 )
 
-RECORDING = "clips-2"
-"""What recordings hold; another one is made anew. 2: cameras."""
+RECORDING = "clips-3"
+"""What recordings hold; another one is made anew. 2: cameras, 3: pixel filters of LR radiance."""
 
 CLIP_BYTES = 256 << 20
 """Planes of one clip in memory while it is recorded."""
@@ -222,6 +222,8 @@ def _hash_recording(shot: CapturedShot, wanted: RecordedInputs, policy: Nonfinit
     plain = asdict(wanted)
     if plain.pop("straight") and any(Buffer.ALPHA in reader.stored for reader in shot.readers):
         declarations.append("straight")
+    if source.reader.filter_width_px is not None:
+        declarations.append(f"filter {source.reader.filter_width_px}")
     return digest_values(
         digest_config(RECORDING, plain, policy.value, declarations),
         FileDigests().of_all(tuple(files)),
@@ -282,6 +284,7 @@ def _record_clip(
         left=hr_reader.view.left,
         lr_scale=source.scale if real else 0,
         jitters_px=tuple(frame.camera.jitter_px for frame in lr_frames) if real else (),
+        filter_width_px=(source.filter_width_px or 0.0) if real else 0.0,
         lighting_scales=tuple(_measure_scale(frame, wanted.derivation) for frame in lr_frames),
         pre_exposures=tuple(frame.camera.pre_exposure for frame in lr_frames),
         captured=hr_reader.size,

@@ -57,6 +57,8 @@ class ClipFacts:
         top, left: the region's first pixel.
         lr_scale: HR pixels per pixel of its LR planes; 0 = LR frames are made by decimation.
         jitters_px: of the LR frames, in LR pixels.
+        filter_width_px: standard deviation of the pixel filter over radiance of rendered LR frames,
+            LR pixels; 0 = none is known of.
         lighting_scales: k of the whole frame, of each frame.
         pre_exposures: what each frame's radiance was multiplied by; empty = 1.
         validation: True if it is judged on and never trained on.
@@ -74,6 +76,7 @@ class ClipFacts:
     left: int = 0
     lr_scale: int = 0
     jitters_px: tuple[Jitter, ...] = ()
+    filter_width_px: float = 0.0
     lighting_scales: tuple[float, ...] = ()
     pre_exposures: tuple[float, ...] = ()
     validation: bool = False
@@ -242,6 +245,7 @@ def _check_facts(facts: ClipFacts) -> dict[str, bool]:
         "captured": facts.captured is None or _is_size(facts.captured),
         "jitters_px": len(facts.jitters_px) in (0, frames)
         and all(len(j) == 2 and all(map(_is_number, j)) for j in facts.jitters_px),
+        "filter_width_px": _is_number(facts.filter_width_px) and facts.filter_width_px >= 0.0,
         "lighting_scales": _are_numbers(facts.lighting_scales, frames),
         "pre_exposures": _are_numbers(facts.pre_exposures, frames),
         "cameras": len(facts.cameras) in (0, frames)

@@ -148,7 +148,7 @@ def make_lr_frame(cut: Cut, position: int) -> Frame:
     frame = replace(
         frame,
         camera=replace(frame.camera, jitter_px=_jitter(cut, position)),
-        filter_width_px=cut.simulation.filter_width_px,
+        filter_width_px=cut.clip.facts.filter_width_px or cut.simulation.filter_width_px,
     )
     return build_lr(
         frame, reads, cut.derivation, lighting_scale=measure_lighting_scale(cut, position)

@@ -22,7 +22,7 @@ from rtsr_cli.core.run.default_system import (
     choose_default,
     describe_passed_over,
 )
-from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.events import BETTER, FILTER, FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
@@ -31,7 +31,9 @@ from rtsr_cli.core.run.shot_runs import run_shots
 from rtsr_cli.core.run.system_inputs import (
     SystemTable,
     check_system,
+    describe_filter_width,
     measure_history_reach,
+    require_known_filter,
     resolve_system_inputs,
 )
 from rtsr_cli.core.settings import to_plain
@@ -98,6 +100,7 @@ def plan_upscaling(
     loaded = load_network(system, source.scale, device, request.weights_file)
     inputs = resolve_system_inputs(system, request.on_nonfinite, loaded.config)
     check_system(system, source, inputs)
+    require_known_filter(source, inputs, sharded=request.shard is not None)
     run = NetworkRun(
         system=system,
         network=loaded.network,
@@ -111,14 +114,14 @@ def plan_upscaling(
     plan = plan_shot(
         reading.of_shot(name),
         _name_outputs(name, reading, request),
-        settings=collect_stamp_settings(request, source, loaded, run),
+        settings=collect_stamp_settings(request, reading, loaded, run),
         selection=request.selection,
         overwrite=request.overwrite,
         history=measure_history_reach(system),
     )
     work = Reconstruction(run, source, previews=request.previews, debug=request.debug_buffers)
     job = PairJob(plan, reading, work, history_frames=system.history_frames, device=device)
-    return job, _describe_details(system, source, passed_over)
+    return job, _describe_details(system, reading, passed_over)
 
 
 def choose_system(
@@ -136,10 +139,11 @@ def choose_system(
 
 
 def collect_stamp_settings(
-    request: UpscaleRequest, source: PairSource, loaded: LoadedNetwork, run: NetworkRun
+    request: UpscaleRequest, reading: PairReading, loaded: LoadedNetwork, run: NetworkRun
 ) -> object:
     """Plain values of everything that, beside the inputs, decides the outputs' bytes."""
-    system, scale = run.system, source.scale
+    system, source = run.system, reading.source
+    scale = source.scale
     return [
         system.name,
         scale,
@@ -151,6 +155,7 @@ def collect_stamp_settings(
         request.samples_per_pixel,
         request.jitter,
         request.lr_filter,
+        source.filter_width_px if reading.inputs.filter_known else None,
         request.on_nonfinite,
         request.passthrough,
     ]
@@ -163,8 +168,9 @@ def _name_outputs(name: str, reading: PairReading, request: UpscaleRequest) -> F
 
 
 def _describe_details(
-    system: System, source: PairSource, passed_over: Sequence[PassedOver]
+    system: System, reading: PairReading, passed_over: Sequence[PassedOver]
 ) -> dict[str, object]:
+    source = reading.source
     (height, width), scale = source.lr_size, source.scale
     return {
         "system": system.name,
@@ -172,4 +178,5 @@ def _describe_details(
         "lr_size": [width, height],
         "size": [width * scale, height * scale],
         BETTER: describe_passed_over(source, passed_over),
+        FILTER: describe_filter_width(source, reading.inputs),
     }

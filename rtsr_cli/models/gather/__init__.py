@@ -54,6 +54,7 @@ GATHER = System(
     recurrent=True,
     preroll_frames=PREROLL_FRAMES,
     halo_px=None,
+    matches_filter=True,
     config=GatherConfig,
     build=GatherNetwork,
     predict=neural_predict(prepare, compose),

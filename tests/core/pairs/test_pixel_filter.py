@@ -93,4 +93,4 @@ def test_a_frame_that_cannot_be_read_is_left_to_whoever_reads_it_next() -> None:
     def fail(number: int) -> FramePair:
         raise FrameFolderError(f"frame {number} is gone")
 
-    assert pixel_filter.measure_first(fail, [1, 2, 3], SCALE) == 0.0
+    assert pixel_filter.measure_first(fail, [1, 2, 3], SCALE) is None

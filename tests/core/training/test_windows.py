@@ -328,6 +328,22 @@ def test_frames_that_were_rendered_are_seen_as_upscaling_sees_them(tmp_path: Pat
         compare(build_whole_window(clip, position, task)[0], theirs, torch.equal)
 
 
+def test_a_filter_of_rendered_frames_is_known_in_training(tmp_path: Path) -> None:
+    task = task_of("gather")
+    small = (SIZE[0] // task.scale, SIZE[1] // task.scale)
+    for folder, size in (("lr", small), ("hr", SIZE)):
+        for number in NUMBERS:
+            stored = planes(number, size, halves=True)
+            write_exr(tmp_path / "shot" / folder / f"frame.{number:04d}.exr", stored)
+    toml = CAPTURE.replace('"rtsr"', '"rtsr"\nfilter_width_px = 0.3')
+    (tmp_path / "shot" / "capture.toml").write_text(toml)
+    ((_, source),) = open_pairs(tmp_path / "shot", ReadOptions())
+    clip = recorded(source, task, tmp_path / "cache")
+    theirs = next(upscaled(source, task))
+    ours, _ = build_whole_window(clip, 0, task)
+    assert ours.current.filter_width_px == theirs.current.filter_width_px == 0.3
+
+
 @pytest.mark.parametrize("transposed", [False, True])
 @pytest.mark.parametrize("mirror_x", [False, True])
 def test_a_turned_sample_is_that_of_the_turned_capture(

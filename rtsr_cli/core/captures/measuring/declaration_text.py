@@ -15,6 +15,17 @@ from rtsr_cli.core.frames.motion import MotionConvention
 
 HEADING = "# What the frames beside this file hold, as rtsr understood it; correct what is wrong."
 
+GENERAL = {
+    "scale",
+    "frame_step",
+    "camera_cuts",
+    "camera",
+    "jitter_px",
+    "filter_width_px",
+    "colorspace",
+}
+"""Fields outside of tables that are kept as they were declared."""
+
 ALWAYS = frozenset({"unit", "direction", "y_axis", "jittered"})
 """Fields of [motion] that are written even where they are what memory has."""
 
@@ -78,7 +89,7 @@ def _list_general_lines(settled: MeasuredReader, capture: CaptureDeclaration) ->
     lines.append(f"specular = {write_toml_value(conventions.specular)}")
     declared = capture.model_dump(
         mode="json",
-        include={"scale", "frame_step", "camera_cuts", "camera", "jitter_px", "colorspace"},
+        include=GENERAL,
         exclude_defaults=True,
     )
     return lines + [f"{name} = {write_toml_value(value)}" for name, value in declared.items()]
