@@ -55,10 +55,10 @@ HR_OPTIONAL = (Buffer.MOTION, Buffer.OBJECT_ID, Buffer.POSITION)
 HISTORY_FRAMES = 1
 """Of the window: whose camera tells what moves by itself."""
 
-SEEN = 1e-3
+LEAST_COMPARED_WORTH = 1e-3
 """Samples that history has to be worth to be compared with the frame's."""
 
-LEAST_SEEN = 0.05
+LEAST_KNOWN_SHARE = 0.05
 """Share of samples around with a history from which a change is known."""
 
 LEAST_WORTH = 1e-6
@@ -273,7 +273,7 @@ def sample_change(inputs: Tensors, carried: CarriedLighting) -> tuple[Color, Mas
     scale = inputs["depth"].shape[2] // inputs["mask"].shape[2]
     middle = slice(scale // 2, None, scale)
     history, worth = (image[..., middle, middle] for image in (carried.encoded, carried.worth))
-    seen = (worth > SEEN).to(worth) * inputs["mask"]
+    seen = (worth > LEAST_COMPARED_WORTH).to(worth) * inputs["mask"]
     return (inputs["encoded"] - history) * seen, seen
 
 
@@ -292,8 +292,8 @@ def split_enlarged(enlarged: Image, fit: Plane) -> EnlargedLighting:
     change, seen = torch.zeros_like(encoded), torch.zeros_like(fit)
     if enlarged.shape[1] > 3:
         seen = enlarged[:, 6:]
-        known = enlarged[:, 3:6] / seen.clamp(min=LEAST_SEEN)
-        change = torch.where(seen > LEAST_SEEN, known, 0.0)
+        known = enlarged[:, 3:6] / seen.clamp(min=LEAST_KNOWN_SHARE)
+        change = torch.where(seen > LEAST_KNOWN_SHARE, known, 0.0)
     return EnlargedLighting(encoded=encoded, fit=fit, change=change, seen=seen)
 
 

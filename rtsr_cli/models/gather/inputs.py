@@ -43,8 +43,8 @@ ROUGHNESS = 0.5
 FASTEST_PX = 8.0
 """Motion beyond which nothing more is told of it."""
 
-LEAST_SEEN = 1e-4
-"""Samples from which history is there."""
+LEAST_SHOWN_WORTH = 1e-4
+"""Samples that history has to be worth for the network to see it."""
 
 
 def prepare(config: GatherConfig, window: FrameWindow) -> Tensors:
@@ -90,7 +90,7 @@ def see_pixels(inputs: Tensors, carried: CarriedLighting | None, frame: Enlarged
     history, worth = own, torch.zeros_like(fit)
     if carried is not None:
         history, worth = carried.encoded, carried.worth
-    there = (worth > LEAST_SEEN).to(worth)
+    there = (worth > LEAST_SHOWN_WORTH).to(worth)
     difference = (history - own) * there
     motion = inputs["motion"]
     fraction = motion - motion.floor()
