@@ -4,8 +4,9 @@
         [--system demod-guided --system demod-temporal --system gather ...]
 
 Upscales the `val` and `test` sequences of DATA, which no network was trained on, and prints PSNR
-of each sequence, the means of the other metrics, and gains over the first system. PSNR after
-c / (1 + c); a border of 16 pixels and the first two frames are left out.
+of each sequence, the means of the other metrics, and gains over the first system, over all pixels
+and in parts of the picture. PSNR after c / (1 + c); a border of 16 pixels and the first two frames
+are left out.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import json
 import statistics
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import click
 from ablations import judged_sequences
@@ -23,6 +25,20 @@ SYSTEMS = ("demod-guided", "demod-temporal", "gather", "fusesr", "nsrd")
 
 OTHERS = ("flip", "lpips", "temporal")
 """Metrics beside PSNR; less is better."""
+
+REGIONS = ("disoccluded", "off-screen", "edges", "shadows-and-highlights")
+
+
+def gain_in(region: str, ours: dict[str, Any], theirs: dict[str, Any]) -> float:
+    """Mean over the judged frames of the gain in PSNR within a region, dB."""
+    gains = [
+        mine["psnr"] - other["psnr"]
+        for number, frame in ours["frames"].items()
+        if frame["counted"]
+        and (mine := frame["regions"][region])
+        and (other := theirs["frames"][number]["regions"][region])
+    ]
+    return statistics.mean(gains)
 
 
 @click.command()
@@ -55,6 +71,17 @@ def main(data: Path, scale: int, jitter: str, lr_filter: str, systems: tuple[str
     gains = {s: [a - b for a, b in zip(psnr[s], psnr[systems[0]], strict=True)] for s in systems}
     shown = (f"{statistics.mean(g):+.2f} ({min(g):+.2f})" for g in gains.values())
     click.echo("| gain, mean (least) | " + " | ".join(shown) + " |")
+    for region in REGIONS:
+        base = [tests[f"{systems[0]}/{shot}"] for shot in shots]
+        found = {
+            s: [
+                gain_in(region, tests[f"{s}/{shot}"], b)
+                for shot, b in zip(shots, base, strict=True)
+            ]
+            for s in systems
+        }
+        shown = (f"{statistics.mean(g):+.2f} ({min(g):+.2f})" for g in found.values())
+        click.echo(f"| gain, {region} | " + " | ".join(shown) + " |")
     for metric in OTHERS:
         columns = (statistics.mean(mean[metric] for mean in means[s]) for s in systems)
         click.echo(f"| {metric} | " + " | ".join(f"{value:.4f}" for value in columns) + " |")
