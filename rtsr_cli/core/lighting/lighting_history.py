@@ -2,14 +2,16 @@
 
     h(p), c(p)   lighting so far and samples that it is worth, where p's surface was
     d(p) = guided enlargement of e(q) - h(q) over the samples q whose surface was seen before
-    h' = h + b d
     c' = a c / (1 + |d|^2 / s^2)
+    h' = h + b min(1, m / c') d
     n(p) = fit(p)^f,   how well the best sample fits p
     e'(p) = (c' h' + n g) / (c' + n),   c(p) = c' + n
 
 g is the guided enlargement of the frame's own lighting e = log(1 + lighting / k). A pixel takes
 most from the frames whose samples came nearest to it on its own surface; those of this frame tell
-how light has changed since. History of another surface weighs nothing (`warp_along_surfaces`).
+how light has changed since. The more samples history is worth, the less of that is believed: what
+a sample differs by from a settled history is its own. History of another surface weighs nothing
+(`warp_along_surfaces`).
 
 Conventions: history lies on the HR frame's own pixels; samples are enlarged, and blended with it,
 on the grid that `alignment` moves.
@@ -74,12 +76,14 @@ class HistoryWeights:
     Attributes:
         age: a, what history is still worth a frame later.
         change: b, share of the change at the samples that is believed.
+        change_worth: m, samples that history is worth from which less of the change is believed.
         change_spread: s, change of log lighting that halves what history is worth.
         fit_power: f.
     """
 
     age: float = 0.9
     change: float = 0.65
+    change_worth: float = 2.0
     change_spread: float = 0.5
     fit_power: float = 4.0
 
@@ -89,7 +93,13 @@ class HistoryWeights:
         Raises:
             ConfigError: one is out of its range.
         """
-        least = {"age": 0.0, "change": 0.0, "change_spread": 1e-3, "fit_power": 0.0}
+        least = {
+            "age": 0.0,
+            "change": 0.0,
+            "change_worth": 0.0,
+            "change_spread": 1e-3,
+            "fit_power": 0.0,
+        }
         check_numbers(self, "network", least, {"age": 1.0, "change": 1.0})
 
 
@@ -304,7 +314,12 @@ def age_worth(worth: Plane, change: Color, weights: HistoryWeights) -> Plane:
 
 
 def blend_history(
-    frame: EnlargedLighting, carried: CarriedLighting, *, fresh: Plane, share: Plane | float
+    frame: EnlargedLighting,
+    carried: CarriedLighting,
+    *,
+    fresh: Plane,
+    share: Plane | float,
+    weights: HistoryWeights,
 ) -> Color:
     """e' = (c' h' + n g) / (c' + n).
 
@@ -313,9 +328,11 @@ def blend_history(
         carried: h and c'.
         fresh: n.
         share: b.
+        weights: of the equations.
     """
     total = (fresh + carried.worth).clamp(min=LEAST_WORTH)
-    moved = carried.encoded + share * frame.change
+    settled = (carried.worth / max(weights.change_worth, LEAST_WORTH)).clamp(min=1.0)
+    moved = carried.encoded + share / settled * frame.change
     return torch.lerp(frame.encoded, moved, carried.worth / total).clamp(min=0.0)
 
 
@@ -351,7 +368,7 @@ def gather_lighting(
     encoded = frame.encoded
     if carried is not None:
         aged = replace(carried, worth=age_worth(carried.worth, frame.change, weights))
-        encoded = blend_history(frame, aged, fresh=fresh, share=weights.change)
+        encoded = blend_history(frame, aged, fresh=fresh, share=weights.change, weights=weights)
         worth = fresh + aged.worth
     encoded = finish(inputs, encoded)
     return GatheredLighting(

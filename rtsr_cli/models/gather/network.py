@@ -57,7 +57,7 @@ MOST_EMPHASIS, MOST_LOGIT = 3.0, 6.0
 
 LEAST_SHARE = 1e-6
 
-MOST_WORTH = 50.0
+MOST_WORTH = 16.0
 """Samples that history is worth at most."""
 
 STRIP_ROWS = 16
@@ -174,7 +174,8 @@ class GatherNetwork(nn.Module):
             if config.history:
                 aged = aged * worth_logit.clamp(-MOST_LOGIT, MOST_LOGIT).exp()
                 share = torch.sigmoid(share_logit + find_logit(config.change))
-            encoded = blend_history(shown, replace(carried, worth=aged), fresh=fresh, share=share)
+            known = replace(carried, worth=aged)
+            encoded = blend_history(shown, known, fresh=fresh, share=share, weights=config)
             worth = fresh + aged
         if config.residual:
             encoded = (encoded + given[:, 5:]).clamp(min=0.0)

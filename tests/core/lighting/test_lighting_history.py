@@ -15,8 +15,11 @@ from rtsr_cli.core.imaging.guided_enlargement import upsample_guided_and_fit
 from rtsr_cli.core.imaging.guided_kernel import GuidedSamples
 from rtsr_cli.core.lighting.lighting import encode_lighting, guide_window, unalign_image
 from rtsr_cli.core.lighting.lighting_history import (
+    CarriedLighting,
+    EnlargedLighting,
     GatheredLighting,
     HistoryWeights,
+    blend_history,
     carry_history,
     describe_window,
     find_surface_motion,
@@ -149,6 +152,19 @@ def test_a_change_of_light_is_followed() -> None:
     expected = encoded(2.0) - (1.0 - weights.change) * step * share
     torch.testing.assert_close(after.encoded[:, :1], expected, rtol=1e-3, atol=1e-3)
     torch.testing.assert_close(after.worth, worth + before.worth, rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize(("worth", "believed"), [(1.0, 1.0), (2.0, 1.0), (8.0, 0.25)])
+def test_of_a_change_against_a_settled_history_less_is_believed(
+    worth: float, believed: float
+) -> None:
+    """Where this frame is worth nothing, what is shown is h + b min(1, m / c) d."""
+    one, weights = torch.ones(1, 3, 2, 2), HistoryWeights(change_worth=2.0)
+    plane = one[:, :1]
+    frame = EnlargedLighting(encoded=3.0 * one, fit=0.0 * plane, change=0.4 * one, seen=plane)
+    history = CarriedLighting(encoded=one, worth=worth * plane)
+    shown = blend_history(frame, history, fresh=0.0 * plane, share=0.5, weights=weights)
+    torch.testing.assert_close(shown, (1.0 + 0.5 * believed * 0.4) * one)
 
 
 def test_a_surface_that_was_hidden_takes_the_frame_s_samples() -> None:
