@@ -19,7 +19,7 @@ from rtsr_cli.models.gather.network import GatherNetwork
 
 SYSTEM = load_system("gather")
 
-PARAMETERS = 71_749
+PARAMETERS = 70_957
 """Of the default network."""
 
 MakeWindows = Callable[..., list[FrameWindow]]
@@ -60,6 +60,13 @@ def test_untrained_it_is_demod_temporal(
     known = run(baseline.build(baseline.config(), scale), windows, "demod-temporal")
     for ours, theirs in zip(run(build(), windows), known, strict=True):
         torch.testing.assert_close(image_of(ours), image_of(theirs), rtol=1e-4, atol=1e-5)
+
+
+def test_of_filtered_radiance_nothing_is_corrected(make_windows: MakeWindows) -> None:
+    shot = make_windows(SYSTEM, 4, optional=True)
+    filtered = [replace(w, lr=tuple(replace(f, filter_width_px=0.4) for f in w.lr)) for w in shot]
+    ours, theirs = (run(build(moved=m), filtered)[-1] for m in (0.3, 0.0))
+    torch.testing.assert_close(image_of(ours), image_of(theirs), rtol=1e-4, atol=1e-5)
 
 
 def test_channels_are_those_of_the_table(make_windows: MakeWindows) -> None:

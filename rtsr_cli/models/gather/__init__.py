@@ -64,7 +64,14 @@ GATHER = System(
         goal=goal,
         loss=loss,
         unroll=UNROLLED_FRAMES,
-        defaults={"crop": 48, "batch": 2, "jitter": "mixed", "learning_rate": 2e-3},
+        defaults={
+            "crop": 48,
+            "batch": 2,
+            "jitter": "mixed",
+            "learning_rate": 2e-3,
+            # of radiance that a filter went over there is nothing to learn
+            "augmentation": {"filtered_share": 0.0},
+        },
     ),
     weights="gather-{scale}x.safetensors",
 )

@@ -1,19 +1,18 @@
 """What the network sees of a frame and of its history.
 
-LR, 16 channels:
+LR, 15 channels:
   lighting 3, mask 1       e of the samples, 0 where nothing was divided
   normal 3, depth 1        of the samples; depth as 1 / (1 + z)
   change 3, seen 1         e less history where the sample's surface was seen before
-  largest change 1, detail 1, filter 1, block 1    detail: e less its mean of 3 x 3 samples;
-                           deviation of the pixel filter, LR pixels; 1 / S
-HR, 20 channels, on the moved grid:
+  largest change 1, detail 1, block 1    detail: e less its mean of 3 x 3 samples; 1 / S
+HR, 19 channels, on the moved grid:
   fit 1, its logarithm 1, history's worth 1, whether there is any 1
   change 2, difference 2   enlarged, mean and root of the mean square; history less the frame's own
                            lighting, mean and largest
   lighting 2               the frame's own and history's, means
   bump 1, roughness 1, material 1, depth 1
   speed 1, blur 1          of the motion: largest component; sum of f (1 - f), f its fraction
-  seen 1, place 2, filter 1    place: of the pixel minus the sample's, LR pixels
+  seen 1, place 2          place: of the pixel minus the sample's, LR pixels
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from rtsr_cli.core.shapes import Image, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.gather.config import GatherConfig
 
-LR_CHANNELS, HR_CHANNELS = 16, 20
+LR_CHANNELS, HR_CHANNELS = 15, 19
 
 ROUGHNESS = 0.5
 """What stands where there is no such buffer."""
@@ -77,7 +76,6 @@ def see_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:
             seen,
             change.abs().amax(1, keepdim=True),
             mean - _blur(mean),
-            inputs["filter_width"].expand_as(mask),
             torch.full_like(mask, block),
         ],
         dim=1,
@@ -121,7 +119,6 @@ def see_pixels(inputs: Tensors, carried: CarriedLighting | None, frame: Enlarged
             move_grid(moved, inputs).nan_to_num(),
             frame.seen,
             _find_places(inputs),
-            inputs["filter_width"].expand_as(fit),
         ],
         dim=1,
     )

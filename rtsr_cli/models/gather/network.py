@@ -7,7 +7,9 @@ belongs to. Both are the same at every scale: where a pixel lies in its block is
     f = exp(r_1..3)           factors of distance, normal and depth in log w: `guided_kernel`
     c' = a c e^r_4 / (1 + |d|^2 / s^2),   b' = sigmoid(logit(b) + r_5): `lighting_history`
 
-r is 0 before any training: the network is `demod-temporal` then. History of another surface is
+r is 0 before any training: the network is `demod-temporal` then. It is 0, too, where a pixel filter
+went over radiance: parting what it mixed takes away whatever r changes, and training on that lets r
+grow beyond all bounds. History of another surface is
 worth nothing whatever r_4 is. In training, history is what the network itself made of the frames
 before; no gradient flows back through it.
 """
@@ -65,7 +67,7 @@ STRIP_ROWS = 16
 
 
 class Trunk(nn.Module):
-    """What the samples say: n 36 h w -> n 24 h w."""
+    """What the samples say: n 34 h w -> n 24 h w."""
 
     def __init__(self) -> None:
         """Make the layers."""
@@ -81,7 +83,7 @@ class Trunk(nn.Module):
 
 
 class Head(nn.Module):
-    """What a pixel says of it: n 20 S*h S*w and n 24 h w -> n c S*h S*w, 0 at first."""
+    """What a pixel says of it: n 19 S*h S*w and n 24 h w -> n c S*h S*w, 0 at first."""
 
     def __init__(self, channels: int) -> None:
         """Make the layers, the last one of zeros."""
@@ -125,11 +127,11 @@ class GatherNetwork(nn.Module):
         with torch.no_grad(), torch.autocast(inputs["depth"].device.type, enabled=False):
             carried = None if before is None else carry_history(before, inputs)
             frame = enlarge_frame(inputs, carried)
-        given = self._correct(inputs, carried, frame).float()
+        sharp = (inputs["filter_width"] == 0).to(inputs["depth"])
+        given = sharp * self._correct(inputs, carried, frame).float()
         with torch.autocast(inputs["depth"].device.type, enabled=False):
             encoded, worth = self._gather(inputs, carried, frame, given)
-            known = encoded.detach()
-            encoded = encoded + (part_filtered(inputs, known) - known)
+            encoded = part_filtered(inputs, encoded)
             history = keep_history(inputs, encoded.detach(), worth.detach().clamp(max=MOST_WORTH))
         return {"encoded": encoded, "worth": worth.detach()}, history
 
