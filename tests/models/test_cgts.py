@@ -36,7 +36,7 @@ from rtsr_cli.models.cgts.loss import (
     loss,
     number_classes,
 )
-from rtsr_cli.models.cgts.network import CgtsNetwork, Classifier
+from rtsr_cli.models.cgts.network import CgtsNetwork
 
 SYSTEM = load_system("cgts")
 CONFIG = CgtsConfig()

@@ -141,7 +141,7 @@ class GatherNetwork(nn.Module):
         """r of every pixel."""
         pixels = see_pixels(inputs, carried, frame)
         tensors = {"samples": see_samples(inputs, carried), "pixels": pixels}
-        return cast(Image, self.correct(tensors)["corrections"])
+        return self.correct(tensors)["corrections"]
 
     def correct(self, tensors: Tensors) -> Tensors:
         """`samples` 16 h w, `pixels` 20 S*h S*w -> `corrections`, r of every pixel: a graph."""
