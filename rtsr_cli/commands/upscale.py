@@ -104,7 +104,7 @@ def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
 
 def describe_plan(request: UpscaleRequest) -> Callable[[ShotPlanned], str]:
     """Return what is said of a plan of a request."""
-    unnamed = request.system is None and request.weights_file is None
+    unnamed = not any((request.system, request.weights_file, request.model))
     default = " (the best that these inputs allow)" if unnamed else ""
 
     def describe(plan: ShotPlanned) -> str:

@@ -76,14 +76,17 @@ CARRY = OutsideStep(
     formula="h(p), c(p) = history and its worth where p's surface was (bilinear, samples of other "
     "surfaces weigh 0); change = e - h at samples that were seen",
 )
-GATHER = OutsideStep(
-    name="gather",
-    when="after",
-    formula="w as in the guided base with its terms times f1..f3; d = guided enlargement of the "
-    "change; h' = h + b d, b = sigmoid(logit(0.65) + r5); c' = 0.9 c exp(r4) / (1 + |d|^2 / 0.5^2);"
-    " e = (c' h' + fit^4 g) / (c' + fit^4), g = guided enlargement of e; worth = c' + fit^4, at "
-    "most 50",
-)
+
+
+def _describe_gathering(config: GatherConfig) -> OutsideStep:
+    return OutsideStep(
+        name="gather",
+        when="after",
+        formula="w as in the guided base, its terms times f1..f3; d = guided enlargement of the "
+        f"change; h' = h + b d, b = sigmoid(logit({config.change:g}) + r5); c' = {config.age:g} c "
+        f"exp(r4) / (1 + mean(d^2) / {config.change_spread:g}^2); n = fit^{config.fit_power:g}; e "
+        "= (c' h' + n g) / (c' + n), g = guided enlargement of e; worth = c' + n, at most 50",
+    )
 
 
 def describe(config: GatherConfig) -> NetworkGraphs:
@@ -105,7 +108,7 @@ def describe(config: GatherConfig) -> NetworkGraphs:
                 ),
             ),
         ),
-        outside=(DEMODULATE, ENCODE, ALIGN, CARRY, GATHER, COMPOSE),
+        outside=(DEMODULATE, ENCODE, ALIGN, CARRY, _describe_gathering(config), COMPOSE),
         carried=(
             CarriedTensor(
                 name="history",

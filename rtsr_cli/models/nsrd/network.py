@@ -105,7 +105,9 @@ class ChannelAttentionBlock(nn.Module):
     def forward(self, features: Image) -> Image:
         """Add what the layers give."""
         corrected = self.layers(features)
-        weights = self.attention(corrected.mean((2, 3), keepdim=True))
+        # half holds no sum over an image
+        mean = corrected.mean((2, 3), keepdim=True, dtype=torch.float32)
+        weights = self.attention(mean.to(corrected.dtype))
         return torch.addcmul(features, corrected, weights)
 
 
