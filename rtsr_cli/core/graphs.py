@@ -42,7 +42,8 @@ class Graph:
         inputs: what it takes.
         outputs: what it gives.
         multiple: LR pixels that both sides of what it takes are a multiple of.
-        padding: how to fill a frame up to that; empty where every size is taken.
+        padding: how to fill a frame up to that, as the network itself does; empty where nothing
+            that is filled up gives the same.
     """
 
     method: str

@@ -91,8 +91,6 @@ def describe(config: NSRDConfig) -> NetworkGraphs:
                     GraphTensor(name="cell_next", channels=state, single=True),
                 ),
                 multiple=MULTIPLE,
-                padding="render a frame whose sides are multiples of 4, or export with --size: "
-                "files of one size hold what other sizes need",
             ),
         ),
         outside=(*before, WARP_FRAMES, WARP_STATE, WARP_OUTPUT, COMPOSE),
