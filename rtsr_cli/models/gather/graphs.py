@@ -22,6 +22,7 @@ from rtsr_cli.core.lighting.graph_steps import (
     NORMAL,
 )
 from rtsr_cli.models.gather.config import GatherConfig
+from rtsr_cli.models.gather.network import MOST_WORTH
 
 SAMPLES = (
     *LIGHTING,
@@ -83,9 +84,10 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
         name="gather",
         when="after",
         formula="w as in the guided base, its terms times f1..f3; d = guided enlargement of the "
-        f"change; h' = h + b d, b = sigmoid(logit({config.change:g}) + r5); c' = {config.age:g} c "
-        f"exp(r4) / (1 + mean(d^2) / {config.change_spread:g}^2); n = fit^{config.fit_power:g}; e "
-        "= (c' h' + n g) / (c' + n), g = guided enlargement of e; worth = c' + n, at most 50",
+        f"change; c' = {config.age:g} c exp(r4) / (1 + mean(d^2) / {config.change_spread:g}^2); "
+        f"b = sigmoid(logit({config.change:g}) + r5) min(1, {config.change_worth:g} / c'); "
+        f"h' = h + b d; n = fit^{config.fit_power:g}; e = (c' h' + n g) / (c' + n), g = guided "
+        f"enlargement of e; worth = c' + n, at most {MOST_WORTH:g}",
     )
 
 
