@@ -89,6 +89,25 @@ def test_rates_by_onnxruntime_are_those_by_torch(
         np.testing.assert_array_equal(a["rate"], b["rate"])
 
 
+def test_a_frame_between_by_onnxruntime_is_that_by_torch(
+    rtsr: Run, exported: Callable[[str], Path], sample_root: Path, tmp_path: Path
+) -> None:
+    """72 rows are nine cells of eight, 120 columns are fifteen."""
+    model, given = exported("extranet"), ("--frames", "4")
+    by_torch = rtsr(
+        "extrapolate", sample_root / "lr", tmp_path / "torch", *given, "--system", "extranet",
+        "--precision", "fp32",
+    )  # fmt: skip
+    by_onnx = rtsr(
+        "extrapolate", sample_root / "lr", tmp_path / "onnx", *given, "--runtime", "onnx",
+        "--model", model,
+    )  # fmt: skip
+    assert (by_torch.exit_code, by_onnx.exit_code) == (0, 0), by_onnx.output
+    (path,) = (tmp_path / "torch").glob("*.exr")
+    error = np.mean((read_image(path) - read_image(tmp_path / "onnx" / path.name)) ** 2)
+    assert -10.0 * np.log10(max(error, 1e-30)) >= LEAST_DB
+
+
 def test_a_state_that_is_fed_back_stays_near_over_eight_frames(
     exported: Callable[[str], Path],
 ) -> None:
