@@ -33,6 +33,7 @@ COMMANDS = {
     "predict-vrs": "Predict the error of each shading rate, tile by tile, and choose rates.",
     "evaluate": "Judge result folders against a reference: metrics, regions, a report.",
     "synth": "Render random analytic scenes with exact buffers.",
+    "export": "Write a network as ONNX files for engines, with all that surrounds it.",
     "systems": "List the systems, their inputs, scales and weights.",
 }
 """Command -> one-line help; `predict-vrs` lives in `commands/predict_vrs.py`."""

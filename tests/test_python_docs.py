@@ -29,6 +29,8 @@ def folder(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_lines_of_a_call_run(
     title: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if title == "export":
+        pytest.importorskip("onnxscript", reason="the extra export is not installed")
     monkeypatch.chdir(folder)
     exec(compile(BLOCKS[title], "docs/python.md", "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out.strip()

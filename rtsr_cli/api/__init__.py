@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rtsr_cli.api.export_calls import export as export
     from rtsr_cli.api.frame_calls import demodulate as demodulate
     from rtsr_cli.api.frame_calls import extrapolate as extrapolate
     from rtsr_cli.api.frame_calls import label as label
@@ -31,12 +32,14 @@ if TYPE_CHECKING:
     from rtsr_cli.core.choices import Pool as Pool
     from rtsr_cli.core.choices import Precision as Precision
     from rtsr_cli.core.choices import ProtocolName as ProtocolName
+    from rtsr_cli.core.choices import Runtime as Runtime
     from rtsr_cli.core.choices import SsimConvention as SsimConvention
     from rtsr_cli.core.choices import VrsMetric as VrsMetric
     from rtsr_cli.core.demodulate.request import DemodulateRequest as DemodulateRequest
     from rtsr_cli.core.errors import RtsrError as RtsrError
     from rtsr_cli.core.evaluation.evaluation import evaluate as evaluate
     from rtsr_cli.core.evaluation.request import EvaluateRequest as EvaluateRequest
+    from rtsr_cli.core.export.request import ExportRequest as ExportRequest
     from rtsr_cli.core.extrapolate.request import ExtrapolateRequest as ExtrapolateRequest
     from rtsr_cli.core.inspect.request import InspectRequest as InspectRequest
     from rtsr_cli.core.label.request import LabelRequest as LabelRequest
@@ -52,6 +55,7 @@ PLACES = {
     "DemodulationMode": "rtsr_cli.core.choices",
     "Estimator": "rtsr_cli.core.choices",
     "EvaluateRequest": "rtsr_cli.core.evaluation.request",
+    "ExportRequest": "rtsr_cli.core.export.request",
     "ExtrapolateRequest": "rtsr_cli.core.extrapolate.request",
     "InspectRequest": "rtsr_cli.core.inspect.request",
     "JitterMode": "rtsr_cli.core.choices",
@@ -67,6 +71,7 @@ PLACES = {
     "PrecomputeLutRequest": "rtsr_cli.core.lut.request",
     "PredictVrsRequest": "rtsr_cli.core.vrs.request",
     "ProtocolName": "rtsr_cli.core.choices",
+    "Runtime": "rtsr_cli.core.choices",
     "RtsrError": "rtsr_cli.core.errors",
     "SsimConvention": "rtsr_cli.core.choices",
     "SynthRequest": "rtsr_cli.core.synth.request",
@@ -76,6 +81,7 @@ PLACES = {
     "demodulate": "rtsr_cli.api.frame_calls",
     "describe_systems": "rtsr_cli.api.system_calls",
     "evaluate": "rtsr_cli.core.evaluation.evaluation",
+    "export": "rtsr_cli.api.export_calls",
     "extrapolate": "rtsr_cli.api.frame_calls",
     "inspect": "rtsr_cli.api.inspection_calls",
     "label": "rtsr_cli.api.frame_calls",

@@ -52,6 +52,10 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "rtsr synth captures --shots 4 --frames 1-16",
         "rtsr synth shots --scale 4 --layout blender --size 480x288",
     ),
+    "export": (
+        "rtsr export fusesr-fast my_model --scale 4",
+        "rtsr export runs/mine/best.safetensors my_model --precision fp16 --size 480x270",
+    ),
     "systems": (
         "rtsr systems",
         "rtsr systems --flops --json",

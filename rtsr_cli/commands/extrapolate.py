@@ -65,6 +65,8 @@ if TYPE_CHECKING:
     help="Number format of network layers; auto: bf16 where the device computes in it.",
 )
 @click.option("--debug-buffers", is_flag=True, help="Also write what the system saw and decided.")
+@opt.runtime
+@opt.model
 @opt.overwrite
 @opt.frame_options
 @click.pass_context

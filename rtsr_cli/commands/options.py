@@ -19,7 +19,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES, LAYOUT_SUFFIX
-from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy
+from rtsr_cli.core.choices import MissingPolicy, NonfinitePolicy, Runtime
 from rtsr_cli.core.documents import shorten_value
 from rtsr_cli.core.errors import RequestError, did_you_mean
 from rtsr_cli.core.frames.selection import format_ranges
@@ -183,6 +183,33 @@ class TileSide(click.ParamType[int]):
         return int(side)
 
 
+class PixelSize(click.ParamType[tuple[int, int]]):
+    """Width and height: 1920x1080; given on as (height, width)."""
+
+    name = "WxH"
+
+    def __init__(self, most: int) -> None:
+        """Remember the longest side."""
+        self._most = most
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Parse WxH with sides from 1 on."""
+        if isinstance(value, tuple):
+            return value
+        width, _, height = str(value).lower().partition("x")
+        whole = all(side.isascii() and side.isdigit() for side in (width, height))
+        if not (whole and all(1 <= int(side) <= self._most for side in (width, height))):
+            self.fail(f"'{value}' is no size; write 1920x1080", param, ctx)
+        return int(height), int(width)
+
+    def write(self, value: tuple[int, int]) -> str:
+        """Write a default as users would."""
+        height, width = value
+        return f"{width}x{height}"
+
+
 class FiniteRange(click.FloatRange):
     """A number of a range: no NaN, which passes every comparison, and no infinity."""
 
@@ -282,6 +309,18 @@ jobs = click.option(
 )
 overwrite = click.option(
     "--overwrite", is_flag=True, help="Replace files that are stale or not rtsr's."
+)
+runtime = click.option(
+    "--runtime",
+    type=Member(Runtime),
+    show_default=True,
+    help="What computes the network; onnx: onnxruntime, files of rtsr export.",
+)
+model = click.option(
+    "--model",
+    type=FOLDER,
+    metavar="DIR",
+    help="Folder that rtsr export wrote, for --runtime onnx.",
 )
 on_missing = click.option(
     "--on-missing",

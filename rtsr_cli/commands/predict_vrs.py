@@ -62,6 +62,8 @@ from rtsr_cli.models import list_rate_predictor_names
 @click.option("--overlay", "overlays", is_flag=True, help="A PNG of the frame under its rates.")
 @click.option("--no-compare", is_flag=True, help="Do not measure the true errors.")
 @click.option("--device", show_default=True, help="auto, cpu, cuda, cuda:1, ...")
+@opt.runtime
+@opt.model
 @opt.overwrite
 @opt.frame_options
 @click.pass_context

@@ -14,33 +14,10 @@ from rtsr_cli.core.synth.request import SAMPLES, SCALES, SHOTS, SynthRequest
 MAX_SIDE = 16384
 
 
-class PixelSize(click.ParamType[tuple[int, int]]):
-    """Width and height: 1920x1080; given on as (height, width)."""
-
-    name = "WxH"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Parse WxH with sides of 1 to `MAX_SIDE`."""
-        if isinstance(value, tuple):
-            return value
-        width, _, height = str(value).lower().partition("x")
-        whole = all(side.isascii() and side.isdigit() for side in (width, height))
-        if not (whole and all(1 <= int(side) <= MAX_SIDE for side in (width, height))):
-            self.fail(f"'{value}' is no size; write 1920x1080", param, ctx)
-        return int(height), int(width)
-
-    def write(self, value: tuple[int, int]) -> str:
-        """Write a default as users would."""
-        height, width = value
-        return f"{width}x{height}"
-
-
 @opt.take_defaults_of(SynthRequest)
 @click.command("synth")
 @opt.output_folder
-@click.option("--size", type=PixelSize(), show_default=True, help="Of the output.")
+@click.option("--size", type=opt.PixelSize(MAX_SIDE), show_default=True, help="Of the output.")
 @click.option(
     "--frames",
     cls=opt.ListOption,

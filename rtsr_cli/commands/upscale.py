@@ -84,6 +84,8 @@ if TYPE_CHECKING:
     help="Number format of network layers; auto: bf16 where the device computes in it.",
 )
 @click.option("--debug-buffers", is_flag=True, help="Also write what the system saw and decided.")
+@opt.runtime
+@opt.model
 @opt.overwrite
 @opt.frame_options
 @click.pass_context
@@ -102,7 +104,7 @@ def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
 
 def describe_plan(request: UpscaleRequest) -> Callable[[ShotPlanned], str]:
     """Return what is said of a plan of a request."""
-    unnamed = request.system is None and request.weights_file is None
+    unnamed = not any((request.system, request.weights_file, request.model))
     default = " (the best that these inputs allow)" if unnamed else ""
 
     def describe(plan: ShotPlanned) -> str:

@@ -120,6 +120,14 @@ class Precision(StrEnum):
     FP16 = "fp16"
 
 
+class Runtime(StrEnum):
+    """What computes the layers of a network."""
+
+    TORCH = "torch"
+    ONNX = "onnx"
+    """onnxruntime, files of `export`."""
+
+
 class LabelKind(StrEnum):
     """What labels say of a frame."""
 

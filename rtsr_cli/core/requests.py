@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
+from rtsr_cli.core.choices import Precision, Runtime
 from rtsr_cli.core.errors import RequestError, did_you_mean
 
 MOST_JOBS = 64
@@ -31,6 +32,31 @@ def check_ranges(request: Any, **ranges: tuple[float, float]) -> None:
         if value is not None and not (least <= value <= most and math.isfinite(value)):
             upper = "on" if most == math.inf else f"to {most:g}"
             raise RequestError(f"{name} is {value}: a number from {least:g} {upper}")
+
+
+def check_runtime(request: Any) -> None:
+    """Hold what goes together with exported files, which onnxruntime computes on the processor.
+
+    Args:
+        request: a frozen dataclass with `runtime`, `model`, `weights_file`, `device`, while it is
+            made.
+
+    Raises:
+        RequestError: something does not.
+    """
+    if request.runtime is not Runtime.ONNX:
+        if request.model is not None:
+            raise RequestError("--model is read with --runtime onnx only; add it")
+        return
+    if request.model is None:
+        raise RequestError("--runtime onnx needs --model, a folder that rtsr export wrote")
+    if request.weights_file is not None:
+        raise RequestError("--weights: with --runtime onnx they are in --model; leave it out")
+    if request.device not in {"auto", "cpu"}:
+        raise RequestError("--device: --runtime onnx computes on the processor; leave it out")
+    if getattr(request, "precision", Precision.AUTO) is not Precision.AUTO:
+        raise RequestError("--precision is that of the files in --model; leave it out")
+    object.__setattr__(request, "device", "cpu")
 
 
 def check_shard(shard: tuple[int, int] | None) -> None:

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.graphs import DescribeGraphs
 from rtsr_cli.core.imaging.derivation import DerivationConfig
 from rtsr_cli.core.shapes import Color, Image, TileMap
 
@@ -239,6 +240,7 @@ class System:
         predict: runs it.
         learning: how it is trained, None if there is nothing to train.
         tiles: of a system that predicts errors of tiles, the `TilePredictor` that reads them.
+        graphs: what is exported of its network, by config; None if nothing can be.
         weights: file name below `rtsr_cli/weights/`, with `{scale}` and fields of the `{config}`;
             None if it has none.
     """
@@ -267,6 +269,7 @@ class System:
     predict: Predict
     learning: TrainingRecipe | None = None
     tiles: Any = None
+    graphs: DescribeGraphs | None = None
     weights: str | None = None
 
     def is_rendered(self, age: int) -> bool:

@@ -20,6 +20,7 @@ from rtsr_cli.core.errors import RequestError
 MINIMAL: dict[str, tuple[str, list[str]]] = {
     "DemodulateRequest": ("demodulate", ["a", "b"]),
     "EvaluateRequest": ("evaluate", ["a", "b"]),
+    "ExportRequest": ("export", ["fusesr", "a"]),
     "ExtrapolateRequest": ("extrapolate", ["a", "b"]),
     "InspectRequest": ("inspect", ["a"]),
     "LabelRequest": ("label", ["a", "b", "--kind", "vrs"]),

@@ -16,7 +16,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.auxiliary_buffers import span_colors
 from rtsr_cli.core.imaging.pixel_classes import Aliasing, Ghosting
 from rtsr_cli.core.network.acceleration import accelerate_network
-from rtsr_cli.core.network.cost import count_macs, count_parameters
+from rtsr_cli.core.network.cost import count_macs, count_parameters, make_uniform_window
 from rtsr_cli.core.pairs.simulation import average_samples
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models import load_system
@@ -36,11 +36,7 @@ from rtsr_cli.models.cgts.loss import (
     loss,
     number_classes,
 )
-from rtsr_cli.models.cgts.network import (
-    CLASSIFIED_CHANNELS,
-    CgtsNetwork,
-    Classifier,
-)
+from rtsr_cli.models.cgts.network import CgtsNetwork
 
 SYSTEM = load_system("cgts")
 CONFIG = CgtsConfig()
@@ -81,15 +77,10 @@ def test_multiplications_of_an_output_pixel() -> None:
 
 @pytest.mark.parametrize("size", [(16, 16), (34, 50), (2, 6), (30, 48)])
 def test_no_pixel_is_lost_whatever_the_size(size: tuple[int, int]) -> None:
-    logits = Classifier().eval()(torch.rand(1, CLASSIFIED_CHANNELS, *size))
-    assert logits.shape == (1, 6, *size)
-
-
-def test_padding_is_that_of_repeated_borders() -> None:
-    torch.manual_seed(1)
-    classifier, seen = Classifier().eval(), torch.rand(1, CLASSIFIED_CHANNELS, 30, 46)
-    padded = torch.nn.functional.pad(seen, (0, 2, 0, 2), mode="replicate")
-    torch.testing.assert_close(classifier(seen), classifier(padded)[:, :, :30, :46])
+    network = CgtsNetwork(CgtsConfig(), 2).eval()
+    window = make_uniform_window(SYSTEM, 2, (size[0] // 2, size[1] // 2))
+    outputs, _ = network(prepare(network.config, window), None)
+    assert outputs["logits"].shape == (1, 6, *size)
 
 
 def run(network: CgtsNetwork, windows: list[FrameWindow]) -> list[Tensors]:

@@ -15,8 +15,9 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.cadence import count_past, measure_reach
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.network.load import LoadedNetwork, load_network
-from rtsr_cli.core.network.precision import resolve_precision
+from rtsr_cli.core.network.exported import load_chosen_network
+from rtsr_cli.core.network.load import LoadedNetwork
+from rtsr_cli.core.network.manifest import read_manifest
 from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.passthrough import find_passthrough
@@ -88,12 +89,13 @@ def plan_extrapolation(
 
     system, better = choose_extrapolator(request, source, systems, refuse, nearest)
     device = resolve_device(request.device)
-    loaded = load_network(system, 1, device, request.weights_file)
+    loaded = load_chosen_network(system, 1, device, request.weights_file, request.model)
+    loaded.check_size(source.lr_size)
     run = NetworkRun(
         system=system,
         network=loaded.network,
         device=device,
-        precision=resolve_precision(request.precision, torch.device(device)),
+        precision=loaded.choose_precision(request.precision, torch.device(device)),
         tile=0,
     )
     frames = max(system.history_frames, reach)
@@ -207,6 +209,8 @@ def choose_extrapolator(
         FrameFolderError: it was not made for such frames.
     """
     name = request.system
+    if name is None and request.model is not None:
+        name = read_manifest(request.model).system
     if name is None and request.weights_file is not None:
         name = read_weights(request.weights_file).system
     if name is None:

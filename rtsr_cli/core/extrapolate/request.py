@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rtsr_cli.core.choices import Precision
+from rtsr_cli.core.choices import Precision, Runtime
 from rtsr_cli.core.frames.cadence import Cadence, choose_cadence
+from rtsr_cli.core.requests import check_runtime
 from rtsr_cli.core.run.request import FramesRequest
 
 
@@ -25,6 +26,8 @@ class ExtrapolateRequest(FramesRequest):
         device: torch device; auto = cuda where there is one.
         precision: number format of network layers.
         debug_buffers: also write what the system saw and decided.
+        runtime: what computes the network's layers.
+        model: folder of exported files, of `runtime` onnx.
     """
 
     system: str | None = None
@@ -37,6 +40,8 @@ class ExtrapolateRequest(FramesRequest):
     device: str = "auto"
     precision: Precision = Precision.AUTO
     debug_buffers: bool = False
+    runtime: Runtime = Runtime.TORCH
+    model: Path | None = None
 
     def __post_init__(self) -> None:
         """Check what goes together.
@@ -45,6 +50,7 @@ class ExtrapolateRequest(FramesRequest):
             RequestError: every frame would be rendered, or both ways to say which are given.
         """
         super().__post_init__()
+        check_runtime(self)
         _ = self.cadence
 
     @property

@@ -26,12 +26,18 @@ def accelerate_network(network: nn.Module) -> nn.Module:
     y = g (w x + b - m) / sqrt(v + eps) + h  is one convolution with weights w g / sqrt(v + eps)
     """
     known = network.for_inference() if isinstance(network, InferenceRearranging) else network
-    frozen = copy.deepcopy(known).eval().requires_grad_(False)
+    frozen = fold_norms(known)
+    # torch's annotation leaves out that a module takes a memory format alone
+    return cast(nn.Module, frozen.to(memory_format=torch.channels_last))  # type: ignore[call-overload]
+
+
+def fold_norms(network: nn.Module) -> nn.Module:
+    """Copy a network, in eval mode and frozen, its batch norms folded into the convolutions."""
+    frozen = copy.deepcopy(network).eval().requires_grad_(False)
     for module in list(frozen.modules()):
         if isinstance(module, nn.Sequential):
             _fold(module)
-    # torch's annotation leaves out that a module takes a memory format alone
-    return cast(nn.Module, frozen.to(memory_format=torch.channels_last))  # type: ignore[call-overload]
+    return frozen
 
 
 def _fold(layers: nn.Sequential) -> None:

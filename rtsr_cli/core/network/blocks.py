@@ -28,6 +28,13 @@ def pixel_unshuffle(image: Image, scale: int, *, like: Image) -> Image:
     return pixels.view(n, h, w, -1).permute(0, 3, 1, 2)
 
 
+def continue_borders(image: Image, multiple: int) -> Image:
+    """Repeat the last row and column until both sides are multiples."""
+    height, width = image.shape[2:]
+    below, beside = -height % multiple, -width % multiple
+    return F.pad(image, (0, beside, 0, below), mode="replicate") if below or beside else image
+
+
 class ResidualBlock(nn.Module):
     """c3-ReLU-c3 plus identity, no activation after [FuseSR, code]."""
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import nn
 
+from rtsr_cli.core.choices import Precision
 from rtsr_cli.core.errors import CheckpointError
 from rtsr_cli.core.network.acceleration import accelerate_network
+from rtsr_cli.core.network.manifest import Manifest
+from rtsr_cli.core.network.precision import resolve_precision
 from rtsr_cli.core.network.weights import SavedWeights, fill_network, find_shipped, read_weights
 from rtsr_cli.core.settings import SettingsSource, resolve_settings
+from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import System
 
 
@@ -24,12 +30,36 @@ class LoadedNetwork:
         config: of the system.
         digest: of the weights' file, empty where there are none.
         weights: path of the file, None where there is none.
+        about: what the weights say of their training.
+        manifest: of exported files that stand for the network's graphs; None where it has weights.
     """
 
     network: nn.Module
     config: Any
     digest: str = ""
     weights: Path | None = None
+    about: Mapping[str, Any] = field(default_factory=dict)
+    manifest: Manifest | None = None
+
+    @property
+    def takes_tiles(self) -> bool:
+        """Tell whether frames may be cut: files of one size take whole frames alone."""
+        return self.manifest is None or self.manifest.size is None
+
+    def choose_precision(self, wanted: Precision, device: torch.device) -> Precision:
+        """Number format of layers; exported files have one of their own, all else is single."""
+        if self.manifest is None:
+            return resolve_precision(wanted, device)
+        return Precision.FP32
+
+    def check_size(self, size: Size) -> None:
+        """Hold LR frames to be of a size that the network takes.
+
+        Raises:
+            CheckpointError: they are not; only exported files take some alone.
+        """
+        if self.manifest is not None:
+            self.manifest.check_size(size)
 
 
 def find_shipped_weights(system: System, scale: int, config: Any = None) -> Path | None:
@@ -80,6 +110,7 @@ def load_network(
         config=config,
         digest=weights.digest(),
         weights=chosen,
+        about=weights.about,
     )
 
 

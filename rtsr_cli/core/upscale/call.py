@@ -9,8 +9,9 @@ import torch
 
 from rtsr_cli.core.choices import JitterMode, PixelFilter
 from rtsr_cli.core.devices import resolve_device
-from rtsr_cli.core.network.load import LoadedNetwork, load_network
-from rtsr_cli.core.network.precision import resolve_precision
+from rtsr_cli.core.network.exported import load_chosen_network
+from rtsr_cli.core.network.load import LoadedNetwork
+from rtsr_cli.core.network.manifest import read_manifest
 from rtsr_cli.core.network.tiling import choose_tile_side
 from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_pairs
@@ -97,7 +98,8 @@ def plan_upscaling(
     """
     device = resolve_device(request.device)
     system, passed_over = choose_system(request, source, systems)
-    loaded = load_network(system, source.scale, device, request.weights_file)
+    loaded = load_chosen_network(system, source.scale, device, request.weights_file, request.model)
+    loaded.check_size(source.lr_size)
     inputs = resolve_system_inputs(system, request.on_nonfinite, loaded.config)
     check_system(system, source, inputs)
     require_known_filter(source, inputs, sharded=request.shard is not None)
@@ -105,9 +107,9 @@ def plan_upscaling(
         system=system,
         network=loaded.network,
         device=device,
-        precision=resolve_precision(request.precision, torch.device(device)),
+        precision=loaded.choose_precision(request.precision, torch.device(device)),
         # a tile has no debug picture of the whole
-        tile=0 if request.debug_buffers else request.tile,
+        tile=0 if request.debug_buffers or not loaded.takes_tiles else request.tile,
     )
     passed = find_passthrough(source, request.passthrough)
     reading = PairReading(source=source, inputs=inputs, passed=passed)
@@ -127,12 +129,14 @@ def plan_upscaling(
 def choose_system(
     request: UpscaleRequest, source: PairSource, systems: SystemTable
 ) -> tuple[System, list[PassedOver]]:
-    """Return the system asked for, that of the weights, or the first preferred one that can run.
+    """Return the system asked for, that of the network, or the first preferred one that can run.
 
     Beside it stand the preferred ones that were passed over.
     """
     if request.system is not None:
         return systems.load(request.system), []
+    if request.model is not None:
+        return systems.load(read_manifest(request.model).system), []
     if request.weights_file is not None:
         return systems.load(read_weights(request.weights_file).system), []
     return choose_default(source, systems, request.on_nonfinite)

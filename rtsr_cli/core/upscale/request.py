@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rtsr_cli.core.choices import JitterMode, PixelFilter, Precision
+from rtsr_cli.core.choices import JitterMode, PixelFilter, Precision, Runtime
 from rtsr_cli.core.errors import RequestError
-from rtsr_cli.core.requests import check_ranges
+from rtsr_cli.core.requests import check_ranges, check_runtime
 from rtsr_cli.core.run.request import FramesRequest
 
 SCALES, SIMULATED_SCALES, SAMPLES = (1, 16), (2, 16), (1, 16)
@@ -33,6 +33,8 @@ class UpscaleRequest(FramesRequest):
         device: torch device; auto = cuda where there is one.
         precision: number format of network layers.
         debug_buffers: also write what the system saw and decided.
+        runtime: what computes the network's layers.
+        model: folder of exported files, of `runtime` onnx.
     """
 
     system: str | None = None
@@ -49,6 +51,8 @@ class UpscaleRequest(FramesRequest):
     device: str = "auto"
     precision: Precision = Precision.AUTO
     debug_buffers: bool = False
+    runtime: Runtime = Runtime.TORCH
+    model: Path | None = None
 
     def __post_init__(self) -> None:
         """Check what goes together.
@@ -58,6 +62,7 @@ class UpscaleRequest(FramesRequest):
                 but not asked for.
         """
         super().__post_init__()
+        check_runtime(self)
         check_ranges(self, scale=SCALES, simulate_lr=SIMULATED_SCALES, samples_per_pixel=SAMPLES)
         if self.simulate_lr is not None:
             return

@@ -132,6 +132,7 @@ def plan_prediction(
     """
     system, weights = chosen.system, (asdict(chosen.loaded.config), chosen.loaded.digest)
     inputs = resolve_prediction_inputs(request, chosen)
+    chosen.loaded.check_size(source.lr_size)
     if chosen.analytic:
         check_inputs(f"system '{chosen.name}'", source, inputs)
     else:

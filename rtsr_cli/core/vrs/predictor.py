@@ -17,8 +17,9 @@ from torch import nn
 from rtsr_cli.core.choices import Estimator, VrsMetric
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.network.load import LoadedNetwork, find_shipped_weights, load_network
-from rtsr_cli.core.network.weights import SHIPPED, read_weights
+from rtsr_cli.core.network.exported import load_chosen_network
+from rtsr_cli.core.network.load import LoadedNetwork, find_shipped_weights
+from rtsr_cli.core.network.weights import SHIPPED
 from rtsr_cli.core.run.system_inputs import SystemTable
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import NoNetwork, System
@@ -112,13 +113,13 @@ def choose_predictor(
         )
     if request.estimator is Estimator.ANALYTIC:
         return _choose_analytic(request, system)
-    path = request.weights_file or _find_shipped(request, system)
-    loaded = load_network(system, 1, device, path)
+    path = request.model or request.weights_file or _find_shipped(request, system)
+    loaded = load_chosen_network(system, 1, device, path, request.model)
     chosen = ChosenPredictor(name=system.name, system=system, loaded=loaded)
     _check_weights(request, chosen, path)
     margin = request.margin
     if margin is None:
-        margin = float(read_weights(path).about.get("validation", {}).get("under", 0.0))
+        margin = float(loaded.about.get("validation", {}).get("under", 0.0))
     config = chosen.tiles.with_margin(loaded.config, margin)
     loaded.network.config = config
     return replace(chosen, loaded=replace(loaded, config=config))
@@ -130,7 +131,11 @@ def resolve_error_config(request: PredictVrsRequest) -> ErrorConfig:
 
 
 def _choose_analytic(request: PredictVrsRequest, system: System) -> ChosenPredictor:
-    for option, value in (("weights", request.weights_file), ("margin", request.margin)):
+    for option, value in (
+        ("weights", request.weights_file),
+        ("model", request.model),
+        ("margin", request.margin),
+    ):
         if value is not None:
             raise ConfigError(f"--{option}: the analytic estimate has none; leave it out")
     chosen = ChosenPredictor(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rtsr_cli.core.choices import Estimator, VrsMetric
+from rtsr_cli.core.choices import Estimator, Runtime, VrsMetric
+from rtsr_cli.core.requests import check_runtime
 from rtsr_cli.core.run.request import FramesRequest
 
 
@@ -26,6 +27,8 @@ class PredictVrsRequest(FramesRequest):
         overlays: a PNG of the frame under its rates.
         no_compare: do not measure the true errors.
         device: torch device; auto = cuda where there is one.
+        runtime: what computes the network's layers.
+        model: folder of exported files, of `runtime` onnx.
     """
 
     system: str | None = None
@@ -40,3 +43,15 @@ class PredictVrsRequest(FramesRequest):
     overlays: bool = False
     no_compare: bool = False
     device: str = "auto"
+    runtime: Runtime = Runtime.TORCH
+    model: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Check what goes together.
+
+        Raises:
+            RequestError: a value is not among those that it may be, or exported files are named
+                that nothing reads.
+        """
+        super().__post_init__()
+        check_runtime(self)

@@ -31,6 +31,7 @@ from rtsr_cli.core.system import (
     neural_predict,
 )
 from rtsr_cli.models.cgts.config import CLASSES, UNROLLED_FRAMES, CgtsConfig
+from rtsr_cli.models.cgts.graphs import describe
 from rtsr_cli.models.cgts.inputs import prepare
 from rtsr_cli.models.cgts.loss import goal, loss
 from rtsr_cli.models.cgts.network import CgtsNetwork
@@ -89,6 +90,7 @@ CGTS = System(
             "freeze_statistics": 0.5,
         },
     ),
+    graphs=describe,
     weights="cgts-{scale}x.safetensors",
 )
 

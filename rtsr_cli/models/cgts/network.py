@@ -10,7 +10,6 @@ Conventions: those of `inputs`, whose `CgtsState` is all that goes from frame to
 from __future__ import annotations
 
 import copy
-import math
 from typing import cast
 
 import torch
@@ -23,6 +22,7 @@ from rtsr_cli.core.imaging.auxiliary_buffers import (
     span_colors,
 )
 from rtsr_cli.core.imaging.row_strips import cut_pixels
+from rtsr_cli.core.network.blocks import continue_borders
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, Stage
@@ -117,11 +117,7 @@ class Classifier(nn.Module):
         return merged
 
     def forward(self, seen: Image) -> Image:
-        """Classify; sides that are no multiple of 16 are continued by their borders."""
-        height, width = seen.shape[2:]
-        below, beside = (math.ceil(n / DIVISOR) * DIVISOR - n for n in (height, width))
-        if below or beside:
-            seen = F.pad(seen, (0, beside, 0, below), mode="replicate")
+        """Classify; sides are multiples of 16."""
         rest = self.halve(seen)
         parts = []
         for level, scale in enumerate(self.scales):
@@ -133,8 +129,7 @@ class Classifier(nn.Module):
             if not last:
                 rest = F.max_pool2d(features[:, half:], 2)
         small: Image = self.decoder(torch.cat(parts, dim=1))
-        large = F.interpolate(small.float(), scale_factor=2.0, mode="bilinear", align_corners=False)
-        return large[:, :, :height, :width]
+        return F.interpolate(small.float(), scale_factor=2.0, mode="bilinear", align_corners=False)
 
 
 class Composition(nn.Module):
@@ -248,10 +243,22 @@ class CgtsNetwork(nn.Module):
             ],
             dim=1,
         ).float()
+        height, width = seen.shape[2:]
+        padded = {"seen": continue_borders(seen, DIVISOR)}
         if self.config.stage is Stage.COMPOSITION:
             with torch.no_grad():
-                return cast(Image, self.classifier(seen))
-        return cast(Image, self.classifier(seen))
+                logits = self.classify(padded)["logits"]
+        else:
+            logits = self.classify(padded)["logits"]
+        return logits[:, :, :height, :width]
+
+    def classify(self, tensors: Tensors) -> Tensors:
+        """`seen` -> `logits` of both kinds of classes: a graph."""
+        return {"logits": self.classifier(tensors["seen"])}
+
+    def weigh(self, tensors: Tensors) -> Tensors:
+        """`known` -> `given`, logits of the frame's weight and of clipping: a graph."""
+        return {"given": self.composition(tensors["known"])}
 
     def _compose(
         self,
@@ -300,7 +307,7 @@ class CgtsNetwork(nn.Module):
             self.surroundings.see(known),
         ]
         start = self.surroundings.start(seen["worth"], seen["history_worth"])
-        given = self.composition(torch.cat(channels, dim=1).float())
+        given = self.weigh({"known": torch.cat(channels, dim=1).float()})["given"]
         weight = torch.sigmoid(given[:, :1] + start)
         weight = torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
         if self.surroundings.clips:

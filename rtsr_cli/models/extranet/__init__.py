@@ -34,6 +34,7 @@ from rtsr_cli.core.system import (
     neural_predict,
 )
 from rtsr_cli.models.extranet.config import CADENCE, HISTORY_FRAMES, ExtraNetConfig
+from rtsr_cli.models.extranet.graphs import describe
 from rtsr_cli.models.extranet.inputs import derivation, prepare
 from rtsr_cli.models.extranet.loss import change, decode_radiance, goal, loss, panels, scores
 from rtsr_cli.models.extranet.network import PICTURE, ExtraNetNetwork
@@ -81,6 +82,7 @@ EXTRANET = System(
         defaults={"scale": 1, "crop": 128, "learning_rate": 1e-3},
         judge=FrameJudge(names=("psnr", "hole_psnr", "flip"), scores=scores, panels=panels),
     ),
+    graphs=describe,
     weights="extranet.safetensors",
 )
 

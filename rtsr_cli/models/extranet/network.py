@@ -12,14 +12,13 @@ geometry; `history` three moved frames, oldest first, each of log lighting and a
 from __future__ import annotations
 
 import copy
-import math
 from typing import TYPE_CHECKING, cast
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from rtsr_cli.core.network.blocks import make_normalised_conv3
+from rtsr_cli.core.network.blocks import continue_borders, make_normalised_conv3
 from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import Tensors
 
@@ -211,9 +210,15 @@ class ExtraNetNetwork(nn.Module):
         """
         del state
         height, width = inputs["current"].shape[2:]
-        current, history = (_pad_to_multiple(inputs[name]) for name in ("current", "history"))
-        predicted = self._correct(current, history) + current[:, PICTURE]
+        names = ("current", "history")
+        padded = {name: continue_borders(inputs[name], DIVISOR) for name in names}
+        predicted = self.correct(padded)["predicted"]
         return {"predicted": predicted[:, :, :height, :width]}, None
+
+    def correct(self, tensors: Tensors) -> Tensors:
+        """`current`, `history`, sides multiples of 8 -> `predicted`: a graph."""
+        current, history = tensors["current"], tensors["history"]
+        return {"predicted": self._correct(current, history) + current[:, PICTURE]}
 
     def _correct(self, current: Image, history: Image) -> Image:
         levels = [self.enter(current)]
@@ -227,10 +232,3 @@ class ExtraNetNetwork(nn.Module):
             features = up(torch.cat([levels.pop(), large], dim=1))
         correction: Image = self.leave(features)
         return correction
-
-
-def _pad_to_multiple(image: Image) -> Image:
-    """Repeat the last row and column up to a multiple of 8."""
-    height, width = image.shape[2:]
-    below, beside = (math.ceil(n / DIVISOR) * DIVISOR - n for n in (height, width))
-    return F.pad(image, (0, beside, 0, below), mode="replicate") if below or beside else image

@@ -40,6 +40,7 @@ from rtsr_cli.models.fusesr.config import (
     FuseSRDirectConfig,
     FuseSRFastConfig,
 )
+from rtsr_cli.models.fusesr.graphs import describe_fast, describe_full
 from rtsr_cli.models.fusesr.inputs import derivation, prepare, surroundings_of
 from rtsr_cli.models.fusesr.loss import goal, loss
 from rtsr_cli.models.fusesr.network import FuseSRFastNetwork, FuseSRNetwork
@@ -76,6 +77,7 @@ FUSESR = System(
     build=FuseSRNetwork,
     predict=neural_predict(prepare, compose),
     learning=LEARNING,
+    graphs=describe_full,
     weights="fusesr-{scale}x.safetensors",
 )
 
@@ -94,6 +96,7 @@ FUSESR_FAST = System(
     build=FuseSRFastNetwork,
     predict=neural_predict(prepare, compose),
     learning=LEARNING,
+    graphs=describe_fast,
     weights="fusesr-fast-{scale}x.safetensors",
 )
 
@@ -111,6 +114,7 @@ FUSESR_DIRECT = System(
     build=FuseSRNetwork,
     predict=neural_predict(prepare, compose),
     learning=LEARNING,
+    graphs=describe_full,
     weights="fusesr-direct-{scale}x.safetensors",
 )
 

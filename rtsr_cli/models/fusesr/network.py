@@ -19,6 +19,7 @@ from rtsr_cli.core.network.blocks import (
     make_separable_conv,
     pixel_unshuffle,
 )
+from rtsr_cli.core.network.graphs import is_exporting
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.fusesr.config import HISTORY_FRAMES, LR_CHANNELS, FuseSRConfig, Fusion, Variant
@@ -34,6 +35,12 @@ BACKBONE_BLOCKS = 6
 
 WHOLE_PIXELS = 2**18
 """LR pixels up to which the full network's backbone sees a frame whole: 128 MiB a feature map."""
+
+AGES = (1, 2)
+"""Past frames that are fetched."""
+
+DEPTH = slice(3, 4)
+"""Channel of a frame's features."""
 
 STRIP_HALO = 17
 """LR rows that fusion, 13 layers of backbone, upsampling and refinement reach to, and one."""
@@ -157,20 +164,36 @@ class FuseSRNetwork(nn.Module):
 
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Encode, fetch history, fuse, decode."""
-        shallow, main = self.encoder(inputs["frame_0"])
-        parts = [self.expand(main)]
+        tensors = dict(self.encode({"frame": inputs["frame_0"]}))
+        main = tensors["main"]
         past: list[Image] = []
         if self.attention is not None:
-            past = [self._encode_past(age, inputs, state) for age in (1, 2)]
-            parts += [self._fetch(age, past[age - 1], inputs) for age in (1, 2)]
-        images = {"seen": torch.cat(parts, dim=1), "shallow": shallow}
-        images |= {name: inputs[name] for name in ("hr", "base") if name in inputs}
-        height, width = main.shape[-2:]
-        rows = height if height * width <= WHOLE_PIXELS else max(1, WHOLE_PIXELS // width)
-        predicted = run_in_strips(self._fuse, images, rows=rows, halo=STRIP_HALO)
+            past = [self._encode_past(age, inputs, state) for age in AGES]
+            for age in AGES:
+                tensors |= self._fetch(age, past[age - 1], inputs)
+            tensors["depth"] = inputs["frame_0"][:, DEPTH]
+        tensors |= {name: inputs[name] for name in ("hr", "base") if name in inputs}
         # after a reset the current frame may have stood in for the past: it is none of the next's
         known = past[:1] if state is not None else []
-        return {"predicted": predicted}, (main, *known) if past else None
+        return self.fuse(tensors), (main, *known) if past else None
+
+    def encode(self, tensors: Tensors) -> Tensors:
+        """`frame` -> `shallow` 64 and `main` 32: a graph."""
+        shallow, main = self.encoder(tensors["frame"])
+        return {"shallow": shallow, "main": main}
+
+    def fuse(self, tensors: Tensors) -> Tensors:
+        """Features, fetched ones, HR buffers -> `predicted`: a graph."""
+        parts = [self.expand(tensors["main"])]
+        if self.attention is not None:
+            parts += [tensors[f"past_{age}"] * self._weigh(age, tensors) for age in AGES]
+        images = {"seen": torch.cat(parts, dim=1), "shallow": tensors["shallow"]}
+        images |= {name: tensors[name] for name in ("hr", "base") if name in tensors}
+        if is_exporting():
+            return {"predicted": self._fuse(images)}
+        height, width = parts[0].shape[-2:]
+        rows = height if height * width <= WHOLE_PIXELS else max(1, WHOLE_PIXELS // width)
+        return {"predicted": run_in_strips(self._fuse, images, rows=rows, halo=STRIP_HALO)}
 
     def _fuse(self, images: Tensors) -> Color:
         """Current and past features, HR buffers -> HR prediction."""
@@ -186,20 +209,29 @@ class FuseSRNetwork(nn.Module):
         known = cast(tuple[Image, ...], state or ())
         if age <= len(known):
             return known[age - 1]
-        features: Image = self.encoder(inputs[f"frame_{age}"])[1]
+        features: Image = self.encode({"frame": inputs[f"frame_{age}"]})["main"]
         return features
 
-    def _fetch(self, age: int, features: Image, inputs: Tensors) -> Image:
-        """Features where each pixel was, weighted."""
+    def _fetch(self, age: int, features: Image, inputs: Tensors) -> dict[str, Tensor]:
+        """Features and depth where each pixel was, and the motion to there."""
         motion_px = inputs[f"motion_{age}"]
-        depth_past = inputs[f"frame_{age}"][:, 3:4]
+        depth_past = inputs[f"frame_{age}"][:, DEPTH]
         if surroundings_of(self.config).warps_depth:
             depth_past, _ = backward_warp(depth_past, motion_px, mode="nearest")
-        assert self.attention is not None
-        depth = inputs["frame_0"][:, 3:4]
-        weight: Plane = self.attention(inputs[f"motion_ndc_{age}"], depth_past, depth)
         warped, _ = backward_warp(features, motion_px, mode="nearest", border="zero")
-        return warped * weight
+        return {
+            f"past_{age}": warped,
+            f"depth_{age}": depth_past,
+            f"motion_ndc_{age}": inputs[f"motion_ndc_{age}"],
+        }
+
+    def _weigh(self, age: int, tensors: Tensors) -> Plane:
+        """Weight of fetched features."""
+        assert self.attention is not None
+        weight: Plane = self.attention(
+            tensors[f"motion_ndc_{age}"], tensors[f"depth_{age}"], tensors["depth"]
+        )
+        return weight
 
 
 class FuseSRFastNetwork(nn.Module):
@@ -225,9 +257,14 @@ class FuseSRFastNetwork(nn.Module):
 
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Encode, fuse, decode."""
-        shallow = self.shallow(inputs["frame_0"])
+        tensors = {name: inputs[name] for name in ("frame_0", "hr", "base") if name in inputs}
+        return self.correct(tensors), state
+
+    def correct(self, tensors: Tensors) -> Tensors:
+        """`frame_0`, `hr`, `base` -> `predicted`: a graph."""
+        shallow = self.shallow(tensors["frame_0"])
         parts = [self.expand(self.main(shallow))]
         if self.fusion.lr_channels:
-            parts.append(self.fusion.at_lr(inputs["hr"], like=shallow))
+            parts.append(self.fusion.at_lr(tensors["hr"], like=shallow))
         features = self.backbone(torch.cat(parts, dim=1))
-        return {"predicted": self.decoder(torch.cat([features, shallow], dim=1), inputs)}, state
+        return {"predicted": self.decoder(torch.cat([features, shallow], dim=1), tensors)}

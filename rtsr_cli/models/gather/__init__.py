@@ -23,6 +23,7 @@ from rtsr_cli.core.system import (
     neural_predict,
 )
 from rtsr_cli.models.gather.config import UNROLLED_FRAMES, GatherConfig
+from rtsr_cli.models.gather.graphs import describe
 from rtsr_cli.models.gather.inputs import prepare
 from rtsr_cli.models.gather.loss import goal, loss
 from rtsr_cli.models.gather.network import GatherNetwork
@@ -73,6 +74,7 @@ GATHER = System(
             "augmentation": {"filtered_share": 0.0},
         },
     ),
+    graphs=describe,
     weights="gather-{scale}x.safetensors",
 )
 

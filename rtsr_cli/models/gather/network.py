@@ -41,6 +41,7 @@ from rtsr_cli.core.lighting.lighting_history import (
     split_enlarged,
 )
 from rtsr_cli.core.network.blocks import ResidualBlock, make_conv3
+from rtsr_cli.core.network.graphs import is_exporting
 from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.gather.config import GatherConfig
@@ -97,7 +98,8 @@ class Head(nn.Module):
     def forward(self, pixels: Image, features: Image) -> Image:
         """Run the layers."""
         hidden = self.first(pixels)
-        scale = pixels.shape[2] // features.shape[2]
+        # a number, whatever stands for the sizes while a graph is traced
+        scale = int(pixels.shape[2] // features.shape[2])
         hidden = F.relu(hidden + F.interpolate(features, scale_factor=scale, mode="nearest"))
         hidden = F.relu(hidden + self.second(hidden))
         given: Image = self.last(hidden)
@@ -140,12 +142,18 @@ class GatherNetwork(nn.Module):
     ) -> Image:
         """r of every pixel."""
         pixels = see_pixels(inputs, carried, frame)
-        small = F.avg_pool2d(pixels, pixels.shape[2] // inputs["mask"].shape[2])
-        features = self.trunk(torch.cat([see_samples(inputs, carried), small], dim=1))
+        tensors = {"samples": see_samples(inputs, carried), "pixels": pixels}
+        return self.correct(tensors)["corrections"]
+
+    def correct(self, tensors: Tensors) -> Tensors:
+        """`samples` 16 h w, `pixels` 20 S*h S*w -> `corrections`, r of every pixel: a graph."""
+        samples, pixels = tensors["samples"], tensors["pixels"]
+        small = F.avg_pool2d(pixels, int(pixels.shape[2] // samples.shape[2]))
+        features = self.trunk(torch.cat([samples, small], dim=1))
         images = {"pixels": pixels, "features": features}
-        if self.training:
-            return self._run_head(images)
-        return run_in_strips(self._run_head, images, rows=STRIP_ROWS, halo=1)
+        if self.training or is_exporting():
+            return {"corrections": self._run_head(images)}
+        return {"corrections": run_in_strips(self._run_head, images, rows=STRIP_ROWS, halo=1)}
 
     def _run_head(self, images: Tensors) -> Image:
         given: Image = self.head(images["pixels"], images["features"])

@@ -41,6 +41,7 @@ from rtsr_cli.core.system import (
     neural_predict,
 )
 from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, UNROLLED_FRAMES, NSRDConfig
+from rtsr_cli.models.nsrd.graphs import describe
 from rtsr_cli.models.nsrd.inputs import derivation, prepare, surroundings_of
 from rtsr_cli.models.nsrd.loss import goal, loss
 from rtsr_cli.models.nsrd.network import NSRDNetwork
@@ -85,6 +86,7 @@ NSRD = System(
         unroll=UNROLLED_FRAMES,
         defaults={"batch": 4, "freeze_statistics": 0.8},
     ),
+    graphs=describe,
     weights="nsrd-{scale}x.safetensors",
 )
 

@@ -15,6 +15,9 @@ from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.nsrd.config import HISTORY_FRAMES, LR_CHANNELS, NSRDConfig
 from rtsr_cli.models.nsrd.inputs import surroundings_of
 
+PAST = tuple(f"past_{age}" for age in range(1, HISTORY_FRAMES + 1))
+"""Past frames, newest first."""
+
 WIDTH = 32
 """Channels of each of the four parts that the LSTM sees."""
 
@@ -102,7 +105,9 @@ class ChannelAttentionBlock(nn.Module):
     def forward(self, features: Image) -> Image:
         """Add what the layers give."""
         corrected = self.layers(features)
-        weights = self.attention(corrected.mean((2, 3), keepdim=True))
+        # half holds no sum over an image
+        mean = corrected.mean((2, 3), keepdim=True, dtype=torch.float32)
+        weights = self.attention(mean.to(corrected.dtype))
         return torch.addcmul(features, corrected, weights)
 
 
@@ -190,24 +195,30 @@ class NSRDNetwork(nn.Module):
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Encode current and past frames and the last output, remember, reconstruct."""
         before = cast(NSRDState | None, state)
-        current = self.current(inputs["frame_0"])
-        past = [self.reliable(inputs[f"past_{age + 1}"]) for age in range(HISTORY_FRAMES)]
         previous = None
         if before is not None:
             previous = self.surroundings.fetch_output(before.lighting, inputs)
-        last = self.last(
-            pixel_unshuffle(self._show_last(inputs, previous), self.scale, like=current)
-        )
-        seen = torch.cat([current, *past, last], dim=1)
-        hidden, cell = self.memory(seen, *self._recall_state(inputs, before, seen))
-        features = self.reconstruction(hidden)
-        predicted = F.pixel_shuffle(self.output(features), self.scale).float()
-        if "base" in inputs:
-            predicted = predicted + inputs["base"]
-        outputs = {"predicted": predicted}
+        hidden, cell = self._recall_state(inputs, before)
+        tensors = {name: inputs[name] for name in ("frame_0", *PAST, "base") if name in inputs}
+        tensors |= {"last": self._show_last(inputs, previous), "hidden": hidden, "cell": cell}
+        made = self.reconstruct(tensors)
+        outputs = {"predicted": made["predicted"]}
         if previous is not None:
             outputs["previous"] = previous
-        return outputs, self._make_state(inputs, predicted, hidden, cell, before)
+        return outputs, self._make_state(inputs, made, before)
+
+    def reconstruct(self, tensors: Tensors) -> Tensors:
+        """Frames, last output, state -> `predicted`, `hidden_next`, `cell_next`: a graph."""
+        current = self.current(tensors["frame_0"])
+        past = [self.reliable(tensors[name]) for name in PAST]
+        last = self.last(pixel_unshuffle(tensors["last"], self.scale, like=current))
+        seen = torch.cat([current, *past, last], dim=1)
+        hidden, cell = self.memory(seen, tensors["hidden"], tensors["cell"])
+        features = self.reconstruction(hidden)
+        predicted = F.pixel_shuffle(self.output(features), self.scale).float()
+        if "base" in tensors:
+            predicted = predicted + tensors["base"]
+        return {"predicted": predicted, "hidden_next": hidden, "cell_next": cell}
 
     def _show_last(self, inputs: Tensors, previous: Color | None) -> Color:
         """What the network sees of the last output: zeros where there is none."""
@@ -215,13 +226,12 @@ class NSRDNetwork(nn.Module):
             return torch.zeros_like(inputs["material"])
         return self.surroundings.show_output(previous, inputs)
 
-    def _recall_state(
-        self, inputs: Tensors, before: NSRDState | None, seen: Image
-    ) -> tuple[Image, Image]:
+    def _recall_state(self, inputs: Tensors, before: NSRDState | None) -> tuple[Image, Image]:
         """Hidden state and cell of the frame before, zeros where there is none."""
         if before is None or not self.config.lstm:
-            hidden = torch.zeros_like(seen[:, :UNET_WIDTH])
-            return hidden, hidden.float()
+            frame = inputs["frame_0"]
+            nothing = frame.new_zeros(frame.shape[0], UNET_WIDTH, *frame.shape[2:])
+            return nothing, nothing
         if not (self.config.warp_state and self.surroundings.moves_state):
             return before.hidden, before.cell
         hidden, cell = (
@@ -233,13 +243,12 @@ class NSRDNetwork(nn.Module):
     def _make_state(
         self,
         inputs: Tensors,
-        predicted: Color,
-        hidden: Image,
-        cell: Image,
+        made: Tensors,
         before: NSRDState | None,
     ) -> NSRDState:
         """Make the state; gradients are cut where the config says so."""
-        lighting = self.surroundings.decode(predicted, inputs["lighting_scale"])
+        hidden, cell = made["hidden_next"], made["cell_next"]
+        lighting = self.surroundings.decode(made["predicted"], inputs["lighting_scale"])
         linked = 1 if before is None else before.linked + 1
         if linked < self.config.gradient_frames:
             return NSRDState(lighting, hidden, cell, linked)

@@ -31,6 +31,7 @@ from rtsr_cli.core.training.augmentation import NO_AUGMENTATION
 from rtsr_cli.core.vrs.captured_rates import CAPTURED_NAMES
 from rtsr_cli.core.vrs.predictor import TilePredictor
 from rtsr_cli.models.rt_percept.config import RtPerceptConfig
+from rtsr_cli.models.rt_percept.graphs import describe
 from rtsr_cli.models.rt_percept.inputs import BUFFERS, OPTIONAL, prepare
 from rtsr_cli.models.rt_percept.loss import (
     decode_errors,
@@ -98,6 +99,7 @@ RT_PERCEPT = System(
         encode=encode_errors,
         decode=decode_errors,
     ),
+    graphs=describe,
     weights="rt-percept-{config.label}.safetensors",
 )
 

@@ -189,6 +189,10 @@ class RtPerceptNetwork(nn.Module):
 
     def forward(self, inputs: Tensors, state: State) -> tuple[Tensors, State]:
         """Pad to whole tiles, predict."""
-        seen = pad_to_tiles(inputs["seen"], self.config.error.tile)
-        predicted: TileMap = torch.sigmoid(self.layers(seen))
-        return {"predicted": predicted, "mean": self.mean}, state
+        padded = {"seen": pad_to_tiles(inputs["seen"], self.config.error.tile)}
+        return {"predicted": self.estimate(padded)["predicted"], "mean": self.mean}, state
+
+    def estimate(self, tensors: Tensors) -> Tensors:
+        """`seen`, whole tiles -> `predicted`, a value a tile: a graph."""
+        predicted: TileMap = torch.sigmoid(self.layers(tensors["seen"]))
+        return {"predicted": predicted}

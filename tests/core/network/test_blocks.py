@@ -10,6 +10,7 @@ from torch import nn
 from rtsr_cli.core.network.blocks import (
     InvertedResidual,
     ResidualBlock,
+    continue_borders,
     make_conv3,
     make_normalised_conv3,
     make_separable_conv,
@@ -64,3 +65,12 @@ def test_unshuffling_is_that_of_torch_in_any_format(
     small = pixel_unshuffle(image, 4, like=like)
     assert torch.equal(small, F.pixel_unshuffle(image, 4).to(dtype))
     assert small.is_contiguous(memory_format=memory_format)
+
+
+def test_borders_are_repeated_up_to_multiples() -> None:
+    image = torch.rand(1, 2, 5, 8)
+    larger = continue_borders(image, 4)
+    assert larger.shape == (1, 2, 8, 8)
+    assert torch.equal(larger[:, :, :5], image)
+    assert torch.equal(larger[:, :, 5:], image[:, :, 4:].expand(-1, -1, 3, -1))
+    assert continue_borders(larger, 4) is larger
