@@ -35,7 +35,6 @@ SAMPLES = (
     "seen: share of history that is of the sample's surface",
     "largest |change| of the three",
     "mean of e less its mean of 3 x 3 samples",
-    "deviation of the pixel filter that went over radiance, LR pixels; 0 = none",
     "1 / S",
 )
 
@@ -59,7 +58,6 @@ PIXELS = (
     "enlarged seen",
     "x of the pixel minus that of its block's sample, LR pixels, right positive",
     "y of the pixel minus that of its block's sample, LR pixels, down positive",
-    "deviation of the pixel filter, LR pixels",
 )
 
 CORRECTIONS = (
@@ -83,7 +81,7 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
     return OutsideStep(
         name="gather",
         when="after",
-        formula="w as in the guided base, its terms times f1..f3; d = guided enlargement of the "
+        formula="all r are 0 where a pixel filter went over radiance; w as in the guided base, its terms times f1..f3; d = guided enlargement of the "
         f"change; c' = {config.age:g} c exp(r4) / (1 + mean(d^2) / {config.change_spread:g}^2); "
         f"b = sigmoid(logit({config.change:g}) + r5) min(1, {config.change_worth:g} / c'); "
         f"h' = h + b d; n = fit^{config.fit_power:g}; e = (c' h' + n g) / (c' + n), g = guided "

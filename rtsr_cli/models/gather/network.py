@@ -146,7 +146,7 @@ class GatherNetwork(nn.Module):
         return self.correct(tensors)["corrections"]
 
     def correct(self, tensors: Tensors) -> Tensors:
-        """`samples` 16 h w, `pixels` 20 S*h S*w -> `corrections`, r of every pixel: a graph."""
+        """`samples` 15 h w, `pixels` 19 S*h S*w -> `corrections`, r of every pixel: a graph."""
         samples, pixels = tensors["samples"], tensors["pixels"]
         small = F.avg_pool2d(pixels, int(pixels.shape[2] // samples.shape[2]))
         features = self.trunk(torch.cat([samples, small], dim=1))
