@@ -3,11 +3,12 @@
     python benchmarks/results.py DATA [--csv FILE] [--output docs/results.md] [--keep FOLDER]
     python benchmarks/results.py DATA --system NAME      # measured anew; the others' rows are kept
 
-Upscales every sequence of DATA/manifest.json at 2x and 4x from decimated frames: as they are,
-with Halton jitter, and with radiance that a Blackman-Harris pixel filter went over. Judges by
-protocol `rtsr` with a border of 16 pixels, the first 2 frames of each sequence left out. Scenes
-that the `train` split holds and scenes it does not are kept apart. Every figure goes to the CSV
-file, the tables that `benchmarks/results_text.py` makes of it to the document.
+Upscales the `val` and `test` sequences of DATA/manifest.json, which no network was trained on, at 2x
+and 4x from decimated frames: as they are, with Halton jitter, and with radiance that a
+Blackman-Harris pixel filter went over. Judges by protocol `rtsr` with a border of 16 pixels, the
+first 2 frames of each sequence left out. Scenes of which the `train` split holds another sequence
+and scenes it does not are kept apart. Every figure goes to the CSV file, the tables that
+`benchmarks/results_text.py` makes of it to the document.
 """
 
 from __future__ import annotations
@@ -120,14 +121,13 @@ def sequence_rows(sequence: Mapping[str, Any], scores: Scores) -> Iterator[Row]:
     """Rows of one sequence: what each system reaches, and what it gains."""
     seen = SEEN if sequence["seen_in_training"] else UNSEEN
     for name in scores:
-        judged_on = sequence["split"] != "train" and name not in BASELINES
         yield {
             "sequence": f"{sequence['scene']}/{sequence['sequence']}",
             "scene": seen,
             "split": sequence["split"],
             "system": name,
             **score_cells(scores[name]),
-            **(gain_cells(gain(scores, name)) if judged_on else {}),
+            **({} if name in BASELINES else gain_cells(gain(scores, name))),
         }
 
 
@@ -143,7 +143,7 @@ def mean_score_rows(scene: str, each: Sequence[Scores]) -> Iterator[Row]:
 
 
 def mean_gain_rows(each: Sequence[Scores]) -> Iterator[Row]:
-    """Rows of the mean gains over sequences that were not trained on."""
+    """Rows of the mean gains."""
     for name in [n for n in each[0] if n not in BASELINES] if each else ():
         gains = zip(*(gain(scores, name) for scores in each), strict=True)
         title = {"sequence": f"mean of {len(each)}", "system": name}
@@ -155,16 +155,16 @@ def rows_of(
 ) -> list[Row]:
     """Rows of one scale and kind of LR frames: every sequence, then means."""
     rows: list[Row] = []
-    held_out: list[Scores] = []
+    every: list[Scores] = []
     for scene, seen in ((SEEN, True), (UNSEEN, False)):
         each: list[Scores] = []
         for s in (s for s in sequences if bool(s["seen_in_training"]) is seen):
             shot = f"{s['scene']}/{s['sequence']}"
             each.append({n: result["tests"][f"{n}/{shot}"]["mean"] for n in names})
             rows += sequence_rows(s, each[-1])
-            held_out += each[-1:] if s["split"] != "train" else []
+        every += each
         rows += mean_score_rows(scene, each)
-    return rows + list(mean_gain_rows(held_out))
+    return rows + list(mean_gain_rows(every))
 
 
 def find_place(row: Row) -> tuple[str, ...]:
@@ -208,7 +208,8 @@ def merge_rows(known: Sequence[Row], measured: Sequence[Row]) -> list[Row]:
 @click.option("--system", "only", multiple=True, help="Measure it alone; repeatable.")
 def main(data: Path, table: Path, output: Path, keep: Path | None, only: tuple[str, ...]) -> None:
     """Write the figures, and the tables."""
-    sequences = json.loads((data / "manifest.json").read_text(encoding="utf-8"))["sequences"]
+    every = json.loads((data / "manifest.json").read_text(encoding="utf-8"))["sequences"]
+    sequences = [s for s in every if s["split"] != "train"]
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as name:
         work = keep or Path(name)
