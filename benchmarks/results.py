@@ -3,8 +3,8 @@
     python benchmarks/results.py DATA [--csv FILE] [--output docs/results.md] [--keep FOLDER]
     python benchmarks/results.py DATA --system NAME      # measured anew; the others' rows are kept
 
-Upscales the `val` and `test` sequences of DATA/manifest.json, which no network was trained on, at 2x
-and 4x from decimated frames: as they are, with Halton jitter, and with radiance that a
+Upscales the `val` and `test` sequences of DATA/manifest.json, which no network was trained on, at
+2x and 4x from decimated frames: as they are, with Halton jitter, and with radiance that a
 Blackman-Harris pixel filter went over. Judges by protocol `rtsr` with a border of 16 pixels, the
 first 2 frames of each sequence left out. Scenes of which the `train` split holds another sequence
 and scenes it does not are kept apart. Every figure goes to the CSV file, the tables that
