@@ -150,14 +150,18 @@ def build_windows(
         return derive(frame, {*needed, *known}, derivation)
 
     divided = (*system.lr_inputs, Buffer.MATERIAL)
-    hrs = [keep(frame, system.hr_inputs, system.hr_optional) for frame in large]
-    lr = [
-        leave_contradicting(keep(frame, divided, system.lr_optional), hr, scale)
-        for frame, hr in zip(small, hrs, strict=True)
+    pairs = [
+        leave_contradicting(
+            keep(low, divided, system.lr_optional),
+            keep(high, system.hr_inputs, system.hr_optional),
+            scale,
+        )
+        for low, high in zip(small, large, strict=True)
     ]
+    lr = [low for low, _ in pairs]
     first = 0 if system.recurrent else len(large) - 1
     for last in range(first, len(large)):
-        hr = hrs[last]
+        hr = pairs[last][1]
         seen = reversed(lr[: last + 1])
         yield join_window(seen, hr, scale=scale, history=system.history_frames)
 

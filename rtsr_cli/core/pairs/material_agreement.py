@@ -11,8 +11,8 @@ on what is finer than pixels; there it takes several to contradict. Where one si
 darker one in the mean, no places explain that, and the pixel at the place counts.
 
 A base colour that was rendered at one size only contradicts: the quotient would be many times too
-bright, or the product too dark. Such samples are left undivided, and radiance is enlarged there, as
-around samples that have no material at all.
+bright, or the product too dark. Such samples are left undivided, and HR pixels around them have no
+material either, so that radiance is enlarged there.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitter
-from rtsr_cli.core.imaging.resampling import sample_jitter
+from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
+from rtsr_cli.core.imaging.resampling import sample_jitter, upsample_nearest
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 TOLERANCE = 1.1
@@ -48,6 +49,9 @@ REACH, LEAST_STRAYS = 2, 0.2
 
 MOST_BIAS = 1.25
 """Ratio of the mean materials of LR samples and of the pixels at their places, of right renders."""
+
+LOST_REACH = 2 * KERNEL_REACH
+"""LR pixels to each side of a sample that contradicts in which HR pixels have no material."""
 
 CENTRED_PX = 1e-3
 """Largest distance from a sample to the pixel centre that it is, in LR pixels."""
@@ -75,24 +79,36 @@ class Range(NamedTuple):
         return (self.largest > self.least * TOLERANCE**2).any(1, keepdim=True)
 
 
-def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> Frame:
-    """Return the LR frame, its material 0 and its lighting undivided at samples that contradict.
+def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+    """Take material out of both frames where LR samples contradict HR's, and lighting with it.
 
     Args:
         lr: with sky and material, and lighting with its mask where it was divided.
         hr: with sky and material.
         scale: S.
+
+    Returns:
+        The frames: LR's material is 0 and its lighting undivided at those samples, HR's material
+        is 0 around them.
     """
     contradicts = find_contradicting(lr, hr, scale)
     if contradicts is None:
-        return lr
+        return lr, hr
+    around = upsample_nearest(_share_around(contradicts, LOST_REACH) > 0, scale)
+    bare = hr.gbuffer[Buffer.MATERIAL].masked_fill(around, 0.0)
+    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
+    return _leave_undivided(lr, contradicts), hr
+
+
+def _leave_undivided(lr: Frame, where: Mask) -> Frame:
+    """Take material and lighting out of LR samples."""
     material = lr.gbuffer[Buffer.MATERIAL]
-    changed = {Buffer.MATERIAL: material.masked_fill(contradicts, 0.0)}
+    changed = {Buffer.MATERIAL: material.masked_fill(where, 0.0)}
     if Buffer.LIGHTING not in lr.gbuffer:
         return replace(lr, gbuffer=lr.gbuffer.with_buffers(changed))
     lighting, mask = lr.gbuffer[Buffer.LIGHTING], lr.gbuffer[Buffer.LIGHTING_MASK]
-    lighting = torch.where(contradicts, dm.remodulate(lighting, material), lighting)
-    mask = mask.masked_fill(contradicts, 0.0)
+    lighting = torch.where(where, dm.remodulate(lighting, material), lighting)
+    mask = mask.masked_fill(where, 0.0)
     changed |= {Buffer.LIGHTING: lighting, Buffer.LIGHTING_MASK: mask}
     gbuffer = lr.gbuffer.with_buffers(changed)
     return replace(lr, gbuffer=gbuffer, lighting_scale=dm.lighting_scale(lighting, mask))

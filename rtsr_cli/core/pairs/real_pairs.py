@@ -142,7 +142,7 @@ class RealPairs:
         hr, fixed_hr = apply_policy(hr, inputs.on_nonfinite)
         hr = build_hr(hr, reads.hr, inputs.derivation)
         if Buffer.MATERIAL in lr.gbuffer and Buffer.MATERIAL in hr.gbuffer:
-            lr = leave_contradicting(lr, hr, self.scale)
+            lr, hr = leave_contradicting(lr, hr, self.scale)
         unwanted = set(divisor) - set(reads.lr.used)
         lr = replace(lr, gbuffer=lr.gbuffer.only(lr.gbuffer.keys() - unwanted))
         return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)

@@ -118,11 +118,14 @@ def test_what_contradicts_is_left_undivided() -> None:
     divided = frame(
         bare, jitter_px, lighting=radiance / bare, lighting_mask=torch.ones_like(bare[:, :1])
     )
-    kept = leave_contradicting(divided, frame(right), SCALE)
+    kept, large = leave_contradicting(divided, frame(right), SCALE)
     gone = decimate(PART, SCALE, (2, 2))
     lighting, mask = kept.gbuffer[Buffer.LIGHTING], kept.gbuffer[Buffer.LIGHTING_MASK]
     assert torch.equal(mask < 0.5, gone)
     assert torch.allclose(lighting, torch.where(gone, radiance, torch.tensor(2.0)), rtol=1e-5)
     assert not kept.gbuffer[Buffer.MATERIAL].masked_select(gone).any()
+    # HR pixels up to four LR pixels from it have no material, the others theirs
+    bare = (large.gbuffer[Buffer.MATERIAL] == 0).all(1, keepdim=True)
+    assert torch.equal(bare, region(4, 92, 24, 116))
     # the scale of lighting is that of what is left
     assert kept.lighting_scale == pytest.approx(2.0, rel=1e-2)

@@ -183,7 +183,9 @@ def _try_readings(
     closely = mean <= evidence.slack
     pairs = {}
     for index, reading in enumerate(readings):
-        errors = evidence.measure(reading.cameras, closely=closely)
+        # a frame's vectors from the one before are those to it under the next frame's matrices
+        alone = closely and not reading.of_neighbour
+        errors = evidence.measure(reading.cameras, closely=alone)
         common = errors.keys() & own.keys()
         if common:
             pairs[index] = tuple(mean_error(e[n] for n in common) for e in (errors, own))
