@@ -2,11 +2,12 @@
 
     python benchmarks/bare_surfaces.py ../shared/data [SEQUENCE ...] [--scale 4] [--system NAME]
 
-The material of one object at a time (0.5 % to 30 % of the picture) becomes 0 or NaN at the sizes
-that a case names, and the frame is upscaled. Squared errors are means over the pixels that were
-enlarged as radiance (undivided: at most 1 by construction, but for lamps, whose emission is known)
-and over the object's (with slivers that no sample without lighting is near), linear and after
-c / (1 + c); printed is the largest ratio to `bicubic`'s of each system, with where it is.
+The material of one object at a time (0.5 % to 30 % of the picture) becomes 0 or NaN, or loses its
+base colour, at the sizes that a case names, and the frame is upscaled. Squared errors are means
+over the pixels that were enlarged as radiance (undivided: at most 1 by construction, but for lamps,
+whose emission is known) and over the object's (with slivers that no sample without lighting is
+near), linear and after c / (1 + c); printed is the largest ratio to `bicubic`'s of each system,
+with where it is.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from rtsr_cli.core.imaging.derivation import DerivationConfig, derive
 from rtsr_cli.core.imaging.enlargement import enlarge_radiance
 from rtsr_cli.core.lighting.radiance import find_undivided
 from rtsr_cli.core.network.load import LoadedNetwork, load_network
+from rtsr_cli.core.pairs.material_agreement import leave_contradicting
 from rtsr_cli.core.pairs.opening import ReadOptions, open_pairs
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
 from rtsr_cli.core.pairs.sources import PairSource
@@ -46,19 +48,33 @@ SEQUENCES = (
     "stairs/climb",
     "atrium/walk",
 )
-SYSTEMS = ("demod-bicubic", "demod-guided", "fusesr", "fusesr-fast", "nsrd")
+SYSTEMS = (
+    "demod-bicubic",
+    "demod-guided",
+    "demod-temporal",
+    "gather",
+    "fusesr",
+    "fusesr-fast",
+    "nsrd",
+)
 FEWEST, MOST = 0.005, 0.3
 TOLERANCE = 1e-3
 LEAST_ERROR = 1e-12
 HISTORY = 2
 ZERO, NAN = 0.0, float("nan")
-CASES = {
+COLOURLESS = "colourless"
+"""What the base colour is 0 of: the specular part of the material alone."""
+
+CASES: Mapping[str, Mapping[str, float | str]] = {
     "both": {"lr": ZERO, "hr": ZERO},
     "lr": {"lr": ZERO},
     "hr": {"hr": ZERO},
     "NaN": {"lr": NAN, "hr": NAN},
     "NaN at lr": {"lr": NAN},
     "NaN at hr": {"hr": NAN},
+    "no colour": {"lr": COLOURLESS, "hr": COLOURLESS},
+    "no colour at lr": {"lr": COLOURLESS},
+    "no colour at hr": {"hr": COLOURLESS},
 }
 
 
@@ -89,9 +105,21 @@ def read_frames(source: PairSource) -> list[Frame]:
     frames = []
     for number in reader.numbers[: HISTORY + 1]:
         full = reader.read(number, reader.readable)
-        material = derive(full, {Buffer.MATERIAL}, DerivationConfig()).gbuffer[Buffer.MATERIAL]
-        frames.append(replace(full, gbuffer=full.gbuffer.with_buffers({Buffer.MATERIAL: material})))
+        known = full.gbuffer.with_buffers({Buffer.MATERIAL: derive_material(full)})
+        frames.append(replace(full, gbuffer=known))
     return frames
+
+
+def derive_material(frame: Frame) -> Color:
+    """The material of a frame that stores what it is made of."""
+    return derive(frame, {Buffer.MATERIAL}, DerivationConfig()).gbuffer[Buffer.MATERIAL]
+
+
+def derive_colourless(frame: Frame) -> Color:
+    """The same with base colours of 0."""
+    stored = frame.gbuffer.only(frame.gbuffer.keys() - {Buffer.MATERIAL})
+    black = stored.with_buffers({Buffer.ALBEDO: torch.zeros_like(stored[Buffer.ALBEDO])})
+    return derive_material(replace(frame, gbuffer=black))
 
 
 def list_objects(frame: Frame) -> Iterator[int]:
@@ -102,11 +130,12 @@ def list_objects(frame: Frame) -> Iterator[int]:
             yield int(number)
 
 
-def strip_material(frame: Frame, number: int, value: float) -> Frame:
-    """Give an object a material of one value."""
+def strip_material(frame: Frame, number: int, value: float | str) -> Frame:
+    """Give an object a material of one value, or without its base colour."""
     gbuffer = frame.gbuffer
     gone = gbuffer[Buffer.OBJECT_ID] == number
-    material = torch.where(gone, torch.tensor(value), gbuffer[Buffer.MATERIAL])
+    left = derive_colourless(frame) if isinstance(value, str) else torch.tensor(value)
+    material = torch.where(gone, left, gbuffer[Buffer.MATERIAL])
     return replace(frame, gbuffer=gbuffer.with_buffers({Buffer.MATERIAL: material}))
 
 
@@ -120,10 +149,19 @@ def build_windows(
         known = (b for b in optional if b in frame.gbuffer)
         return derive(frame, {*needed, *known}, derivation)
 
-    lr = [keep(frame, system.lr_inputs, system.lr_optional) for frame in small]
+    divided = (*system.lr_inputs, Buffer.MATERIAL)
+    pairs = [
+        leave_contradicting(
+            keep(low, divided, system.lr_optional),
+            keep(high, system.hr_inputs, system.hr_optional),
+            scale,
+        )
+        for low, high in zip(small, large, strict=True)
+    ]
+    lr = [low for low, _ in pairs]
     first = 0 if system.recurrent else len(large) - 1
     for last in range(first, len(large)):
-        hr = keep(large[last], system.hr_inputs, system.hr_optional)
+        hr = pairs[last][1]
         seen = reversed(lr[: last + 1])
         yield join_window(seen, hr, scale=scale, history=system.history_frames)
 

@@ -1,8 +1,9 @@
 """Camera matrices of wrong kinds through every command: who is told, and who is not.
 
     python benchmarks/wrong_cameras.py DATA [--part KINDS|COMMANDS|FILES] [--only SEQUENCE]
-        [--kind KIND] [--way both|view|ndc|each] [--held WHAT]
+        [--shot FOLDER] [--kind KIND] [--way both|view|ndc|each] [--held WHAT]
 
+DATA holds our own sequences; FOLDER is any capture with right cameras, as `rtsr inspect` reads it.
 Copies of a few frames get matrices that are wrong in one way. A cell says what came of them:
 `not used` (with the reason; `refused` where the command needs them), `named` (warned of, with what
 they look like), `open` (verified, but for what the message names), `unverified` (nothing could
@@ -20,6 +21,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -32,8 +34,10 @@ from numpy.typing import NDArray
 
 from rtsr_cli.cli import group
 from rtsr_cli.core.captures.measuring.geometry_finder import unproject_depth
+from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.files.exr import read_header, read_pixels, write_exr
 from rtsr_cli.core.files.pixel_window import PixelWindow
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, measure_set, open_shot
 
@@ -62,6 +66,10 @@ HELD: Mapping[str, tuple[str, ...]] = {
     "depth": ("depth",),
 }
 """What tells, as far as files hold it -> names of channels."""
+
+
+TOLD = frozenset({Buffer.COLOR, Buffer.POSITION, Buffer.MOTION, Buffer.DEPTH, Buffer.NORMAL})
+"""What is read of other captures."""
 
 
 def _flip(axis: int) -> Matrix4:
@@ -120,6 +128,8 @@ class Sequence:
     name: str
     planes: Mapping[int, Mapping[str, Any]]
     cameras: Mapping[int, Camera]
+    data: PixelWindow = CROP
+    display: PixelWindow = DISPLAY
 
     def write(self, folder: Path, held: tuple[str, ...], kind: str, way: str) -> None:
         """Write the frames with matrices that are wrong in one way."""
@@ -138,9 +148,39 @@ class Sequence:
                     "worldToCamera": np.ascontiguousarray(view, np.float32),
                     "worldToNDC": np.ascontiguousarray(ndc, np.float32),
                 },
-                data_window=CROP,
-                display_window=DISPLAY,
+                data_window=self.data,
+                display_window=self.display,
             )
+
+
+def read_capture(folder: Path) -> Sequence:
+    """Read the first frames of a capture, in the conventions of rtsr's own layout."""
+    options = ReadOptions()
+    shot = find_shots_of(folder, options)[0]
+    reader = measure_set(shot.frames, open_shot(shot, folder, options), jittered=False).reader
+    numbers = dict(enumerate(reader.numbers[: FRAMES + 1], 1))
+    cameras = {}
+    for number, stored in numbers.items():
+        camera = reader.cameras[stored]
+        assert camera.world_to_camera is not None
+        assert camera.world_to_ndc is not None
+        view, ndc = (m.double().numpy() for m in (camera.world_to_camera, camera.world_to_ndc))
+        cameras[number] = view, np.linalg.inv(view) @ ndc
+    cameras[0] = cameras[1]
+    planes = {n: _list_planes(reader, numbers[n]) for n in range(1, FRAMES + 1)}
+    height, width = reader.size
+    whole = PixelWindow(left=0, top=0, width=width, height=height)
+    return Sequence(str(folder), planes, cameras, whole, whole)
+
+
+def _list_planes(reader: FrameReader, number: int) -> dict[str, Any]:
+    frame = reader.read(number, reader.readable & TOLD)
+    letters = {Buffer.COLOR: ("R", "G", "B"), Buffer.DEPTH: ("depth.Z",)}
+    return {
+        (letters[b][i] if b in letters else f"{b}.{'XYZ'[i]}"): plane.numpy()
+        for b, image in frame.gbuffer.items()
+        for i, plane in enumerate(image[0])
+    }
 
 
 def read_sequence(data: Path, name: str) -> Sequence:
@@ -395,6 +435,13 @@ def keep_rows(
 @click.argument("data", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--part", type=click.Choice(["KINDS", "COMMANDS", "FILES"]), multiple=True)
 @click.option("--only", multiple=True, help="Sequences, 'SCENE/NAME' or 'SCENE/NAME still'.")
+@click.option(
+    "--shot",
+    "shots",
+    multiple=True,
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Captures in place of DATA's sequences.",
+)
 @click.option("--kind", multiple=True, default=(*TURNS, *OTHERS), help="Of wrong matrices.")
 @click.option("--way", type=click.Choice(WAYS), multiple=True, default=WAYS)
 @click.option("--held", type=click.Choice(tuple(HELD)), multiple=True, help="What files hold.")
@@ -404,6 +451,7 @@ def main(
     *,
     part: tuple[str, ...],
     only: tuple[str, ...],
+    shots: tuple[Path, ...],
     kind: tuple[str, ...],
     way: tuple[str, ...],
     held: tuple[str, ...],
@@ -414,8 +462,14 @@ def main(
     every = Trials(kind, way, held or tuple(HELD), real)
     outcomes: dict[str, list[list[str]]] = {}
     side_cars: dict[str, list[list[str]]] = {}
-    for name in only or SEQUENCES:
-        sequence = read_sequence(data, name)
+    names = only or (() if shots else SEQUENCES)
+    readers = [
+        *(partial(read_sequence, data, n) for n in names),
+        *(partial(read_capture, s) for s in shots),
+    ]
+    for read in readers:
+        sequence = read()
+        name = sequence.name
         if not part or "KINDS" in part:
             rows = keep_rows(try_kinds(sequence, every), outcomes)
             show_table(f"{name}: what files hold", every.held, rows)

@@ -7,7 +7,7 @@ nothing of it has made.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -203,7 +203,9 @@ def see_points(depth: NDArray[Any], attributes: Mapping[str, Any]) -> Planes:
     return {"distance": np.linalg.norm(points, axis=-1).astype(np.float32), **positions}
 
 
-def write_nss_shot(made: Path, out: Path, *, subtracts: int, motion: str = "motion") -> None:
+def write_nss_shot(
+    made: Path, out: Path, *, subtracts: int, motion: str = "motion", cuts: Collection[int] = ()
+) -> None:
     """Arm's Unreal plug-in: LR colour, depth and vectors, HR colour, a side-car; no HR vectors.
 
     Args:
@@ -211,6 +213,7 @@ def write_nss_shot(made: Path, out: Path, *, subtracts: int, motion: str = "moti
         out: root of the data set.
         subtracts: 1 for vectors now minus before, -1 for the other way round.
         motion: folder of the vectors.
+        cuts: frames before which the camera jumps.
     """
     rows = []
     for number, planes, attributes in read_made(made / "lr"):
@@ -242,7 +245,7 @@ def write_nss_shot(made: Path, out: Path, *, subtracts: int, motion: str = "moti
                 "CameraNearPlane": near,
                 "CameraFarPlane": -1.0,
                 "Exposure": 1.0,
-                "CameraCut": False,
+                "CameraCut": number in cuts,
                 # matrix[row][column], column by column
                 "ViewProjection": (view @ clip).T.flatten().tolist(),
                 "Jitter": {"X": 0.0, "Y": 0.0},

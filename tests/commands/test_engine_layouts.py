@@ -113,6 +113,27 @@ def test_arms_captures_with_lr_motion_alone_run_whichever_way_they_subtract(
         assert done.exit_code == 0, done.output
 
 
+def test_arms_captures_run_from_inspection_to_figures(
+    rtsr: Run, made: Path, tmp_path: Path
+) -> None:
+    """No HR buffers but radiance, a cut, and vectors that nothing decides where they are few."""
+    shot = tmp_path / "in"
+    write_nss_shot(made, shot, subtracts=1, cuts=(3,))
+    (found,) = find_shots_of(shot, ReadOptions())
+    reader = measure_set(found.frames, open_shot(found, shot, ReadOptions()), jittered=True).reader
+    assert reader.resets == {3}
+    systems = json.loads(rtsr("inspect", shot, "--json").stdout)["systems"]
+    ready = [name for name, facts in systems.items() if facts["ready"]]
+    assert {"bicubic"} <= set(ready) <= {"bicubic", "taau"}
+    for words in ((), *(("--system", name) for name in ready)):
+        out = tmp_path / "-".join(("out", *words))
+        done = rtsr("upscale", shot, out, *words)
+        assert done.exit_code == 0, done.output
+        judged = rtsr("evaluate", out, "--ref", shot, "--metric", "psnr")
+        assert judged.exit_code == 0, judged.output
+        assert "PSNR" in judged.output
+
+
 @pytest.mark.parametrize("motion", ["motion", "motion_m1"])
 def test_vectors_that_skip_a_frame_are_named_and_not_read(
     rtsr: Run, made: Path, tmp_path: Path, motion: str

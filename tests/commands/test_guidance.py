@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -62,6 +63,57 @@ def test_upscale_says_in_one_line_why_better_systems_cannot_run(rtsr: Run, captu
     assert said in line
     count = len(inspected(rtsr, folder)["buffers"])
     assert line.strip().startswith(f"{count} buffers found; ")
+
+
+@pytest.mark.parametrize(
+    ("size", "channels", "said"),
+    [
+        ("hr", ("normal.X", "normal.Y", "normal.Z"), "need hr normal: the other size has it"),
+        ("lr", ("motion.X", "motion.Y"), "need lr motion: the other size has it"),
+    ],
+)
+def test_what_one_size_lacks_is_named_with_the_size(
+    rtsr: Run, small_shot: Path, tmp_path: Path, size: str, channels: tuple[str, ...], said: str
+) -> None:
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot, shot)
+    for path in (shot / size).iterdir():
+        header = read_header(path)
+        planes = read_channels(path, sorted(header.channels.difference(channels)))
+        write_exr(path, planes, attributes=header.attributes)
+    assert said in planned(rtsr, shot)["better"]
+
+
+@pytest.mark.parametrize(
+    ("channels", "said"),
+    [
+        (("albedo.R", "albedo.G", "albedo.B"), ""),
+        (("motion.X", "motion.Y"), "something is wrong with it, see the warning"),
+    ],
+)
+def test_empty_passes_are_no_reason_that_is_not_true(
+    rtsr: Run,
+    small_shot: Path,
+    changed: Callable[..., Path],
+    tmp_path: Path,
+    channels: tuple[str, ...],
+    said: str,
+) -> None:
+    """Base colours of 0 are no pixel filter, and motion of 0 is declared well enough."""
+
+    def empty(planes: dict[str, Any], number: int) -> None:
+        del number
+        for name in channels:
+            planes[name][:] = 0.0
+
+    shot = tmp_path / "shot"
+    shot.mkdir()
+    for size in ("lr", "hr"):
+        changed(small_shot / size, empty).rename(shot / size)
+    shutil.copy(small_shot / "capture.toml", shot)
+    better = planned(rtsr, shot)["better"]
+    assert said in better
+    assert "pixel filter" not in better
 
 
 def test_where_the_best_runs_nothing_is_said(rtsr: Run, small_shot: Path) -> None:

@@ -67,6 +67,19 @@ def test_what_needs_the_camera_is_refused_and_the_rest_runs(
     assert "transposed" in runs.output
 
 
+def test_the_default_says_that_matrices_are_there_and_not_used(
+    make_shot: Any, tmp_path: Path, rtsr: Any
+) -> None:
+    shot = make_shot(transpose=True)
+    planned = rtsr("upscale", shot, tmp_path / "out", "--dry-run").output
+    (line,) = [line for line in planned.splitlines() if "buffers found" in line]
+    assert "need camera: the matrices that are there are not used, see the warning" in line
+    # what is offered to paste is what they look like, not a place for the same matrices again
+    pasted = rtsr("inspect", shot).output
+    assert 'convention = "column-vectors"  ' in pasted
+    assert "camera.csv" not in pasted
+
+
 def test_a_declared_convention_is_read_and_verified(make_shot: Any, rtsr: Any) -> None:
     shot = make_shot('[camera]\nconvention = "column-vectors"\n', transpose=True)
     found = inspect_camera(rtsr, shot)

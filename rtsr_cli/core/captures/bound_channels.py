@@ -82,6 +82,17 @@ class BoundBuffer:
 
         return self._changed(scale)
 
+    def multiplied(self, factor: float, added: float = 0.0) -> BoundBuffer:
+        """Return `factor` times the same, and a constant."""
+        components = (
+            BoundSum(
+                terms=tuple(replace(t, factor=t.factor * factor) for t in component.terms),
+                constant=component.constant * factor + added,
+            )
+            for component in self.components
+        )
+        return BoundBuffer(tuple(components))
+
     def _changed(self, change: Callable[[BoundChannel], BoundChannel]) -> BoundBuffer:
         return BoundBuffer(
             tuple(replace(c, terms=tuple(change(t) for t in c.terms)) for c in self.components)

@@ -85,6 +85,7 @@ class FrameReader:
         undecided: why nothing but radiance can be read, empty if the rest can.
         matrices: how the files store camera matrices; `cameras` are in memory's convention.
         camera_unfit: why camera matrices are not used; empty if they are.
+        faulty: buffers in which something is wrong in frames that were looked at.
         motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
         jitter_trusted: whether nothing contradicts the jitter that is declared.
         views: by sequence, channel -> the stereo view that it belongs to.
@@ -121,6 +122,7 @@ class FrameReader:
     undecided: str = ""
     matrices: CameraConvention = field(default_factory=CameraConvention)
     camera_unfit: str = ""
+    faulty: frozenset[Buffer] = frozenset()
     motion_trusted: bool = False
     jitter_trusted: bool = True
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -40,6 +41,9 @@ class ComparisonFiles:
             frames = self._frame_set(folder) if is_folder(folder) else None
             if frames is not None:
                 return Shot(name=name or ".", root=folder, frames=frames)
+        held = self._find_targets(root, name)
+        if held is not None:
+            return held
         others = [] if name else find_shots_of(root, ReadOptions())
         if len(others) == 1:
             return others[0]
@@ -49,6 +53,18 @@ class ComparisonFiles:
             f"{root / name}: no numbered EXR frames here or in {places} below, to judge "
             f"{f'shot {name!r}' if name else 'the frames'} by{more}"
         )
+
+    def _find_targets(self, root: Path, name: str) -> Shot | None:
+        """Frames of the target size of a shot, where folders are those of a layout's data set."""
+        try:
+            shots = find_shots_of(root, self._options)
+        except FrameFolderError:
+            # whoever asked says what is missing, and where
+            return None
+        for shot in shots:
+            if shot.name == (name or ".") and shot.layout and shot.hr is not None:
+                return replace(shot, frames=shot.hr, hr=None)
+        return None
 
     def open_shot(self, shot: Shot, root: Path) -> OpenedShot:
         """Resolve what is declared about a shot below a folder.

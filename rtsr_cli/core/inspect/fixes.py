@@ -13,6 +13,7 @@ from rtsr_cli.core.inspect.readiness import SystemReadiness
 from rtsr_cli.core.pairs.sources import HR_FRAMES
 
 BUFFERS_TABLE = "[buffers] of capture.toml"
+CAMERA_TABLE = "[camera] of capture.toml"
 HEAD = "the head of capture.toml"
 SHELL = "the command line"
 """Where lines belong."""
@@ -53,12 +54,14 @@ class Hints:
         layers: to choose from.
         layout: that the frames look like, where it has to be named; else empty.
         material: how channels add up to what radiance is divided by; empty if they do not.
+        camera: convention by which matrices that are there would be right; empty if none is known.
     """
 
     guessed: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layout: str = ""
     material: str = ""
+    camera: str = ""
 
 
 def list_fixes(
@@ -110,6 +113,9 @@ def _is_unread(missing: Mapping[str, None]) -> bool:
 def _list_fixes_of(missing: str, hints: Hints) -> Iterator[Fix]:
     if missing in {buffer.value for buffer in Buffer}:
         yield from _list_buffer_fixes(Buffer(missing), hints)
+    elif missing.startswith(CAMERA) and hints.camera:
+        line = f"convention = {write_toml_value(hints.camera)}"
+        yield Fix(missing=missing, where=CAMERA_TABLE, line=line, note="what they look like")
     elif missing.startswith(CAMERA):
         yield Fix(missing=missing, where=HEAD, line='camera = "camera.csv"', note=CAMERA_NOTE)
     elif missing == HR_FRAMES:

@@ -239,7 +239,9 @@ def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
     material = next((one.material for one in sets if one.material), "")
     settled = main.settled
     layout = settled.reader.layout.name if settled is not None and settled.undecided else ""
-    return Hints(guessed=guessed, layers=layers, layout=layout, material=material)
+    found = (one.settled.measured.camera for one in sets if one.settled is not None)
+    camera = next((one.declared for one in found if one is not None and one.declared), "")
+    return Hints(guessed=guessed, layers=layers, layout=layout, material=material, camera=camera)
 
 
 def inspect_refused_folder(

@@ -36,7 +36,7 @@ MOST_SKY = 0.5
 
 INPUTS = PairInputs(
     lr=(Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
-    lr_optional=(Buffer.EMISSION,),
+    lr_optional=(Buffer.EMISSION, Buffer.ALBEDO),
     hr=(Buffer.MATERIAL, Buffer.SKY),
     hr_optional=(Buffer.EMISSION,),
     on_nonfinite=NonfinitePolicy.ZERO,

@@ -4,6 +4,7 @@
 
 over neighbours p, q whose material m differs; c is radiance less emission. Light differs between
 neighbours whatever their material, which the median leaves out: of point samples the slope is 1.
+Surfaces whose base colour is 0 tell nothing: of a pass that is empty, m has what little is left.
 A filter mixes both sides of an edge, the G-buffer does not: 0.1 to 0.5.
 """
 
@@ -33,7 +34,7 @@ LEAST_RADIANCE = 1e-4
 
 INPUTS = PairInputs(
     lr=(Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
-    lr_optional=(Buffer.EMISSION,),
+    lr_optional=(Buffer.EMISSION, Buffer.ALBEDO),
     on_nonfinite=NonfinitePolicy.ZERO,
     straight=True,
 )
@@ -67,6 +68,8 @@ def measure_slope(frame: Frame) -> float | None:
         light = light - gbuffer[Buffer.EMISSION]
     known = (light > LEAST_RADIANCE) & (material > MATERIAL_EPSILON) & (gbuffer[Buffer.SKY] < 0.5)
     usable = known.all(1, keepdim=True)
+    if Buffer.ALBEDO in gbuffer:
+        usable &= (gbuffer[Buffer.ALBEDO] != 0.0).any(1, keepdim=True)
     logs = [_log_mean(image) for image in (light, material)]
     slopes = []
     for dim in (2, 3):

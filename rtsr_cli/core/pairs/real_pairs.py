@@ -15,6 +15,7 @@ from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs import pixel_filter
+from rtsr_cli.core.pairs.material_agreement import leave_contradicting
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.sources import (
     HR_FRAMES,
@@ -136,7 +137,10 @@ class RealPairs:
         """Read both frames, whatever filter went over radiance."""
         reads = self.resolve(inputs)
         checked = check_frame(self.lr.read(number, reads.lr.stored), inputs)
-        lr = build_lr(checked.frame, reads.lr, inputs.derivation)
+        divides = Buffer.LIGHTING in reads.lr.used and Buffer.MATERIAL in reads.hr.used
+        divisor = (Buffer.MATERIAL,) if divides else ()
+        built = replace(reads.lr, used=(*reads.lr.used, *divisor))
+        lr = build_lr(checked.frame, built, inputs.derivation)
         pair = FramePair(lr, None, checked.fixed, checked.negative, checked.covered)
         if self.hr is None or not inputs.hr + inputs.hr_optional:
             return pair
@@ -144,7 +148,11 @@ class RealPairs:
         hr = self.hr.read(self.lr.held.get(number, number), stored)
         hr, fixed_hr = apply_policy(hr, inputs.on_nonfinite)
         hr = build_hr(hr, reads.hr, inputs.derivation)
-        return replace(pair, hr=hr, fixed=pair.fixed + fixed_hr)
+        if Buffer.MATERIAL in lr.gbuffer and Buffer.MATERIAL in hr.gbuffer:
+            lr, hr = leave_contradicting(lr, hr, self.scale)
+        unwanted = set(divisor) - set(reads.lr.used)
+        lr = replace(lr, gbuffer=lr.gbuffer.only(lr.gbuffer.keys() - unwanted))
+        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)
 
 
 def open_real_pairs(

@@ -25,6 +25,9 @@ NETWORKS = "networks"
 FIRST = 4
 """Things that are missing and named; of more, the rest is counted."""
 
+NO_CAMERA = "give the cameras (headers, or a side-car in capture.toml)"
+UNUSED_CAMERA = "the matrices that are there are not used, see the warning"
+
 CHECKS: Mapping[InputCondition, Callable[[PairSource], bool]] = {
     InputCondition.TRUSTED_MOTION: lambda source: source.reader.motion_trusted,
     InputCondition.JITTER: lambda source: source.jitters,
@@ -40,21 +43,27 @@ class PassedOver:
     Attributes:
         system: which.
         missing: what the inputs lack, size before each; empty if they lack nothing.
+        held: names of the buffers that frames of either size hold.
         reason: what else keeps it back, behind its name: "is not made for 3x".
     """
 
     system: System
     missing: tuple[str, ...] = ()
+    held: frozenset[str] = frozenset()
     reason: str = ""
 
     @property
     def lacks(self) -> tuple[str, ...]:
-        """What is missing, whatever the size."""
-        return tuple(dict.fromkeys(m.removeprefix("lr ") for m in map(_strip_size, self.missing)))
+        """What is missing, with its size where the other size has it."""
+        return tuple(dict.fromkeys(self._name(missing) for missing in self.missing))
+
+    def _name(self, missing: str) -> str:
+        plain = _strip_size(missing)
+        return missing if plain in self.held else plain
 
 
 def _strip_size(missing: str) -> str:
-    return missing if missing == HR_FRAMES else missing.removeprefix("hr ")
+    return missing if missing == HR_FRAMES else missing.removeprefix("lr ").removeprefix("hr ")
 
 
 def choose_default(
@@ -108,13 +117,22 @@ def judge_preferred(
         unshaded = source.missing(resolve_unshaded_inputs(system, policy), others)
         missing = tuple(dict.fromkeys((*missing, *unshaded)))
     if missing:
-        return PassedOver(system=system, missing=missing)
+        held = frozenset(b.value for reader in source.readers for b in reader.stored)
+        return PassedOver(system=system, missing=missing, held=held)
     if not has_weights(system, scale):
         return PassedOver(system=system, reason=f"without weights for {scale}x")
     unmet = [c for c in systems.when.get(system.name, ()) if not CHECKS[c](source)]
     if unmet:
-        return PassedOver(system=system, reason=f"preferred only with {' and '.join(unmet)}")
+        wanted = " and ".join(_name_condition(c, source) for c in unmet)
+        return PassedOver(system=system, reason=f"preferred only with {wanted}")
     return None
+
+
+def _name_condition(condition: InputCondition, source: PairSource) -> str:
+    """The condition, with what is seen against it where that is known."""
+    if condition is InputCondition.TRUSTED_MOTION and Buffer.MOTION in source.reader.faulty:
+        return f"{condition} (something is wrong with it, see the warning)"
+    return condition.value
 
 
 def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> str:
@@ -125,11 +143,12 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> st
     if not groups:
         return ""
     trained = {o.system.name for o in passed if o.system.learning is not None and o.missing}
-    texts = [_describe_group(members, trained) for members in groups.values()]
+    refused = any(reader.camera_unfit for reader in source.readers)
+    texts = [_describe_group(members, trained, refused=refused) for members in groups.values()]
     return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}"
 
 
-def _describe_group(members: Sequence[PassedOver], trained: set[str]) -> str:
+def _describe_group(members: Sequence[PassedOver], trained: set[str], *, refused: bool) -> str:
     """Who, what they need, and what would help."""
     names = join_names(name_together([one.system for one in members], trained))
     lacks = members[0].lacks
@@ -138,7 +157,8 @@ def _describe_group(members: Sequence[PassedOver], trained: set[str]) -> str:
     more = f" and {len(lacks) - FIRST} more" if len(lacks) > FIRST else ""
     listed = join_names(lacks[:FIRST]) if not more else ", ".join(lacks[:FIRST])
     plural = len(members) > 1
-    return f"{names} {'need' if plural else 'needs'} {listed}{more}: {suggest_remedy(lacks)}"
+    remedy = suggest_remedy(lacks, refused=refused)
+    return f"{names} {'need' if plural else 'needs'} {listed}{more}: {remedy}"
 
 
 def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:
@@ -167,15 +187,23 @@ SURFACE = CONSTANTS | {Buffer.ALBEDO.value, Buffer.MATERIAL.value, Buffer.NOV.va
 """What material follows from."""
 
 
-def suggest_remedy(lacks: Iterable[str]) -> str:
-    """Say in a few words what would help against what is missing."""
-    names = set(lacks)
+def suggest_remedy(lacks: Iterable[str], *, refused: bool = False) -> str:
+    """Say in a few words what would help against what is missing.
+
+    Args:
+        lacks: what is missing, with or without its size.
+        refused: whether there are camera matrices that are not used.
+    """
+    given = set(lacks)
+    names = set(map(_strip_size, given))
+    if names.isdisjoint(given):
+        return f"the other size has {'it' if len(names) == 1 else 'them'}: render both alike"
     if names <= CONSTANTS:
         return "declare constants or material"
     if HR_FRAMES in names:
         return "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
     if any(name.startswith(CAMERA) for name in names):
-        return "give the cameras (headers, or a side-car in capture.toml)"
+        return UNUSED_CAMERA if refused else NO_CAMERA
     if names <= SURFACE:
         return "declare material"
     return f"render or declare {'it' if len(names) == 1 else 'them'}"

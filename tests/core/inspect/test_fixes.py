@@ -36,6 +36,11 @@ def test_what_no_line_provides_has_none(missing: str) -> None:
     assert lines((missing,)) == []
 
 
+def test_matrices_of_another_convention_are_declared() -> None:
+    hints = Hints(camera="column-vectors")
+    assert lines(("lr camera", "hr camera"), hints) == ['convention = "column-vectors"']
+
+
 def test_a_channel_goes_before_a_constant_and_smoothness_is_turned() -> None:
     hints = Hints(guessed={Buffer.METALLIC: ("mtl",), Buffer.ROUGHNESS: ("Smoothness.R",)})
     assert lines(("metallic", "roughness"), hints) == [

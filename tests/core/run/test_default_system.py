@@ -31,6 +31,8 @@ def test_systems_are_named_together(names: list[str], said: list[str]) -> None:
         (["hr frames", "roughness"], "give G-buffers of the target size"),
         (["camera of frame 7"], "give the cameras"),
         (["motion"], "render or declare"),
+        (["hr normal"], "the other size has it: render both alike"),
+        (["hr normal", "camera"], "give the cameras"),
     ],
 )
 def test_the_remedy_is_that_of_what_is_missing(lacks: list[str], remedy: str) -> None:

@@ -34,6 +34,7 @@ class CameraFinding:
 
     Attributes:
         unfit: why they are not used; empty if they are.
+        declared: words of `[camera] convention` that would make them right; empty if none would.
         doubt: why they are unverified; empty if they are not.
         stuck: whether they are one frame's in all, though what is seen moves.
         strays: why those of single frames are in doubt; empty if none are.
@@ -45,6 +46,7 @@ class CameraFinding:
     """
 
     unfit: str = ""
+    declared: str = ""
     doubt: str = ""
     stuck: bool = False
     strays: str = ""
@@ -133,7 +135,8 @@ def check_cameras(
         fault = _find_fault(matrices)
         if fault:
             chosen = _choose_sound(readings, evidence)
-            return CameraFinding(unfit=_describe_unfit(number, fault, chosen, convention))
+            text = _describe_unfit(number, fault, chosen, convention)
+            return CameraFinding(unfit=text, declared=_list_words(chosen, convention))
     trials = _try_all(evidence, given, readings)
     errors = {t.evidence.name: t.own for t in trials}
     found = _find_rival(trials, readings)
@@ -144,7 +147,8 @@ def check_cameras(
         found = _find_rival(_try_all(tellers, given, worlds), worlds, others)
     if found is not None:
         text = _describe_unfit(min(given), "", found.reading, convention, found.describe())
-        return CameraFinding(unfit=text, errors=errors)
+        declared = _list_words(found.reading, convention)
+        return CameraFinding(unfit=text, declared=declared, errors=errors)
     return _judge_unopposed(given, readings, trials, errors)
 
 
@@ -179,7 +183,9 @@ def _try_readings(
     closely = mean <= evidence.slack
     pairs = {}
     for index, reading in enumerate(readings):
-        errors = evidence.measure(reading.cameras, closely=closely)
+        # a frame's vectors from the one before are those to it under the next frame's matrices
+        alone = closely and not reading.of_neighbour
+        errors = evidence.measure(reading.cameras, closely=alone)
         common = errors.keys() & own.keys()
         if common:
             pairs[index] = tuple(mean_error(e[n] for n in common) for e in (errors, own))
@@ -339,7 +345,10 @@ def _word_look(reading: CameraReading) -> str:
 
 
 def _word_declaration(reading: CameraReading | None, convention: CameraConvention) -> str:
-    if reading is None or not reading.words or convention.words:
-        return ""
-    words = ", ".join(reading.words)
-    return f', or declare [camera] convention = "{words}" in capture.toml'
+    words = _list_words(reading, convention)
+    return words and f', or declare [camera] convention = "{words}" in capture.toml'
+
+
+def _list_words(reading: CameraReading | None, convention: CameraConvention) -> str:
+    """What declares a reading; empty if something is declared already, or nothing could."""
+    return "" if reading is None or convention.words else ", ".join(reading.words)

@@ -89,6 +89,7 @@ def measure_and_decide(
         settled.reader,
         motion_undecided=text,
         undecided=settled.undecided,
+        faulty=frozenset(fault.buffer for fault in measured.faults),
         motion_trusted=not text and is_motion_trusted(settled, capture),
         jitter_trusted=is_jitter_trusted(settled.measured.jitter),
     )

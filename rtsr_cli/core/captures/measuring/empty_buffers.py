@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.measuring.geometry_finder import ThinnedFrame
 from rtsr_cli.core.captures.measuring.normal_finder import ONE_VALUE, SAME, measure_likeness
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL, Stored, mark_sky
@@ -37,6 +38,9 @@ SHARES = (Buffer.ROUGHNESS, Buffer.METALLIC, Buffer.NOV)
 
 OUTSIDE = 0.02
 """How far rounding may lead out of 0..1."""
+
+EIGHT_BITS = 255
+"""Largest value of what is stored in 8 bits and was not divided by it."""
 
 UNIT = (0.9, 1.1)
 """Lengths of normals, up to what filters and rounding leave."""
@@ -88,6 +92,7 @@ def find_faults(
     conventions: Conventions,
     cameras: Mapping[int, CameraMetadata],
     step: int,
+    binding: Binding,
 ) -> tuple[BufferFault, ...]:
     """Find what is wrong with the buffers of some frames.
 
@@ -96,12 +101,13 @@ def find_faults(
         conventions: of them, with the rule of the sky.
         cameras: of the frames.
         step: numbers from one frame to the next.
+        binding: what they are made of, for lines that declare it.
     """
     seen: dict[tuple[Buffer, str, str], dict[int, float | None]] = {}
     for number, stored in frames.items():
         before = number - step
         known = None if before not in frames else (frames[before], cameras[before])
-        for one in _look_at_frame(stored, conventions, cameras[number], known):
+        for one in _look_at_frame(stored, conventions, cameras[number], known, binding):
             seen.setdefault((one.buffer, one.what, one.then), {})[number] = one.share
     return tuple(
         BufferFault(buffer=buffer, frames=tuple(shares), text=_describe(buffer, what, then, shares))
@@ -123,6 +129,7 @@ def _look_at_frame(
     conventions: Conventions,
     camera: CameraMetadata,
     before: tuple[Stored, CameraMetadata] | None,
+    binding: Binding,
 ) -> Iterator[_Seen]:
     if before is not None and Buffer.MOTION in stored:
         yield from _look_at_motion(stored, before[0], conventions, camera, before[1])
@@ -145,8 +152,8 @@ def _look_at_frame(
     if int(surface.sum()) < LEAST_SURFACE:
         return
     yield from _look_for_zeros(thinned, surface, conventions)
-    yield from _look_at_ranges(thinned, surface)
-    yield from _look_at_geometry(thinned, surface, conventions)
+    yield from _look_at_ranges(thinned, surface, binding)
+    yield from _look_at_geometry(thinned, surface, conventions, binding)
 
 
 def _look_for_zeros(stored: Stored, surface: Mask, conventions: Conventions) -> Iterator[_Seen]:
@@ -162,21 +169,32 @@ def _look_for_zeros(stored: Stored, surface: Mask, conventions: Conventions) -> 
             yield _Seen(buffer=buffer, what="is 0", then=then, share=share)
 
 
-def _look_at_ranges(stored: Stored, surface: Mask) -> Iterator[_Seen]:
+def _look_at_ranges(stored: Stored, surface: Mask, binding: Binding) -> Iterator[_Seen]:
     for buffer in SHARES:
         if buffer not in stored:
             continue
         values = stored[buffer]
         share = _share((values < -OUTSIDE) | (values > 1.0 + OUTSIDE), surface)
         if share > DOUBTFUL:
-            then = (
-                ": it is clamped there; render it again as 0..1, or declare what it is stored as "
-                f'(capture.toml: [buffers] {buffer} = "CHANNEL / 255")'
-            )
+            seen = values[surface]
+            then = ": it is clamped there; render it again as 0..1"
+            if float(seen.min()) >= -OUTSIDE and float(seen.max()) <= EIGHT_BITS:
+                line = _declare(buffer, binding, 1.0 / EIGHT_BITS)
+                then += f", or, if it is stored as 0..{EIGHT_BITS}, declare that ({line})"
             yield _Seen(buffer=buffer, what="is outside of 0..1", then=then, share=share)
 
 
-def _look_at_geometry(stored: Stored, surface: Mask, conventions: Conventions) -> Iterator[_Seen]:
+def _declare(buffer: Buffer, binding: Binding, factor: float, added: float = 0.0) -> str:
+    """The line that declares a buffer to be `factor` times what it is bound to, and a constant."""
+    several = len({channel.stream for bound in binding.values() for channel in bound}) > 1
+    # so many digits are exact enough, and can be read
+    bound = binding[buffer].multiplied(float(f"{factor:.6g}"), added)
+    return f'capture.toml: [buffers] {buffer} = "{bound.describe(streams=several)}"'
+
+
+def _look_at_geometry(
+    stored: Stored, surface: Mask, conventions: Conventions, binding: Binding
+) -> Iterator[_Seen]:
     """Passes of one value, and normals of other lengths."""
     depth, normal = stored.get(Buffer.DEPTH), stored.get(Buffer.NORMAL)
     known = None if normal is None else surface & (normal != 0).any(1, keepdim=True)
@@ -203,21 +221,32 @@ def _look_at_geometry(stored: Stored, surface: Mask, conventions: Conventions) -
                 then=": surfaces there face several ways; render the depth pass, or leave it out",
                 share=same,
             )
-    yield from _look_at_lengths(vectors)
+    yield from _look_at_lengths(vectors, binding)
 
 
-def _look_at_lengths(vectors: Tensor) -> Iterator[_Seen]:
+def _look_at_lengths(vectors: Tensor, binding: Binding) -> Iterator[_Seen]:
     """Say of normals, plain or packed, that half of them are of no length that normals have."""
     lengths = [v.square().sum(0).sqrt() for v in (vectors, 2.0 * vectors - 1.0)]
     wrong = [float(((n < UNIT[0]) | (n > UNIT[1])).float().mean()) for n in lengths]
     if min(wrong) > 0.5:
+        line = _declare_range(vectors, lengths[0], binding)
         yield _Seen(
             buffer=Buffer.NORMAL,
             what=f"has a length of {float(lengths[0].median()):.3g}, not 1,",
-            then=": only its direction is used; declare its factor if it is of another range "
-            '(capture.toml: [buffers] normal = "2 * N.XYZ - 1")',
+            then=f": only its direction is used{line and f'; declare its range ({line})'}",
             share=wrong[0],
         )
+
+
+def _declare_range(vectors: Tensor, lengths: Tensor, binding: Binding) -> str:
+    """The line that makes normals unit vectors: 8 bits, or all of one length; else empty."""
+    if float(vectors.min()) >= 0.0 and 1.0 < float(vectors.max()) <= EIGHT_BITS:
+        return _declare(Buffer.NORMAL, binding, 2.0 / EIGHT_BITS, -1.0)
+    length = float(lengths.median())
+    like = (lengths > UNIT[0] * length) & (lengths < UNIT[1] * length)
+    if float(like.float().mean()) < 1.0 - DOUBTFUL:
+        return ""
+    return _declare(Buffer.NORMAL, binding, float(f"{1.0 / length:.3g}"))
 
 
 def _has_several_planes(depth: Plane, known: Mask, conventions: Conventions) -> bool:

@@ -196,7 +196,7 @@ def _find_faults(
         number: {b: t for b, t in buffers.items() if len(reader.binding[b])}
         for number, buffers in stored.items()
     }
-    return find_faults(frames, presumed, reader.cameras, reader.step)
+    return find_faults(frames, presumed, reader.cameras, reader.step, reader.binding)
 
 
 def _place_by_positions(

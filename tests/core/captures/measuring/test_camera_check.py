@@ -212,6 +212,30 @@ def test_matrices_of_another_frame_are_refused(room: Room, kind: str, offset: in
     assert "of another frame" in check(room, given, kind).unfit
 
 
+class TwoReadings:
+    """Vectors that fit the given matrices nearly when read one way, and a neighbour's exactly
+    when read the other, as of a camera that went straight on and stood still before."""
+
+    name = "motion with depth"
+    unit = "px of motion"
+    tells_world, tells_step = False, True
+    slack, factor, limit, sure = 0.02, 4.0, 0.1, 0.025
+
+    def __init__(self, given: Cameras) -> None:
+        self.given = given
+
+    def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
+        if cameras is self.given:
+            return {2: 0.016}
+        return {2: 1.0 if closely else 0.0}
+
+
+def test_the_other_sense_of_vectors_is_tried_with_the_cameras_of_neighbours(room: Room) -> None:
+    evidence = (TwoReadings(room.cameras),)
+    found = check_cameras(room.cameras, evidence, step=1, convention=CameraConvention())
+    assert found.likenesses == "those of a neighbouring frame"
+
+
 @pytest.mark.parametrize("kinds", [("positions",), ("motion", "normals"), ("normals",)])
 @pytest.mark.parametrize("axis", "xyz")
 def test_a_world_of_the_other_handedness_is_refused(

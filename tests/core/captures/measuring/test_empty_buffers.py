@@ -10,6 +10,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.bound_channels import (
+    BoundBuffer,
+    BoundChannel,
+    BoundSum,
+    bind_channels,
+)
+from rtsr_cli.core.captures.buffer_expressions import parse_expression
 from rtsr_cli.core.captures.measuring.empty_buffers import BufferFault, find_faults
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
@@ -17,6 +24,16 @@ from rtsr_cli.core.frames.conventions import Conventions, DepthConvention, Norma
 
 SIZE = (40, 60)
 PLAIN = Conventions()
+
+
+BINDING = {
+    Buffer.ROUGHNESS: bind_channels(BoundChannel(stream="", channel="Rough")),
+    Buffer.METALLIC: bind_channels(BoundChannel(stream="", channel="Two Words")),
+    Buffer.NOV: BoundBuffer(
+        (BoundSum(terms=(BoundChannel(stream="", channel="tilt", factor=-1.0),), constant=1.0),)
+    ),
+    Buffer.NORMAL: bind_channels(*(BoundChannel(stream="", channel=f"N.{c}") for c in "XYZ")),
+}
 
 
 def room(seed: int = 1) -> dict[Buffer, Tensor]:
@@ -42,7 +59,7 @@ def look(
         pose = torch.eye(4)
         pose[3, 0] = 0.0 if still else float(number)
         cameras[number] = CameraMetadata(world_to_camera=pose)
-    return find_faults(dict(enumerate(frames, 1)), conventions, cameras, 1)
+    return find_faults(dict(enumerate(frames, 1)), conventions, cameras, 1, BINDING)
 
 
 def test_frames_that_are_whole_have_none() -> None:
@@ -74,15 +91,27 @@ def test_a_metal_without_roughness_and_black_objects_are_no_fault() -> None:
     assert look(frame) == ()
 
 
-@pytest.mark.parametrize("buffer", [Buffer.ROUGHNESS, Buffer.METALLIC, Buffer.NOV])
-@pytest.mark.parametrize("factor", [255.0, -1.0])
-def test_shares_out_of_their_range_are_said(buffer: Buffer, factor: float) -> None:
+@pytest.mark.parametrize(
+    ("buffer", "line"),
+    [
+        (Buffer.ROUGHNESS, 'roughness = "0.00392157 * Rough"'),
+        (Buffer.METALLIC, 'metallic = "0.00392157 * Two Words"'),
+        (Buffer.NOV, 'nov = "0.00392157 - 0.00392157 * tilt"'),
+    ],
+)
+def test_shares_out_of_their_range_are_said_with_a_line_to_paste(buffer: Buffer, line: str) -> None:
     frame = room()
-    frame[buffer] = frame[buffer] * factor
+    frame[buffer] = frame[buffer] * 255.0
     (fault,) = look(frame)
     assert fault.buffer is buffer
     assert "is outside of 0..1" in fault.text
-    assert f"[buffers] {buffer} = " in fault.text
+    assert f"[buffers] {line}" in fault.text
+    assert parse_expression(line.partition('"')[2].removesuffix('"'), 1)
+    # of what is below 0 nothing is known
+    frame[buffer] = -frame[buffer]
+    (fault,) = look(frame)
+    assert "is outside of 0..1" in fault.text
+    assert "[buffers]" not in fault.text
 
 
 def test_one_vector_on_several_surfaces_is_said_and_on_one_wall_it_is_not() -> None:
@@ -104,11 +133,14 @@ def test_one_depth_on_surfaces_that_face_several_ways_is_said() -> None:
     assert "'depth' is one value on 100.0% of the surfaces of frame 1" in fault.text
 
 
-@pytest.mark.parametrize("length", [0.3, 2.0])
-def test_normals_of_another_length_are_said(length: float) -> None:
+@pytest.mark.parametrize(("length", "factor"), [(0.3, "3.33"), (2.0, "0.5")])
+def test_normals_of_another_length_are_said_with_a_line_to_paste(
+    length: float, factor: str
+) -> None:
     frame = room()
     frame[Buffer.NORMAL] = frame[Buffer.NORMAL] * length
     (fault,) = look(frame)
+    assert f'[buffers] normal = "{factor} * N.XYZ"' in fault.text
     assert f"has a length of {length:g}, not 1" in fault.text
     packed = room()
     packed[Buffer.NORMAL] = (packed[Buffer.NORMAL] + 1.0) / 2.0
@@ -146,3 +178,10 @@ def test_what_is_declared_to_be_sky_is_no_surface() -> None:
     frame[Buffer.DEPTH][..., 25:28, :] = math.nan
     declared = replace(PLAIN, depth=DepthConvention(sky=SkyRule.NAN))
     assert look(frame, conventions=declared) == ()
+
+
+def test_normals_of_8_bits_are_said_with_a_line_to_paste() -> None:
+    frame = room()
+    frame[Buffer.NORMAL] = (127.5 * (frame[Buffer.NORMAL] + 1.0)).round()
+    texts = [fault.text for fault in look(frame)]
+    assert any('[buffers] normal = "0.00784314 * N.XYZ - 1"' in text for text in texts), texts

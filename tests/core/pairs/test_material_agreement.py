@@ -1,0 +1,131 @@
+"""Material of LR frames held against that of HR frames."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
+from rtsr_cli.core.pairs.material_agreement import find_contradicting, leave_contradicting
+
+SCALE, SIZE = 4, (96, 128)
+SPECULAR = 0.05
+"""What is left of a material whose base colour is 0."""
+
+
+def textured() -> Tensor:
+    """Stripes of many colours, and a bright thing of an LR pixel's width before them."""
+    torch.manual_seed(5)
+    stripes = SPECULAR + 0.8 * torch.rand(1, 3, 1, SIZE[1] // 4).repeat_interleave(4, dim=3)
+    material = stripes.expand(1, 3, *SIZE).clone()
+    material[..., 60:64] = 0.9
+    return material
+
+
+def frame(material: Tensor, jitter_px: Jitter = (0.0, 0.0), **more: Tensor) -> Frame:
+    sky = torch.zeros_like(material[:, :1])
+    buffers = {Buffer.MATERIAL: material, Buffer.SKY: sky}
+    gbuffer = GBuffer(buffers | {Buffer(name): t for name, t in more.items()}, "made by a test")
+    camera = CameraMetadata(jitter_px=jitter_px)
+    return Frame(number=1, gbuffer=gbuffer, camera=camera, view=View(display=gbuffer.size))
+
+
+def pair(small: Tensor, large: Tensor, offset: tuple[int, int] = (2, 2)) -> tuple[Frame, Frame]:
+    """LR samples of one image, HR pixels of another."""
+    jitter_px = (sample_jitter(offset[0], SCALE), sample_jitter(offset[1], SCALE))
+    return frame(decimate(small, SCALE, offset), jitter_px), frame(large)
+
+
+def take_colour(material: Tensor, where: Tensor) -> Tensor:
+    return material.masked_fill(where, SPECULAR)
+
+
+def region(top: int, bottom: int, left: int, right: int) -> Tensor:
+    where = torch.zeros(1, 1, *SIZE, dtype=torch.bool)
+    where[..., top:bottom, left:right] = True
+    return where
+
+
+EVERYWHERE = region(0, SIZE[0], 0, SIZE[1])
+PART = region(20, 76, 40, 100)
+THIN = region(8, 90, 60, 64)
+
+
+def test_one_material_at_both_sizes_agrees() -> None:
+    right = textured()
+    for known in (right, take_colour(right, PART)):
+        for offset in ((2, 2), (0, 3)):
+            assert find_contradicting(*pair(known, known, offset), SCALE) is None
+
+
+@pytest.mark.parametrize("where", [EVERYWHERE, PART, THIN], ids=["everywhere", "part", "thin"])
+@pytest.mark.parametrize("size", ["lr", "hr"])
+def test_base_colour_of_one_size_contradicts_where_it_is_gone(where: Tensor, size: str) -> None:
+    right, bare = textured(), take_colour(textured(), where)
+    sides = (bare, right) if size == "lr" else (right, bare)
+    found = find_contradicting(*pair(*sides), SCALE)
+    assert found is not None
+    assert torch.equal(found, decimate(where, SCALE, (2, 2)))
+
+
+def test_black_textures_do_not_hide_that_a_pass_is_empty() -> None:
+    """Every sample has black pixels beside it, whose material is that of no colour."""
+    checks = torch.zeros(1, 3, *SIZE)
+    rows, columns = torch.meshgrid(*(torch.arange(side) // 3 for side in SIZE), indexing="ij")
+    checks[:] = SPECULAR + 0.5 * ((rows + columns) % 2)
+    found = find_contradicting(*pair(take_colour(checks, EVERYWHERE), checks), SCALE)
+    seen = decimate(checks, SCALE, (2, 2))[:, :1] > SPECULAR
+    assert bool(seen.any())
+    assert found is not None
+    assert torch.equal(found, seen)
+
+
+def test_samples_that_lie_elsewhere_than_is_known_agree() -> None:
+    """LR frames whose jitter nobody declared: other pixels of the same surfaces."""
+    right = textured()
+    small = frame(decimate(right, SCALE, (0, 0)))
+    assert find_contradicting(small, frame(right), SCALE) is None
+    # and what is bare beside them is found all the same
+    found = find_contradicting(small, frame(take_colour(right, PART)), SCALE)
+    assert found is not None
+    assert bool(found[..., 7:17, 12:23].all())
+
+
+def test_means_of_surfaces_agree() -> None:
+    """A filter went over the LR frame's buffers."""
+    right = textured()
+    mean = torch.nn.functional.avg_pool2d(right, SCALE)
+    assert find_contradicting(frame(mean), frame(right), SCALE) is None
+
+
+def test_single_samples_of_what_no_hr_pixel_saw_agree_off_centres() -> None:
+    right = textured()
+    small = decimate(right, SCALE, (2, 2)).clone()
+    small[..., 5, 5] = small[..., 15, 20] = 3.0
+    assert find_contradicting(frame(small), frame(right), SCALE) is None
+
+
+def test_what_contradicts_is_left_undivided() -> None:
+    right = textured()
+    bare = decimate(take_colour(right, PART), SCALE, (2, 2))
+    radiance = 2.0 * decimate(right, SCALE, (2, 2))
+    jitter_px = (sample_jitter(2, SCALE),) * 2
+    divided = frame(
+        bare, jitter_px, lighting=radiance / bare, lighting_mask=torch.ones_like(bare[:, :1])
+    )
+    kept, large = leave_contradicting(divided, frame(right), SCALE)
+    gone = decimate(PART, SCALE, (2, 2))
+    lighting, mask = kept.gbuffer[Buffer.LIGHTING], kept.gbuffer[Buffer.LIGHTING_MASK]
+    assert torch.equal(mask < 0.5, gone)
+    assert torch.allclose(lighting, torch.where(gone, radiance, torch.tensor(2.0)), rtol=1e-5)
+    assert not kept.gbuffer[Buffer.MATERIAL].masked_select(gone).any()
+    # HR pixels up to four LR pixels from it have no material, the others theirs
+    bare = (large.gbuffer[Buffer.MATERIAL] == 0).all(1, keepdim=True)
+    assert torch.equal(bare, region(4, 92, 24, 116))
+    # the scale of lighting is that of what is left
+    assert kept.lighting_scale == pytest.approx(2.0, rel=1e-2)
