@@ -54,7 +54,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     ),
     "systems": (
         "rtsr systems",
-        "rtsr systems --flops --json",
+        "rtsr systems --card gather",
     ),
 }
 """Command -> its examples; a test runs each through the command's parser."""

@@ -281,6 +281,8 @@ class ConventionTables(_Strict):
         )
 
 
+MOST_LICENCE_LETTERS = 200
+
 MOST_SCALE = 64
 """HR pixels per LR pixel, along an axis."""
 
@@ -290,6 +292,8 @@ class CaptureDeclaration(ConventionTables):
 
     `layout` is the name of a preset or the path of a layout file, relative to capture.toml;
     `layer` that of the layer or view that is read of files with several, `view` that of the view.
+    `licence` says under which terms the frames are given, in words: it changes no pixel, and stands
+    in the cards of networks that are trained on them.
     """
 
     layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
@@ -302,6 +306,7 @@ class CaptureDeclaration(ConventionTables):
     frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
     camera_cuts: frozenset[FrameNumber] = frozenset()
     camera: CameraTable = CameraCapture()
+    licence: str | None = Field(default=None, min_length=1, max_length=MOST_LICENCE_LETTERS)
 
     def jitter(self, number: int) -> Jitter | None:
         """Jitter of a frame as declared, None if it is not."""

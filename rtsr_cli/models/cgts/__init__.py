@@ -90,6 +90,7 @@ CGTS = System(
         },
     ),
     weights="cgts-{scale}x.safetensors",
+    measured_by={"python benchmarks/supersampling.py DATA": "docs/supersampling.md"},
 )
 
 SYSTEMS = (CGTS,)

@@ -77,6 +77,7 @@ FUSESR = System(
     predict=neural_predict(prepare, compose),
     learning=LEARNING,
     weights="fusesr-{scale}x.safetensors",
+    measured_by={"python benchmarks/results.py DATA": "docs/results.md"},
 )
 
 FUSESR_FAST = System(
@@ -95,6 +96,7 @@ FUSESR_FAST = System(
     predict=neural_predict(prepare, compose),
     learning=LEARNING,
     weights="fusesr-fast-{scale}x.safetensors",
+    measured_by={"python benchmarks/results.py DATA": "docs/results.md"},
 )
 
 FUSESR_DIRECT = System(

@@ -66,6 +66,7 @@ GATHER = System(
         defaults={"crop": 48, "batch": 2, "jitter": "mixed", "learning_rate": 2e-3},
     ),
     weights="gather-{scale}x.safetensors",
+    measured_by={"python benchmarks/gather.py DATA": "docs/gather.md"},
 )
 
 SYSTEMS = (GATHER,)

@@ -86,6 +86,7 @@ NSRD = System(
         defaults={"batch": 4, "freeze_statistics": 0.8},
     ),
     weights="nsrd-{scale}x.safetensors",
+    measured_by={"python benchmarks/results.py DATA": "docs/results.md"},
 )
 
 SYSTEMS = (NSRD,)

@@ -67,6 +67,10 @@ def _write_key(key: object) -> str:
     return text if plain else json.dumps(text, ensure_ascii=False)
 
 
+KEPT = {"scale", "frame_step", "camera_cuts", "camera", "jitter_px", "colorspace", "licence"}
+"""Declared fields that no measurement decides."""
+
+
 def _list_general_lines(settled: MeasuredReader, capture: CaptureDeclaration) -> list[str]:
     preset = settled.reader.layout.name.partition(" + ")[0]
     named = capture.layout or (preset if preset != "capture.toml" else None)
@@ -78,7 +82,7 @@ def _list_general_lines(settled: MeasuredReader, capture: CaptureDeclaration) ->
     lines.append(f"specular = {write_toml_value(conventions.specular)}")
     declared = capture.model_dump(
         mode="json",
-        include={"scale", "frame_step", "camera_cuts", "camera", "jitter_px", "colorspace"},
+        include=KEPT,
         exclude_defaults=True,
     )
     return lines + [f"{name} = {write_toml_value(value)}" for name, value in declared.items()]
