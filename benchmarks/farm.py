@@ -35,7 +35,10 @@ POLL_S = 0.05
 
 def rtsr(*words: object) -> None:
     subprocess.run(
-        [sys.executable, "-m", "rtsr_cli", *map(str, words)], check=True, stdout=subprocess.DEVNULL
+        [sys.executable, "-m", "rtsr_cli", *map(str, words)],
+        check=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
 
 
