@@ -13,6 +13,7 @@ import json
 import math
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -120,24 +121,30 @@ def compare_frames(found: dict[str, Path], expected: dict[str, Path]) -> None:
 
 @click.command()
 @click.option("--shots", default=200, show_default=True)
-@click.option("--frames", default=4, show_default=True)
+@click.option("--frames", default=2, show_default=True)
 @click.option("--size", default="64x48", show_default=True)
+@click.option("--capture", "given", type=click.Path(path_type=Path), help="Shots that are there.")
 @click.option("--system", default="bicubic", show_default=True)
-@click.option("--tasks", default=4, show_default=True)
-def main(shots: int, frames: int, size: str, system: str, tasks: int) -> None:
+@click.option("--tasks", default=2, show_default=True)
+def main(
+    *, shots: int, frames: int, size: str, given: Path | None, system: str, tasks: int
+) -> None:
     """Print what became of the job."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         capture, out, report = folder / "in", folder / "out", folder / "report.json"
         job = folder / "job.json"
-        rtsr("synth", capture, "--shots", shots, "--frames", f"1-{frames}", "--size", size)
+        if given is not None:
+            shutil.copytree(given, capture)
+        else:
+            rtsr("synth", capture, "--shots", shots, "--frames", f"1-{frames}", "--size", size)
         upscale = ("--simulate-lr", FACTOR, "--system", system)
         rtsr("farm", "emit", "--engine", "openjd", "--tasks", tasks, "--output", job, "--",
              "upscale", capture, out, *upscale, "--",
              "evaluate", out, capture, "--output", report)  # fmt: skip
         write_program(folder / "rtsr")
         paths = {"In": capture, "Out": out, "Output": report, "Rtsr": folder / "rtsr"}
-        run_until(job, paths, shots * frames // 3)
+        run_until(job, paths, len(list_frames(capture)) // 3)
         kept = {name: path.stat().st_mtime_ns for name, path in list_frames(out).items()}
         start = time.perf_counter()
         code = start_job(job, paths).wait()
