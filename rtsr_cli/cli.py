@@ -32,6 +32,7 @@ COMMANDS = {
     "extrapolate": "Predict the frames between rendered ones from their G-buffers.",
     "predict-vrs": "Predict the error of each shading rate, tile by tile, and choose rates.",
     "evaluate": "Judge result folders against a reference: metrics, regions, a report.",
+    "farm": "Write a job for a render farm: a command divided into tasks.",
     "synth": "Render random analytic scenes with exact buffers.",
     "export": "Write a network as ONNX files for engines, with all that surrounds it.",
     "systems": "List the systems, their inputs, scales and weights.",

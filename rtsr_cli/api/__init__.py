@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rtsr_cli.api.frame_calls import upscale as upscale
     from rtsr_cli.api.inspection_calls import inspect as inspect
     from rtsr_cli.api.system_calls import describe_systems as describe_systems
+    from rtsr_cli.api.system_calls import write_card as write_card
     from rtsr_cli.api.training_calls import train as train
     from rtsr_cli.core.choices import DemodulationMode as DemodulationMode
     from rtsr_cli.core.choices import Estimator as Estimator
@@ -90,6 +91,7 @@ PLACES = {
     "synth": "rtsr_cli.api.frame_calls",
     "train": "rtsr_cli.api.training_calls",
     "upscale": "rtsr_cli.api.frame_calls",
+    "write_card": "rtsr_cli.api.system_calls",
 }
 """Name -> module that defines it; a test holds both lists to each other."""
 

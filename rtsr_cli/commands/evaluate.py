@@ -143,7 +143,8 @@ class ResultFile(click.ParamType[Path]):
 @click.option(
     "--merge",
     is_flag=True,
-    help="TEST... are JSON files of parts (--shard) of the same frames; join them.",
+    help="TEST... are JSON files of parts (--shard) of the same frames, or folders of such; join "
+    "them.",
 )
 @click.option(
     "--lpips-weights", type=opt.FOLDER, metavar="FILE", help="AlexNet and heads, for LPIPS."

@@ -98,12 +98,12 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
         return
     for remark in plan.remarks:
         LOG.warning("Warning: %s", remark)
-    if not plan.counts:
+    if plan.frames and not plan.counts:
         LOG.warning("%s: --skip-first leaves no frame for means", facts["reference"])
     LOG.info(
         "%s: frames %s%s, %d x %d, against %s; buffers: %s",
         plan.shot or ", ".join(plan.tests),
-        facts["frames"],
+        facts["frames"] or "none",
         " (stamped rtsr:predicted)" if plan.stamped else "",
         width,
         height,

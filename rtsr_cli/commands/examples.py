@@ -48,6 +48,10 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "rtsr evaluate out/a out/b --ref my_reference --output report.html",
         "rtsr evaluate out/a my_reference --metric psnr,flip --fail-under 'psnr>30'",
     ),
+    "farm": (
+        "rtsr farm emit --engine openjd --output job.json -- upscale my_shots out",
+        "rtsr farm emit --engine slurm --tasks 32 -- predict-vrs my_shots rates",
+    ),
     "synth": (
         "rtsr synth captures --shots 4 --frames 1-16",
         "rtsr synth shots --scale 4 --layout blender --size 480x288",
@@ -58,7 +62,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     ),
     "systems": (
         "rtsr systems",
-        "rtsr systems --flops --json",
+        "rtsr systems --card gather",
     ),
 }
 """Command -> its examples; a test runs each through the command's parser."""

@@ -23,11 +23,23 @@ SHOWN = ("citation", "task", "needs", "uses", "scales", "history", "weights")
     is_flag=True,
     help="Also the multiply-accumulates of every network's convolutions, for a 1920x1080 output.",
 )
+@click.option(
+    "--card",
+    "subject",
+    metavar="NAME|FILE",
+    help="Print the card, as Markdown, of a system with its weights, or of a file of weights.",
+)
 @opt.as_json
-def command(*, flops: bool, as_json: bool) -> None:
+def command(*, flops: bool, subject: str | None, as_json: bool) -> None:
     """List the systems: inputs, scales, parameters, weights."""
-    from rtsr_cli.api import describe_systems
+    from rtsr_cli.api import describe_systems, write_card
 
+    if subject is not None:
+        if flops or as_json:
+            raise click.UsageError("--card is a page of text: give neither --json nor --flops")
+        for line in write_card(subject).splitlines():
+            show(line)
+        return
     for facts in describe_systems(flops=flops):
         if as_json:
             opt.emit(encode_facts(facts))

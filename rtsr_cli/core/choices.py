@@ -177,3 +177,10 @@ class SsimConvention(StrEnum):
     """Gaussian 11 / 1.5, black around the frame: pytorch_ssim (FuseSR)."""
     TORCHMETRICS = "torchmetrics"
     """Gaussian 11 / 1.5, the frame mirrored around itself: torchmetrics 1.9."""
+
+
+class FarmEngine(StrEnum):
+    """What runs the jobs of a farm."""
+
+    OPENJD = "openjd"
+    SLURM = "slurm"

@@ -103,6 +103,12 @@ Compose = Callable[[Any, FrameWindow, Tensors, Tensors], Prediction]
 """`compose(config, window, inputs, outputs)`: a picture from what a network gave."""
 
 
+IMAGE_PROTOCOL = (
+    "PSNR after c / (1 + c), SSIM and FLIP after sRGB on top of it; a border of 16 px is left out"
+)
+"""How pictures are judged where a recipe names no judge of its own."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrameJudge:
     """How validation judges a frame.
@@ -111,11 +117,13 @@ class FrameJudge:
         names: of the scores; weights are kept by the first, of which more is better.
         scores: (config, window, prediction, reference frame) -> each of them.
         panels: (the same) -> pictures to look at, linear radiance.
+        protocol: what the scores measure, in words.
     """
 
     names: tuple[str, ...]
     scores: Callable[[Any, FrameWindow, Prediction, Frame], Mapping[str, float]]
     panels: Callable[[Any, FrameWindow, Prediction, Frame], Mapping[str, Color]]
+    protocol: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +179,11 @@ class TrainingRecipe:
     keep_goals: bool = False
     whole: WholeFrames | None = None
     defaults: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def protocol(self) -> str:
+        """What the scores of a validation measure."""
+        return IMAGE_PROTOCOL if self.judge is None else self.judge.protocol
 
 
 STAGES = ("prepare", "network", "compose")
@@ -243,6 +256,8 @@ class System:
         graphs: what is exported of its network, by config; None if nothing can be.
         weights: file name below `rtsr_cli/weights/`, with `{scale}` and fields of the `{config}`;
             None if it has none.
+        measured_by: commands that print figures of sequences that it was not trained on -> the page
+            that has them.
     """
 
     name: str
@@ -271,6 +286,7 @@ class System:
     tiles: Any = None
     graphs: DescribeGraphs | None = None
     weights: str | None = None
+    measured_by: Mapping[str, str] = field(default_factory=dict)
 
     def is_rendered(self, age: int) -> bool:
         """Tell whether the frame so many before the current one holds radiance.

@@ -17,6 +17,7 @@ from rtsr_cli.core.captures.measuring import decision
 from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
+from rtsr_cli.core.files.pixel_window import PixelWindow
 from rtsr_cli.core.files.provenance import digest_values
 from rtsr_cli.core.frames.conventions import Conventions
 
@@ -89,6 +90,28 @@ def small_capture(small_shot: Path, tmp_path_factory: pytest.TempPathFactory) ->
         planes = read_channels(path, header.channels)
         planes |= read_channels(small_shot / "reference" / path.name, "RGB")
         write_exr(folder / path.name, planes, attributes=header.attributes)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def textured(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four frames of a textured part of the sample, in its place on the image plane."""
+    folder = tmp_path_factory.mktemp("textured")
+    place = PixelWindow(left=144, top=112, width=192, height=128)
+    display = PixelWindow(left=0, top=0, width=480, height=288)
+    rows, columns = slice(112, 240), slice(144, 336)
+    for path in sorted((sample_root / "hr").glob("*.exr"))[:4]:
+        header = read_header(path)
+        planes = dict(read_channels(path, header.channels))
+        planes |= read_channels(sample_root / "reference" / path.name, "RGB")
+        cropped = {name: plane[rows, columns] for name, plane in planes.items()}
+        write_exr(
+            folder / path.name,
+            cropped,
+            attributes=header.attributes,
+            data_window=place,
+            display_window=display,
+        )
     return folder
 
 

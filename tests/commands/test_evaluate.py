@@ -196,6 +196,28 @@ def test_parts_merge_to_the_whole(
     assert "bad.json: is no result" in refusal(rtsr("evaluate", "--merge", other))
 
 
+def test_more_parts_than_frames_merge_to_the_whole_too(
+    rtsr: Run, results: Path, small_capture: Path, tmp_path: Path
+) -> None:
+    test = results / "bicubic"
+    whole = judged(rtsr, tmp_path, test, small_capture)
+    parts = tmp_path / "parts"
+    # 4 frames: the first of 5 parts holds none, and no part but the second begins the sequence
+    for i in range(1, 6):
+        named = ("--shard", f"{i}/5", "--output", parts / f"part-{i}.json")
+        done = rtsr("evaluate", test, small_capture, *named)
+        assert done.exit_code == 0, done.output
+    # a folder stands for the parts in it
+    joined = judged(rtsr, tmp_path, "--merge", parts)
+    assert joined == whole
+    pictured = rtsr("evaluate", test, small_capture, "--shard", "1/5", "--metric", "psnr,vmaf",
+                    "--output", tmp_path / "none.html")  # fmt: skip
+    assert pictured.exit_code == 0, pictured.output
+    assert "frames none" in pictured.output
+    (tmp_path / "empty").mkdir()
+    assert "holds no parts" in refusal(rtsr("evaluate", "--merge", tmp_path / "empty"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -163,6 +163,16 @@ def test_parts_of_a_run_take_no_measured_width(rtsr: Run, pair: Path, tmp_path: 
     assert not list((tmp_path / "other").rglob("*.exr"))
 
 
+def test_a_farm_pins_it(rtsr: Run, pair: Path) -> None:
+    pinned = rtsr("farm", "pin", pair)
+    assert pinned.exit_code == 0, pinned.output
+    assert "pixel filter" in pinned.output
+    text = (pair / "capture.toml").read_text(encoding="utf-8")
+    assert "filter_width_px = 0." in text
+    rtsr("farm", "pin", pair)
+    assert (pair / "capture.toml").read_text(encoding="utf-8") == text
+
+
 @pytest.mark.parametrize("width", [-0.1, 3.0, "nan"])
 def test_widths_that_are_none_are_refused(
     rtsr: Run, pair: Path, tmp_path: Path, width: Any

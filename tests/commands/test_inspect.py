@@ -15,35 +15,12 @@ from click.testing import Result
 from numpy.typing import NDArray
 
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
-from rtsr_cli.core.files.pixel_window import PixelWindow
 
 Run = Callable[..., Result]
 Planes = dict[str, NDArray[Any]]
 Changed = Callable[[Path, Callable[[Planes, int], None]], Path]
 
 MOTION = ("motion.X", "motion.Y")
-
-
-@pytest.fixture(scope="session")
-def textured(sample_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four frames of a textured part of the sample, in its place on the image plane."""
-    folder = tmp_path_factory.mktemp("textured")
-    place = PixelWindow(left=144, top=112, width=192, height=128)
-    display = PixelWindow(left=0, top=0, width=480, height=288)
-    rows, columns = slice(112, 240), slice(144, 336)
-    for path in sorted((sample_root / "hr").glob("*.exr"))[:4]:
-        header = read_header(path)
-        planes = dict(read_channels(path, header.channels))
-        planes |= read_channels(sample_root / "reference" / path.name, "RGB")
-        cropped = {name: plane[rows, columns] for name, plane in planes.items()}
-        write_exr(
-            folder / path.name,
-            cropped,
-            attributes=header.attributes,
-            data_window=place,
-            display_window=display,
-        )
-    return folder
 
 
 @pytest.fixture

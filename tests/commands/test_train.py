@@ -52,6 +52,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory, small_capture: Path) -> P
         (root / name).mkdir()
         for number in numbers:
             shutil.copy(small_capture / f"frame.{number:04d}.exr", root / name)
+    (root / "capture.toml").write_text('licence = "CC0"\n')
     return root
 
 
@@ -84,12 +85,18 @@ def test_a_run_leaves_what_the_contract_says(
     assert "2 frames of 1 shot to train on, 2 to validate" in result.output
     there = {path.name for path in tmp_path.iterdir()}
     assert there >= {
-        "config.toml", "last.safetensors", "best.safetensors", "state", "log.csv", "pictures",
+        "config.toml", "last.safetensors", "best.safetensors", "last.md", "best.md", "state",
+        "log.csv", "pictures",
     }  # fmt: skip
     assert [p.name for p in (tmp_path / "pictures").iterdir()] == ["step-000004-two-4.png"]
     weights = read_weights(tmp_path / "best.safetensors")
     assert weights.system == "fusesr-fast"
     assert weights.about["trained_on"] == ["one"]
+    assert weights.about["data"]["training"]["licences"] == {"CC0": 1}
+    card = (tmp_path / "best.md").read_text()
+    assert weights.sha256() in card
+    assert "For validation: 2 frames of 1 shot; licences by shots, as declared: CC0 (1)." in card
+    assert "| two | 2 | CC0 |" in card
     assert len((tmp_path / "log.csv").read_text().splitlines()) == 5
 
 

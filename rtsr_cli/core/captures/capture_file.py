@@ -281,6 +281,8 @@ class ConventionTables(_Strict):
         )
 
 
+MOST_LICENCE_LETTERS = 200
+
 MOST_SCALE = 64
 """HR pixels per LR pixel, along an axis."""
 
@@ -295,6 +297,8 @@ class CaptureDeclaration(ConventionTables):
     `layer` that of the layer or view that is read of files with several, `view` that of the view.
     `filter_width_px` is the standard deviation of the pixel filter that went over radiance, in its
     pixels; 0 of point samples.
+    `licence` says under which terms the frames are given, in words: it changes no pixel, and stands
+    in the cards of networks that are trained on them.
     """
 
     layout: str | None = Field(default=None, max_length=MOST_PATH_LETTERS)
@@ -308,6 +312,7 @@ class CaptureDeclaration(ConventionTables):
     frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
     camera_cuts: frozenset[FrameNumber] = frozenset()
     camera: CameraTable = CameraCapture()
+    licence: str | None = Field(default=None, min_length=1, max_length=MOST_LICENCE_LETTERS)
 
     def jitter(self, number: int) -> Jitter | None:
         """Jitter of a frame as declared, None if it is not."""

@@ -391,10 +391,12 @@ def _choose_numbers(
                 )
     available = tuple(n for n in every if all(n in s for s in there.values()))
     common = tuple(n for n in available if n in chosen)
-    if not common:
+    # a part may hold no frame of a short shot, which others then hold
+    whole = set(replace(options.selection, shard=None).of(every))
+    if not whole.intersection(available):
         what = "stamped rtsr:predicted " if options.predicted_only else ""
         raise FrameFolderError(
             f"{truth.frames.root}: no frame {what}to judge is in all folders"
-            + (f" (--frames and --shard leave none of {format_ranges(every)})" if every else "")
+            + (f" (--frames leaves none of {format_ranges(every)})" if every else "")
         )
     return common, available

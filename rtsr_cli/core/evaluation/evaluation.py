@@ -34,6 +34,7 @@ from rtsr_cli.core.evaluation.result_files import (
 )
 from rtsr_cli.core.evaluation.shot_notes import list_buffer_notes
 from rtsr_cli.core.files.atomic_write import write_text_atomically
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.reporting.report import write_html_report
 
 
@@ -121,13 +122,13 @@ def describe_comparison(comparison: Comparison, skip_first: int) -> ComparisonPl
 
 
 def merge_files(paths: Sequence[Path]) -> Evaluation:
-    """Join the JSON files of parts.
+    """Join the JSON files of parts; a folder stands for those in it.
 
     Raises:
         FrameFolderError: one is no result, or they do not go together.
     """
     parts = []
-    for path in paths:
+    for path in (part for given in paths for part in _list_parts(given)):
         try:
             parts.append((str(path), decode_json(read_text(path, pipes=True))))
         except (ValueError, OverflowError) as error:
@@ -135,6 +136,16 @@ def merge_files(paths: Sequence[Path]) -> Evaluation:
                 f"{path}: is no result of 'rtsr evaluate --output part.json' ({error})"
             ) from error
     return Evaluation(result=score_summary.merge_results(parts))
+
+
+def _list_parts(path: Path) -> list[Path]:
+    """The files that a path stands for."""
+    if not is_folder(path):
+        return [path]
+    parts = sorted(path.glob("*.json"))
+    if not parts:
+        raise FrameFolderError(f"{path}: holds no parts; 'rtsr evaluate --output part.json' does")
+    return parts
 
 
 def check_demands(demands: Sequence[Condition], result: Mapping[str, Any]) -> None:

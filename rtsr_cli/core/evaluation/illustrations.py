@@ -211,8 +211,8 @@ def _draw_part(image: Color, bad: Mask, box: tuple[int, int, int, int]) -> Pictu
 
 
 def draw_strips(shots: Sequence[JudgedShot]) -> Iterator[Strip]:
-    """Show one row of every frame, time downwards, for the first shots."""
-    for shot in shots[:MOST_STRIPS]:
+    """Show one row of every frame, time downwards, for the first shots that have some."""
+    for shot in [shot for shot in shots if shot.slice.rows][:MOST_STRIPS]:
         rows: Mapping[str, list[Tensor]] = shot.slice.rows
         pictures = {method: _draw_strip(frames) for method, frames in rows.items()}
         yield Strip(

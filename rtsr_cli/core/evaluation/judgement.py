@@ -174,11 +174,11 @@ def judge_shot(
     """
     options = judgement.run
     height, width = (side - 2 * options.border for side in comparison.size)
-    every = -(-len(comparison.numbers) // MOST_ROWS)
+    every = max(1, -(-len(comparison.numbers) // MOST_ROWS))
     sliced = FrameRow(row=height // 2)
     wanted = tuple(comparison.tests) if VMAF in options.rules.metrics else ()
     too_small = describe_too_small((height, width)) if wanted else ""
-    videos = () if too_small else wanted
+    videos = wanted if comparison.numbers and not too_small else ()
     keep = _FrameKeeper(
         protocol=options.rules.protocol,
         row=sliced.row,

@@ -49,6 +49,12 @@ VMAF, VMAF_HARMONIC = "vmaf", "vmaf-harmonic"
 MISSING_PARTS = "parts missing: "
 """Starts the note of a result that lacks parts; merging it with them takes the note away."""
 
+NO_HISTORY = (
+    "no judged frame has history (the frame before it in all folders, no cut between): "
+    "temporal metrics cannot be made"
+)
+"""Note of a part that is the whole's only if every part has it."""
+
 STANDING_STILL = (
     "VMAF: parts that were made without --shard count their first frames as standing still, so "
     "that this is not the VMAF of one run"
@@ -271,12 +277,20 @@ def _join_frames(parts: Sequence[ResultPart], key: str) -> dict[str, Any]:
     return dict(sorted(frames.items(), key=lambda item: int(item[0])))
 
 
+def _list_lasting(parts: Sequence[ResultPart], key: str) -> list[str]:
+    """Notes of a test's parts that are true of the whole, once each."""
+    told = [part["tests"][key].get("notes", ()) for _, part in parts]
+    # a part of first frames alone has none where the others have
+    partial = () if all(NO_HISTORY in notes for notes in told) else (NO_HISTORY,)
+    listed = dict.fromkeys(note for notes in told for note in notes if note not in partial)
+    return [note for note in listed if not note.startswith(MISSING_PARTS)]
+
+
 def _join_notes(
     parts: Sequence[ResultPart], key: str, shard: Mapping[str, Any] | None
 ) -> list[str]:
     """Notes of all parts once each, and what is to be said of the parts themselves."""
-    notes = [note for _, part in parts for note in part["tests"][key].get("notes", ())]
-    notes = [note for note in dict.fromkeys(notes) if not note.startswith(MISSING_PARTS)]
+    notes = _list_lasting(parts, key)
     missing = [] if shard is None else _list_missing_parts(shard)
     if shard is not None and missing:
         notes.append(

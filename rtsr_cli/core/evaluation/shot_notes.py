@@ -7,7 +7,7 @@ from typing import Any
 
 from rtsr_cli.core.evaluation.comparisons import Comparison
 from rtsr_cli.core.evaluation.metric_table import METRICS
-from rtsr_cli.core.evaluation.score_summary import REASONS
+from rtsr_cli.core.evaluation.score_summary import NO_HISTORY, REASONS
 from rtsr_cli.core.frames.selection import format_ranges
 
 
@@ -43,10 +43,7 @@ def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -
     if comparison.gbuffer is None:
         notes.append("no buffers of this size: regions and temporal metrics cannot be made")
     elif all(comparison.previous(number) is None for number in comparison.numbers):
-        notes.append(
-            "no judged frame has history (the frame before it in all folders, no cut between): "
-            "temporal metrics cannot be made"
-        )
+        notes.append(NO_HISTORY)
     return notes
 
 

@@ -15,7 +15,7 @@ from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.exr_chunks import FIXED_BYTES, FileBytes, list_attributes
 from rtsr_cli.core.files.png import read_png_texts
 from rtsr_cli.core.files.tensor_file import read_metadata
-from rtsr_cli.core.marks import MARK, TOML_MARK
+from rtsr_cli.core.marks import MARK, MARKDOWN_MARK, TOML_MARK
 
 TENSORS_KEY, TENSORS_FORMAT = "rtsr", "rtsr-"
 """Of metadata of tensors: a key, and how the names of formats begin."""
@@ -62,6 +62,10 @@ def _is_own_page(path: Path) -> bool:
     return PAGE_MARK.search(_read_head(path)) is not None
 
 
+def _is_own_markdown(path: Path) -> bool:
+    return _read_head(path).startswith(MARKDOWN_MARK.encode())
+
+
 def _is_own_toml(path: Path) -> bool:
     return _read_head(path).startswith(TOML_MARK.encode())
 
@@ -85,6 +89,7 @@ RECOGNISERS: Mapping[str, Callable[[Path], bool]] = {
     ".json": _is_own_json,
     ".html": _is_own_page,
     ".toml": _is_own_toml,
+    ".md": _is_own_markdown,
     ".safetensors": is_own_tensors,
 }
 """What tells by a suffix whether a file is rtsr's."""

@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from types import ModuleType
 from typing import cast
 
@@ -41,17 +42,25 @@ def _hide_module(name: str) -> Iterator[None]:
             sys.modules[name] = known
 
 
+def import_colour() -> ModuleType:
+    """Import colour-science; the one way to do so, in tests, too.
+
+    It would keep objects of OpenImageIO, whose binding layer (nanobind) reports at length what is
+    still held when the process ends, after everything else that was said. It finds none instead.
+    """
+    with warnings.catch_warnings(), _hide_module("OpenImageIO"):
+        # colour-science warns of plotting libraries that are not there
+        warnings.simplefilter("ignore")
+        return import_module("colour")
+
+
 @functools.cache
 def rec709_matrix(space: ColorSpace) -> tuple[tuple[float, ...], ...]:
     """3 x 3 matrix from linear RGB of a space to linear Rec.709, white points adapted."""
+    names = COLOUR_NAMES[space], COLOUR_NAMES[ColorSpace.REC709]
+    colour = import_colour()
     with warnings.catch_warnings():
-        # colour-science warns of plotting libraries that are not there
         warnings.simplefilter("ignore")
-        # what colour-science keeps of it, its binding layer complains of when the process ends
-        with _hide_module("OpenImageIO"):
-            import colour
-
-        names = COLOUR_NAMES[space], COLOUR_NAMES[ColorSpace.REC709]
         matrix = colour.matrix_RGB_to_RGB(*names, ADAPTATION)
     return tuple(tuple(float(v) for v in row) for row in matrix)
 

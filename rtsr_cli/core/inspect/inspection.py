@@ -85,13 +85,13 @@ def write_capture(
     capture = inspection.capture.model_copy(update=known if known["filter_width_px"] else {})
     text = write_capture_text(main.settled, capture, main.guessed, main.unknown, main.layers)
     try:
-        kept = _replace(path, text, overwrite=overwrite)
+        kept = replace_capture(path, text, overwrite=overwrite)
     except OutputError as error:
         return CaptureBlocked(shot=inspection.name, message=str(error))
     return CaptureWritten(path=path, kept=kept)
 
 
-def _replace(path: Path, text: str, *, overwrite: bool) -> Path | None:
+def replace_capture(path: Path, text: str, *, overwrite: bool) -> Path | None:
     """Write the file; return what a former one is kept as, whose comments are not carried over."""
     if not os.path.lexists(path):
         write_text_atomically(path, text)

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import CheckpointError
-from rtsr_cli.core.files.tensor_file import write_tensors
+from rtsr_cli.core.files.tensor_file import read_metadata, write_tensors
 from rtsr_cli.core.files.tensor_values import check_finite
 
 FORMAT = "rtsr-weights-1"
@@ -25,6 +25,12 @@ FACTS: Mapping[str, type] = {"system": str, "scale": int, "config": dict, "about
 
 KEY = "rtsr"
 """Of the metadata: everything but the tensors, as JSON."""
+
+DIGEST_LETTERS = 32
+"""Of the SHA-256, that outputs and stamps hold."""
+
+SUFFIX = ".safetensors"
+"""Ends the names of files of weights."""
 
 SHIPPED = Path(__file__).parents[2] / "weights"
 """Folder of the weights that come with the package."""
@@ -51,8 +57,17 @@ class SavedWeights:
     tensors: Mapping[str, Tensor]
 
     def digest(self) -> str:
-        """Hash of the file's bytes."""
-        return sha256(self.path.read_bytes()).hexdigest()[:32]
+        """Hash of the file's bytes, as outputs and stamps name it."""
+        return self.sha256()[:DIGEST_LETTERS]
+
+    def sha256(self) -> str:
+        """SHA-256 of the file's bytes."""
+        return sha256(self.path.read_bytes()).hexdigest()
+
+    @property
+    def is_shipped(self) -> bool:
+        """Tell whether it is a file of the package."""
+        return self.path.resolve().parent == SHIPPED.resolve()
 
 
 def save_weights(
@@ -118,6 +133,17 @@ def find_shipped(pattern: str | None, scale: int, config: Any = None) -> Path | 
     """Return the file of weights that comes with the package, None if none does."""
     path = None if pattern is None else SHIPPED / name_shipped(pattern, scale, config)
     return path if path is not None and path.is_file() else None
+
+
+def list_shipped(system: str) -> list[Path]:
+    """Files of a system's weights that come with the package, by name."""
+    return [path for path in sorted(SHIPPED.glob(f"*{SUFFIX}")) if _read_system(path) == system]
+
+
+def _read_system(path: Path) -> object:
+    """The system that weights of the package are of."""
+    facts = parse_json((read_metadata(path) or {}).get(KEY, "{}"))
+    return facts.get("system") if isinstance(facts, dict) else None
 
 
 def fill_network(network: nn.Module, weights: SavedWeights) -> None:

@@ -12,7 +12,7 @@ from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
-from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.material_agreement import leave_contradicting

@@ -66,6 +66,7 @@ class ClipFacts:
         captured: (height, width) of the frames that the region is of; None = of the display.
         zeros: `hr.<buffer>` and `lr.<buffer>` that the files hold, left out because all is 0.
         cameras: of each frame worldToCamera and worldToNDC, 32 numbers; empty = not all known.
+        licence: of the frames, as their capture.toml declares it; empty where none does.
     """
 
     name: str
@@ -84,6 +85,7 @@ class ClipFacts:
     captured: Size | None = None
     zeros: tuple[str, ...] = ()
     cameras: tuple[tuple[float, ...], ...] = ()
+    licence: str = ""
 
 
 @dataclass(frozen=True)
@@ -240,6 +242,7 @@ def _check_facts(facts: ClipFacts) -> dict[str, bool]:
     return {
         **{name: _is_count(value) for name, value in counts.items()},
         "name": isinstance(facts.name, str),
+        "licence": isinstance(facts.licence, str),
         "numbers": frames > 0 and all(type(n) is int for n in facts.numbers),
         "display": _is_size(facts.display),
         "captured": facts.captured is None or _is_size(facts.captured),

@@ -95,7 +95,13 @@ def gather_clips(folders: Sequence[Path], how: ClipSources) -> Generator[str, No
 
 def _name_clip(clip: Clip, shot: ChosenShot) -> Clip:
     """Say which shot of which folder a clip is of."""
-    facts = replace(clip.facts, name=shot.name, group=shot.group, validation=shot.validation)
+    facts = replace(
+        clip.facts,
+        name=shot.name,
+        group=shot.group,
+        validation=shot.validation,
+        licence=shot.files.resolve_for(shot.shot).capture.licence or "",
+    )
     return replace(clip, facts=facts)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from rtsr_cli.core.cards.card import place_card
 from rtsr_cli.core.files.ownership import is_own, is_own_tensors, list_foreign, refuse_foreign
 from rtsr_cli.core.training.journal import (
     CURVES_FILE,
@@ -36,7 +37,8 @@ def refuse_foreign_files(request: TrainRequest) -> None:
 def _list_files(folder: Path) -> Iterator[Path]:
     """Files that a run writes, and those that are there under names that it gives."""
     yield from (folder / name for name in (CONFIG_FILE, LOG_FILE, CURVES_FILE))
-    yield from (folder / name for name in (BEST_FILE, LAST_FILE))
+    for name in (BEST_FILE, LAST_FILE):
+        yield from (folder / name, place_card(folder / name))
     yield folder / STATE_FOLDER / STATE_FILE
     yield from sorted((folder / STATE_FOLDER).glob(TENSOR_FILES))
     yield from sorted((folder / PICTURES_FOLDER).glob(PICTURE_FILES))

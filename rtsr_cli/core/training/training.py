@@ -142,7 +142,7 @@ def _prepare_run(
         clips=clips,
         device=device,
         workers=settings.data.workers or max(1, min(MOST_WORKERS, os.cpu_count() or 1)),
-        keep=WeightsWriter(folder, plain, clips).write,
+        keep=WeightsWriter(folder, task.system, plain, clips).write,
         ranks=ranks,
     )
 

@@ -17,7 +17,14 @@ from rtsr_cli.core.metrics.fidelity import psnr
 from rtsr_cli.core.metrics.flip import ldr_flip
 from rtsr_cli.core.metrics.ssim import ssim
 from rtsr_cli.core.shapes import Color, Image
-from rtsr_cli.core.system import FrameJudge, FrameWindow, Prediction, State, System
+from rtsr_cli.core.system import (
+    IMAGE_PROTOCOL,
+    FrameJudge,
+    FrameWindow,
+    Prediction,
+    State,
+    System,
+)
 from rtsr_cli.core.training.clips import Clip
 from rtsr_cli.core.training.sample_steps import build_whole_window
 from rtsr_cli.core.training.samples import SampleTask
@@ -84,7 +91,10 @@ def _require_image(prediction: Prediction) -> Color:
 
 
 IMAGE_JUDGE = FrameJudge(
-    names=("psnr", "ssim", "flip"), scores=score_image, panels=draw_image_panels
+    names=("psnr", "ssim", "flip"),
+    scores=score_image,
+    panels=draw_image_panels,
+    protocol=IMAGE_PROTOCOL,
 )
 
 

@@ -92,6 +92,7 @@ CGTS = System(
     ),
     graphs=describe,
     weights="cgts-{scale}x.safetensors",
+    measured_by={"python benchmarks/supersampling.py DATA": "docs/supersampling.md"},
 )
 
 SYSTEMS = (CGTS,)

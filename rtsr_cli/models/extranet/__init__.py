@@ -80,10 +80,17 @@ EXTRANET = System(
         loss=loss,
         whole=WholeFrames(change=change, sought="hole_mask"),
         defaults={"scale": 1, "crop": 128, "learning_rate": 1e-3},
-        judge=FrameJudge(names=("psnr", "hole_psnr", "flip"), scores=scores, panels=panels),
+        judge=FrameJudge(
+            names=("psnr", "hole_psnr", "flip"),
+            scores=scores,
+            panels=panels,
+            protocol="PSNR after c / (1 + c) over all pixels, and over holes; FLIP after sRGB on "
+            "top of it",
+        ),
     ),
     graphs=describe,
     weights="extranet.safetensors",
+    measured_by={"python benchmarks/extrapolation.py DATA": "docs/extrapolate.md"},
 )
 
 SYSTEMS = (EXTRANET,)

@@ -79,6 +79,7 @@ FUSESR = System(
     learning=LEARNING,
     graphs=describe_full,
     weights="fusesr-{scale}x.safetensors",
+    measured_by={"python benchmarks/results.py DATA": "docs/results.md"},
 )
 
 FUSESR_FAST = System(
@@ -98,6 +99,7 @@ FUSESR_FAST = System(
     learning=LEARNING,
     graphs=describe_fast,
     weights="fusesr-fast-{scale}x.safetensors",
+    measured_by={"python benchmarks/results.py DATA": "docs/results.md"},
 )
 
 FUSESR_DIRECT = System(

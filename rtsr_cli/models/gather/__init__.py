@@ -76,6 +76,7 @@ GATHER = System(
     ),
     graphs=describe,
     weights="gather-{scale}x.safetensors",
+    measured_by={"python benchmarks/gather.py DATA": "docs/gather.md"},
 )
 
 SYSTEMS = (GATHER,)

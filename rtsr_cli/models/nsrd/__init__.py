@@ -88,6 +88,7 @@ NSRD = System(
     ),
     graphs=describe,
     weights="nsrd-{scale}x.safetensors",
+    measured_by={"python benchmarks/results.py DATA": "docs/results.md"},
 )
 
 SYSTEMS = (NSRD,)

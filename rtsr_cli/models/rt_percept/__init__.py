@@ -86,7 +86,13 @@ RT_PERCEPT = System(
             "schedule": "exponential",
             "augmentation": to_plain(NO_AUGMENTATION),
         },
-        judge=FrameJudge(names=("r2", "mae", "under"), scores=scores, panels=panels),
+        judge=FrameJudge(
+            names=("r2", "mae", "under"),
+            scores=scores,
+            panels=panels,
+            protocol="R^2, mean absolute error and mean underestimation of the tiles' errors, "
+            "transformed as `network.transform` says",
+        ),
     ),
     tiles=TilePredictor(
         configure=lambda error, reuse: RtPerceptConfig(error=error, reuse=reuse),
@@ -101,6 +107,7 @@ RT_PERCEPT = System(
     ),
     graphs=describe,
     weights="rt-percept-{config.label}.safetensors",
+    measured_by={"python benchmarks/vrs.py DATA": "docs/vrs.md"},
 )
 
 SYSTEMS = (RT_PERCEPT,)

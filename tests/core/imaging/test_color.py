@@ -18,6 +18,7 @@ from rtsr_cli.core.imaging.color import (
     encode_srgb,
     luminance,
 )
+from rtsr_cli.core.imaging.primaries import import_colour
 
 
 def values(*numbers: float) -> torch.Tensor:
@@ -92,7 +93,7 @@ def test_the_two_parts_of_the_srgb_curve_meet() -> None:
 
 
 def test_the_srgb_curve_agrees_with_colour_science() -> None:
-    models = pytest.importorskip("colour.models")
+    models = import_colour().models
     linear = torch.linspace(0, 1, 101, dtype=torch.float64)
     oracle = models.eotf_inverse_sRGB(linear.numpy())
     ours = encode_srgb(linear.view(1, 1, 1, -1)).flatten().numpy()

@@ -15,17 +15,6 @@ from rtsr_cli.core.frames.motion import MotionConvention
 
 HEADING = "# What the frames beside this file hold, as rtsr understood it; correct what is wrong."
 
-GENERAL = {
-    "scale",
-    "frame_step",
-    "camera_cuts",
-    "camera",
-    "jitter_px",
-    "filter_width_px",
-    "colorspace",
-}
-"""Fields outside of tables that are kept as they were declared."""
-
 ALWAYS = frozenset({"unit", "direction", "y_axis", "jittered"})
 """Fields of [motion] that are written even where they are what memory has."""
 
@@ -78,6 +67,19 @@ def _write_key(key: object) -> str:
     return text if plain else json.dumps(text, ensure_ascii=False)
 
 
+KEPT = {
+    "scale",
+    "frame_step",
+    "camera_cuts",
+    "camera",
+    "jitter_px",
+    "filter_width_px",
+    "colorspace",
+    "licence",
+}
+"""Fields outside of tables that are written as they were declared."""
+
+
 def _list_general_lines(settled: MeasuredReader, capture: CaptureDeclaration) -> list[str]:
     preset = settled.reader.layout.name.partition(" + ")[0]
     named = capture.layout or (preset if preset != "capture.toml" else None)
@@ -89,7 +91,7 @@ def _list_general_lines(settled: MeasuredReader, capture: CaptureDeclaration) ->
     lines.append(f"specular = {write_toml_value(conventions.specular)}")
     declared = capture.model_dump(
         mode="json",
-        include=GENERAL,
+        include=KEPT,
         exclude_defaults=True,
     )
     return lines + [f"{name} = {write_toml_value(value)}" for name, value in declared.items()]

@@ -1,0 +1,1 @@
+"""Jobs of render farms: a command divided into tasks, in the words of engines that there are."""

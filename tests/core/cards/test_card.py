@@ -1,0 +1,110 @@
+"""What cards say of weights, and what they leave open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from rtsr_cli.core.cards.card import write_card
+from rtsr_cli.core.network.weights import SavedWeights, read_weights, save_weights
+from rtsr_cli.core.training.checkpoints import describe_data
+from rtsr_cli.core.training.clips import Clip, ClipFacts
+from rtsr_cli.models import load_system
+
+PLANES = {"color": torch.zeros(3, 3, 2, 2)}
+
+
+def clip_of(name: str, licence: str, *, validation: bool = False, first: int = 1) -> Clip:
+    """Three frames of a shot, the first of them history."""
+    numbers = (first, first + 1, first + 2)
+    facts = ClipFacts(
+        name=name, numbers=numbers, targets=1, display=(2, 2), licence=licence,
+        validation=validation,
+    )  # fmt: skip
+    return Clip(facts, PLANES)
+
+
+def weights_of(folder: Path, about: dict[str, Any]) -> SavedWeights:
+    """Weights that say this of themselves."""
+    path = folder / "mine.safetensors"
+    save_weights(
+        path, {"a": torch.zeros(1234)}, system="gather", scale=4, config={"age": 0.9}, about=about
+    )
+    return read_weights(path)
+
+
+def card_of(folder: Path, about: dict[str, Any]) -> str:
+    return write_card(load_system("gather"), [weights_of(folder, about)])
+
+
+def test_data_are_counted_by_frames_shots_and_declared_licences() -> None:
+    clips = [clip_of("a", "CC0"), clip_of("a", "CC0", first=2), clip_of("b", "")]
+    assert describe_data(clips) == {
+        "shots": 2,
+        # 2 3 and 3 4 of the one, 2 3 of the other: each counted once
+        "frames": 5,
+        "licences": {"CC0": 1, "not declared": 1},
+        "listed": [
+            {"name": "a", "frames": 3, "licence": "CC0"},
+            {"name": "b", "frames": 2, "licence": "not declared"},
+        ],
+    }
+
+
+def test_many_shots_are_counted_and_not_listed() -> None:
+    described = describe_data([clip_of(f"{i:03d}", "CC0") for i in range(41)])
+    assert described == {"shots": 41, "frames": 82, "licences": {"CC0": 41}}
+
+
+def test_a_card_says_what_the_metadata_hold(tmp_path: Path) -> None:
+    trained = describe_data([clip_of("a", "CC BY 4.0")])
+    card = card_of(
+        tmp_path,
+        {
+            "data": {"training": trained, "validation": trained, "held_out": False},
+            "training": {"validation_frames": 7, "jitter": "none"},
+            "validation": {"psnr": 31.25},
+            "step": 900,
+        },
+    )
+    assert "For training: 2 frames of 1 shot; licences by shots, as declared: CC BY 4.0 (1)" in card
+    assert "| a | 2 | CC BY 4.0 |" in card
+    assert "| psnr | 31.2500 |" in card
+    assert "7 at most" in card
+    assert "PSNR after c / (1 + c)" in card
+    assert "| step | 900 |" in card
+    assert "| numbers | 1,234 (float32) |" in card
+    assert "No shot was held out" in card
+    assert "were not jittered" in card
+
+
+def test_what_the_metadata_do_not_hold_is_not_recorded(tmp_path: Path) -> None:
+    card = card_of(tmp_path, {})
+    for name in ("step", "rtsr", "revision", "licence"):
+        assert f"| {name} | not recorded |" in card
+    assert "Trained on: not recorded. Frames, licences and what it was judged on: not" in card
+    assert "Validation of these weights: not recorded." in card
+    assert "Settings of the training: not recorded." in card
+    assert "held out" not in card
+
+
+def test_what_others_wrote_ends_no_cell_and_moves_no_cursor(tmp_path: Path) -> None:
+    shot = {"name": "x | <b>\x1b[2J\n# y", "frames": 1, "licence": "z"}
+    part = {"shots": 1, "frames": 1, "licences": {"z\n# w": 1}, "listed": [shot, "no shot"]}
+    card = card_of(
+        tmp_path, {"data": {"training": part, "validation": []}, "validation": {"p": {}}}
+    )
+    assert "| x \\| &lt;b>\\x1b[2J\\n# y | 1 | z |" in card
+    assert "z\\n# w (1)" in card
+    assert "For validation: not recorded." in card
+    assert "| p | not recorded |" in card
+
+
+def test_hashes_are_those_of_the_file(tmp_path: Path) -> None:
+    weights = weights_of(tmp_path, {})
+    card = write_card(load_system("gather"), [weights])
+    assert f"`{weights.sha256()}`" in card
+    weights.path.write_bytes(weights.path.read_bytes() + b"\0")
+    assert f"`{weights.sha256()}`" not in card
