@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from rtsr_cli.core.network.weights import SHIPPED, name_shipped, read_weights, save_weights
-from rtsr_cli.core.settings import SettingsSource, resolve_settings
+from rtsr_cli.core.settings import SettingsSource, resolve_settings, to_plain
 from rtsr_cli.models import load_system
 
 
@@ -32,7 +32,8 @@ def main(path: Path, *, half: bool) -> None:
         weights.tensors,
         system=weights.system,
         scale=weights.scale,
-        config=weights.config,
+        # every setting, so that a default that changes later changes nothing of these
+        config=to_plain(config),
         about=weights.about,
         half=half,
     )
