@@ -4,7 +4,7 @@
 
 The third frame of each `val` and `test` sequence is written 16 times with its motion set to zero;
 LR frames keep one of each S x S pixels by a Halton sequence. PSNR after c / (1 + c) of frames 1, 2,
-4, 8 and 16, a border of 16 pixels left out, and the gain of the last over the first.
+4, 8, 16, 32 and 48, a border of 16 pixels left out, and the gain of the last over the first.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CHOSEN_FRAME = 3
 @click.option("--system", "systems", multiple=True, default=SYSTEMS, show_default=True)
 def main(data: Path, scale: int, count: int, systems: tuple[str, ...]) -> None:
     """Print a row a system and sequence."""
-    shown = [n for n in (1, 2, 4, 8, 16, 32) if n <= count]
+    shown = [n for n in (1, 2, 4, 8, 16, 32, 48) if n <= count]
     click.echo("| sequence | system | " + " | ".join(map(str, shown)) + " | gain |")
     gains: dict[str, list[float]] = {name: [] for name in systems}
     with tempfile.TemporaryDirectory() as folder:

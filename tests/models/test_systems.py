@@ -87,7 +87,7 @@ def test_a_trained_system_is_a_folder_of_one_shape() -> None:
     assert {path.name for path in folder.iterdir() if (path / "__init__.py").is_file()} == trained
     for module in trained:
         names = {path.stem for path in (folder / module).glob("*.py")} - {"published"}
-        assert names == {"__init__", "config", "inputs", "network", "loss"}, module
+        assert names == {"__init__", "config", "inputs", "network", "loss", "graphs"}, module
 
 
 @pytest.mark.parametrize("task", list(SystemTask))
