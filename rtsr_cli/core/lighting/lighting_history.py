@@ -2,15 +2,17 @@
 
     h(p), c(p)   lighting so far and samples that it is worth, where p's surface was
     d(p) = guided enlargement of e(q) - h(q) over the samples q whose surface was seen before
-    c' = a c / (1 + |d|^2 / s^2)
-    h' = h + b min(1, m / c') d
+    t(p) = clamp(3 |d|^2 / E|e - h|^2 - 2),   E as enlarged: 1 where samples have changed alike
+    c' = a c / (1 + (1 + r t) |d|^2 / s^2)
+    h' = h + b max(min(1, m / c'), t) d
     n(p) = fit(p)^f,   how well the best sample fits p
     e'(p) = (c' h' + n g) / (c' + n),   c(p) = c' + n
 
 g is the guided enlargement of the frame's own lighting e = log(1 + lighting / k). A pixel takes
 most from the frames whose samples came nearest to it on its own surface; those of this frame tell
-how light has changed since. The more samples history is worth, the less of that is believed: what
-a sample differs by from a settled history is its own. History of another surface weighs nothing
+how light has changed since. A change on which they agree is the light's: it is believed, and takes
+from what history is worth. Of others less is believed, the more samples history is worth: what
+one sample differs by from a settled history is its own. History of another surface weighs nothing
 (`warp_along_surfaces`).
 
 Conventions: history lies on the HR frame's own pixels; samples are enlarged, and blended with it,
@@ -63,6 +65,9 @@ LEAST_COMPARED_WORTH = 1e-3
 LEAST_KNOWN_SHARE = 0.05
 """Share of samples around with a history from which a change is known."""
 
+LEAST_SQUARE = 1e-8
+"""Of a change, so that none agrees with none."""
+
 LEAST_WORTH = 1e-6
 """Where nothing is worth anything, the frame's own enlargement stands."""
 
@@ -77,6 +82,7 @@ class HistoryWeights:
         age: a, what history is still worth a frame later.
         change: b, share of the change at the samples that is believed.
         change_worth: m, samples that history is worth from which less of the change is believed.
+        change_agreed: r, how much more a change counts on which the samples agree.
         change_spread: s, change of log lighting that halves what history is worth.
         fit_power: f.
     """
@@ -84,6 +90,7 @@ class HistoryWeights:
     age: float = 0.9
     change: float = 0.65
     change_worth: float = 2.0
+    change_agreed: float = 3.0
     change_spread: float = 0.5
     fit_power: float = 4.0
 
@@ -97,6 +104,7 @@ class HistoryWeights:
             "age": 0.0,
             "change": 0.0,
             "change_worth": 0.0,
+            "change_agreed": 0.0,
             "change_spread": 1e-3,
             "fit_power": 0.0,
         }
@@ -144,12 +152,14 @@ class EnlargedLighting:
         fit: how well the best of them fits.
         change: d, 0 where it is not known.
         seen: share of the samples around whose surface was seen before.
+        agreement: t, 1 where these have changed alike, 0 where a third of it is their own.
     """
 
     encoded: Color
     fit: Plane
     change: Color
     seen: Plane
+    agreement: Plane
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -289,28 +299,46 @@ def sample_change(inputs: Tensors, carried: CarriedLighting) -> tuple[Color, Mas
 
 def enlarge_frame(inputs: Tensors, carried: CarriedLighting | None) -> EnlargedLighting:
     """Enlarge log lighting and its change at once, as their weights are one."""
-    values = [inputs["encoded"]]
-    if carried is not None:
-        values += sample_change(inputs, carried)
-    enlarged, fit = upsample_guided_and_fit(describe_samples(inputs, torch.cat(values, dim=1)))
-    return split_enlarged(enlarged, fit)
+    samples = describe_samples(inputs, stack_samples(inputs, carried))
+    return split_enlarged(*upsample_guided_and_fit(samples))
+
+
+def stack_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:
+    """What is enlarged of a frame's samples: n 3 h w without history, else n 8 h w."""
+    if carried is None:
+        return inputs["encoded"]
+    change, seen = sample_change(inputs, carried)
+    return torch.cat([inputs["encoded"], change, seen, _square(change)], dim=1)
+
+
+def _square(change: Color) -> Plane:
+    """|d|^2: mean over the channels."""
+    return change.square().mean(1, keepdim=True)
 
 
 def split_enlarged(enlarged: Image, fit: Plane) -> EnlargedLighting:
-    """Name the channels of what was enlarged: log lighting, and change and seen where there are."""
-    encoded = enlarged[:, :3]
-    change, seen = torch.zeros_like(encoded), torch.zeros_like(fit)
-    if enlarged.shape[1] > 3:
-        seen = enlarged[:, 6:]
-        known = enlarged[:, 3:6] / seen.clamp(min=LEAST_KNOWN_SHARE)
-        change = torch.where(seen > LEAST_KNOWN_SHARE, known, 0.0)
-    return EnlargedLighting(encoded=encoded, fit=fit, change=change, seen=seen)
+    """Name the channels of what was enlarged: those of `stack_samples`."""
+    encoded, nothing = enlarged[:, :3], torch.zeros_like(fit)
+    if enlarged.shape[1] == 3:
+        return EnlargedLighting(
+            encoded=encoded,
+            fit=fit,
+            change=torch.zeros_like(encoded),
+            seen=nothing,
+            agreement=nothing,
+        )
+    seen = enlarged[:, 6:7]
+    means = enlarged[:, 3:] / seen.clamp(min=LEAST_KNOWN_SHARE)
+    change = torch.where(seen > LEAST_KNOWN_SHARE, means[:, :3], 0.0)
+    shared = _square(change) / means[:, 4:].clamp(min=LEAST_SQUARE)
+    agreement = (3.0 * shared - 2.0).clamp(0.0, 1.0)
+    return EnlargedLighting(encoded=encoded, fit=fit, change=change, seen=seen, agreement=agreement)
 
 
-def age_worth(worth: Plane, change: Color, weights: HistoryWeights) -> Plane:
-    """c' = a c / (1 + |d|^2 / s^2)."""
-    spread = change.square().mean(1, keepdim=True) / weights.change_spread**2
-    return worth * weights.age / (1.0 + spread)
+def age_worth(worth: Plane, frame: EnlargedLighting, weights: HistoryWeights) -> Plane:
+    """c' = a c / (1 + (1 + r t) |d|^2 / s^2)."""
+    spread = weights.change_spread**2 / (1.0 + weights.change_agreed * frame.agreement)
+    return worth * weights.age / (1.0 + _square(frame.change) / spread)
 
 
 def blend_history(
@@ -332,7 +360,8 @@ def blend_history(
     """
     total = (fresh + carried.worth).clamp(min=LEAST_WORTH)
     settled = (carried.worth / max(weights.change_worth, LEAST_WORTH)).clamp(min=1.0)
-    moved = carried.encoded + share / settled * frame.change
+    believed = share * torch.maximum(1.0 / settled, frame.agreement)
+    moved = carried.encoded + believed * frame.change
     return torch.lerp(frame.encoded, moved, carried.worth / total).clamp(min=0.0)
 
 
@@ -367,7 +396,7 @@ def gather_lighting(
     worth = fresh = frame.fit.pow(weights.fit_power)
     encoded = frame.encoded
     if carried is not None:
-        aged = replace(carried, worth=age_worth(carried.worth, frame.change, weights))
+        aged = replace(carried, worth=age_worth(carried.worth, frame, weights))
         encoded = blend_history(frame, aged, fresh=fresh, share=weights.change, weights=weights)
         worth = fresh + aged.worth
     encoded = finish(inputs, encoded)

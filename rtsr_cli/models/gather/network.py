@@ -5,7 +5,7 @@ pixel and its eight neighbours, and the trunk's features of the sample that the 
 belongs to. Both are the same at every scale: where a pixel lies in its block is among what it sees.
 
     f = exp(r_1..3)           factors of distance, normal and depth in log w: `guided_kernel`
-    c' = a c e^r_4 / (1 + |d|^2 / s^2),   b' = sigmoid(logit(b) + r_5): `lighting_history`
+    c' = a c e^r_4 / (...),   b' = sigmoid(logit(b) + r_5), the rest of `lighting_history`
 
 r is 0 before any training: the network is `demod-temporal` then. It is 0, too, where a pixel filter
 went over radiance: parting what it mixed takes away whatever r changes, and training on that lets r
@@ -37,8 +37,8 @@ from rtsr_cli.core.lighting.lighting_history import (
     describe_samples,
     enlarge_frame,
     keep_history,
-    sample_change,
     split_enlarged,
+    stack_samples,
 )
 from rtsr_cli.core.network.blocks import ResidualBlock, make_conv3
 from rtsr_cli.core.network.graphs import is_exporting
@@ -171,15 +171,12 @@ class GatherNetwork(nn.Module):
         terms, worth_logit, share_logit = given[:, :3], given[:, 3:4], given[:, 4:5]
         shown = frame
         if config.kernel:
-            values = [inputs["encoded"]]
-            if carried is not None:
-                values += sample_change(inputs, carried)
-            samples = describe_samples(inputs, torch.cat(values, dim=1))
+            samples = describe_samples(inputs, stack_samples(inputs, carried))
             emphasis = terms.clamp(-MOST_EMPHASIS, MOST_EMPHASIS).exp()
             shown = split_enlarged(upsample_emphasised(samples, emphasis), frame.fit)
         encoded, worth = shown.encoded, fresh
         if carried is not None:
-            aged = age_worth(carried.worth, frame.change, config)
+            aged = age_worth(carried.worth, frame, config)
             share: Tensor | float = config.change
             if config.history:
                 aged = aged * worth_logit.clamp(-MOST_LOGIT, MOST_LOGIT).exp()

@@ -19,11 +19,13 @@ from rtsr_cli.core.lighting.lighting_history import (
     EnlargedLighting,
     GatheredLighting,
     HistoryWeights,
+    age_worth,
     blend_history,
     carry_history,
     describe_window,
     find_surface_motion,
     gather_lighting,
+    split_enlarged,
 )
 from rtsr_cli.core.system import FrameWindow, Tensors
 
@@ -141,30 +143,55 @@ def test_what_few_samples_hit_is_kept() -> None:
 
 
 def test_a_change_of_light_is_followed() -> None:
-    """d = e(2) - e(1) everywhere: c' (h + b d) + n g over c' + n."""
+    """d = e(2) - e(1) everywhere, so that t = 1: c' (h + b d) + n g over c' + n."""
     weights = HistoryWeights(change_spread=0.8)
     first, second = make_window(flat(1.0)), make_window(flat(2.0))
     before = gather([first], weights)
     after = gather([first, second], weights)
     step = encoded(2.0) - encoded(1.0)
-    worth = before.worth * weights.age / (1.0 + step**2 / weights.change_spread**2)
+    spread = weights.change_spread**2 / (1.0 + weights.change_agreed)
+    worth = before.worth * weights.age / (1.0 + step**2 / spread)
     share = worth / (worth + before.worth)
     expected = encoded(2.0) - (1.0 - weights.change) * step * share
     torch.testing.assert_close(after.encoded[:, :1], expected, rtol=1e-3, atol=1e-3)
     torch.testing.assert_close(after.worth, worth + before.worth, rtol=1e-3, atol=1e-5)
 
 
-@pytest.mark.parametrize(("worth", "believed"), [(1.0, 1.0), (2.0, 1.0), (8.0, 0.25)])
+@pytest.mark.parametrize(
+    ("worth", "agreement", "believed"),
+    [(1.0, 0.0, 1.0), (2.0, 0.0, 1.0), (8.0, 0.0, 0.25), (8.0, 0.75, 0.75), (1.0, 0.75, 1.0)],
+)
 def test_of_a_change_against_a_settled_history_less_is_believed(
-    worth: float, believed: float
+    worth: float, agreement: float, believed: float
 ) -> None:
-    """Where this frame is worth nothing, what is shown is h + b min(1, m / c) d."""
+    """Where this frame is worth nothing, what is shown is h + b max(min(1, m / c), t) d."""
     one, weights = torch.ones(1, 3, 2, 2), HistoryWeights(change_worth=2.0)
     plane = one[:, :1]
-    frame = EnlargedLighting(encoded=3.0 * one, fit=0.0 * plane, change=0.4 * one, seen=plane)
+    frame = EnlargedLighting(
+        encoded=3.0 * one,
+        fit=0.0 * plane,
+        change=0.4 * one,
+        seen=plane,
+        agreement=agreement * plane,
+    )
     history = CarriedLighting(encoded=one, worth=worth * plane)
     shown = blend_history(frame, history, fresh=0.0 * plane, share=0.5, weights=weights)
     torch.testing.assert_close(shown, (1.0 + 0.5 * believed * 0.4) * one)
+
+
+@pytest.mark.parametrize(("second", "agreement"), [(0.4, 1.0), (0.2, 0.7), (-0.4, 0.0)])
+def test_samples_agree_on_what_they_share(second: float, agreement: float) -> None:
+    """Two samples of one weight that have changed by 0.4 and by something else."""
+    first, other = (value * torch.ones(1, 3, 1, 1) for value in (0.4, second))
+    one = torch.ones(1, 1, 1, 1)
+    squares = [change.square().mean(1, keepdim=True) for change in (first, other)]
+    enlarged = torch.cat([first, 0.5 * (first + other), one, 0.5 * sum(squares)], dim=1)
+    found = split_enlarged(enlarged, one)
+    torch.testing.assert_close(found.agreement, agreement * one)
+    torch.testing.assert_close(found.change, 0.5 * (first + other))
+    weights = HistoryWeights(age=1.0, change_agreed=3.0, change_spread=0.5)
+    spread = (1.0 + 3.0 * agreement) * float(found.change[0, 0]) ** 2 / 0.25
+    torch.testing.assert_close(age_worth(8.0 * one, found, weights), 8.0 / (1.0 + spread) * one)
 
 
 def test_a_surface_that_was_hidden_takes_the_frame_s_samples() -> None:
