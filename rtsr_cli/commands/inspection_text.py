@@ -122,7 +122,7 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
 
 def _describe_filter(width: float, *, measured: bool) -> str:
     if not width:
-        return "none: LR radiance is of the points that its G-buffer is of"
+        return "none: LR radiance is of the points that its G-buffer is of, as declared or measured"
     said = "measured" if measured else "as declared"
     return f"over LR radiance, standard deviation {width:.2f} LR pixels ({said})"
 

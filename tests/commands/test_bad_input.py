@@ -57,6 +57,19 @@ def test_history_restarts_behind_a_missing_frame(
     assert all(np.array_equal(gap[c], alone[c]) for c in "RGB")
 
 
+def test_where_an_hr_frame_is_missing_the_pair_before_stands_in(
+    rtsr: Run, shot: Path, tmp_path: Path
+) -> None:
+    """LR radiance of one frame is never multiplied by the material of another."""
+    (shot / "hr" / FRAMES[2]).unlink()
+    choice = ("--system", "demod-guided", "--on-missing", "hold")
+    plan = rtsr("upscale", shot, tmp_path / "out", *choice, "--dry-run", "--json")
+    assert any(event.get("skipped", {}).get("held") == "3" for event in events(plan.stdout))
+    assert rtsr("upscale", shot, tmp_path / "out", *choice).exit_code == 0
+    second, third = (read_channels(tmp_path / "out" / FRAMES[i], "RGB") for i in (1, 2))
+    assert all(np.array_equal(second[c], third[c]) for c in "RGB")
+
+
 def split(shot: Path) -> None:
     """Move each LR buffer into files of its own, beside each other."""
     for path in sorted((shot / "lr").glob("*.exr")):

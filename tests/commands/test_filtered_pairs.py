@@ -154,7 +154,7 @@ def test_parts_of_a_run_take_no_measured_width(rtsr: Run, pair: Path, tmp_path: 
     options = ("--system", "demod-guided", "--shard", "1/1")
     run = rtsr("upscale", pair, tmp_path / "out", *options)
     assert run.exit_code == 0, run.output
-    assert "as declared" in run.output
+    assert "declared" in run.output
     without = [line for line in declared.splitlines() if "filter_width_px" not in line]
     (pair / "capture.toml").write_text("\n".join(without), "utf-8")
     run = rtsr("upscale", pair, tmp_path / "other", *options)
@@ -173,7 +173,18 @@ def test_a_farm_pins_it(rtsr: Run, pair: Path) -> None:
     assert (pair / "capture.toml").read_text(encoding="utf-8") == text
 
 
-@pytest.mark.parametrize("width", [-0.1, 3.0, "nan"])
+def test_a_width_that_cannot_be_told_is_said(
+    rtsr: Run, pair: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "rtsr_cli.core.pairs.pixel_filter.measure_first", lambda read, numbers, scale: None
+    )
+    run = rtsr("upscale", pair, tmp_path / "out", "--system", "demod-guided", "--dry-run")
+    assert "no measured width fits" in run.output
+    assert "filter_width_px" in run.output
+
+
+@pytest.mark.parametrize("width", [-0.1, 3.0, "nan", "true", '"0.37"'])
 def test_widths_that_are_none_are_refused(
     rtsr: Run, pair: Path, tmp_path: Path, width: Any
 ) -> None:

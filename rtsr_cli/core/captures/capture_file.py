@@ -307,7 +307,10 @@ class CaptureDeclaration(ConventionTables):
     region: RegionRule | None = None
     buffers: BufferTable = {}
     jitter_px: JitterTable | None = None
-    filter_width_px: Annotated[float, Field(ge=0.0, le=WIDEST_FILTER_PX)] | None = None
+    filter_width_px: (
+        Annotated[float, Field(ge=0.0, le=WIDEST_FILTER_PX, allow_inf_nan=False, strict=True)]
+        | None
+    ) = None
     scale: int | None = Field(default=None, ge=1, le=MOST_SCALE)
     frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
     camera_cuts: frozenset[FrameNumber] = frozenset()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
+from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
@@ -203,7 +204,22 @@ def open_real_pairs(
             f"{lr.frames.root}; render them, or use --on-missing skip"
         )
     lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
+    lr = _hold_pairs(lr, hr)
     return RealPairs(lr=_take_sky_rule(lr, hr), hr=_take_sky_rule(hr, lr), scale=ratio)
+
+
+def _hold_pairs(lr: FrameReader, hr: FrameReader) -> FrameReader:
+    """Let the whole pair of the frame before stand in where its HR frame does.
+
+    LR radiance of one moment over the G-buffer of another would be a picture of neither.
+    """
+    sources = {n: lr.held.get(hr.held[n], hr.held[n]) for n in lr.numbers if n in hr.held}
+    if not sources:
+        return lr
+    own = {n: lr.cameras[source] for n, source in sources.items() if source in lr.cameras}
+    known = {**lr.cameras, **own}
+    cameras = SurveyedValues(known, set(lr.numbers) - known.keys(), lr.cameras.__getitem__)
+    return replace(lr, held={**lr.held, **sources}, cameras=cameras)
 
 
 def _take_sky_rule(reader: FrameReader, other: FrameReader) -> FrameReader:

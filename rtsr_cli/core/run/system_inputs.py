@@ -12,6 +12,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
+from rtsr_cli.core.pairs.point_samples import is_point_sampled
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, PairInputs, PairSource
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.system import System
@@ -105,21 +106,24 @@ def require_known_filter(source: PairSource, inputs: PairInputs, *, sharded: boo
         raise FrameFolderError(
             f"{source.reader.frames.root}: the width of LR radiance's pixel filter is measured, "
             "not declared, and --shard needs it declared so that all parts agree; run "
-            f"'rtsr inspect --write' once, or add filter_width_px = {source.filter_width_px:.2f} "
-            "to capture.toml"
+            f"'rtsr farm pin IN' once, or add filter_width_px = {source.filter_width_px:.2f} to "
+            "capture.toml"
         )
 
 
 def describe_filter_width(source: PairSource, inputs: PairInputs) -> str:
     """Say which pixel filter a run reckons with; empty if with none."""
-    width = source.filter_width_px if inputs.filter_known else None
+    width = source.filter_width_px if inputs.filter_known else 0.0
+    if width is None and not is_point_sampled(source):
+        return (
+            "LR radiance went through a pixel filter that no measured width fits: it is taken for "
+            "point samples; declare filter_width_px in capture.toml"
+        )
     if not width:
         return ""
-    said = (
-        "measured; capture.toml: filter_width_px, 0 if it is none"
-        if source.filter_measured
-        else "as declared"
-    )
+    said = "as declared or simulated"
+    if source.filter_measured:
+        said = "measured; capture.toml: filter_width_px, 0 if it is none"
     return (
         f"LR radiance went through a pixel filter of standard deviation {width:.2f} LR pixels "
         f"({said})"
