@@ -13,11 +13,13 @@ from rtsr_cli.core.wording import say_count
 
 MIB = 1 << 20
 
+HELD = "held"
+
 REASONS = {
     "done": "done already",
     "not_selected": "not selected",
     "missing": "missing",
-    "held": "missing, the frame before stands in",
+    HELD: "missing, the frame before stands in",
 }
 """How a person reads why frames are not written, or are not themselves."""
 
@@ -42,6 +44,8 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
     for detail in (BETTER, FILTER):
         if plan.details.get(detail):
             LOG.info("    %s", plan.details[detail])
+    if HELD in plan.skipped and not estimate:
+        LOG.info("    frames %s: %s", plan.skipped[HELD], REASONS[HELD])
     log_damage(plan.damaged)
     for reader in plan.readers:
         log_findings(reader)

@@ -65,7 +65,10 @@ def test_where_an_hr_frame_is_missing_the_pair_before_stands_in(
     choice = ("--system", "demod-guided", "--on-missing", "hold")
     plan = rtsr("upscale", shot, tmp_path / "out", *choice, "--dry-run", "--json")
     assert any(event.get("skipped", {}).get("held") == "3" for event in events(plan.stdout))
-    assert rtsr("upscale", shot, tmp_path / "out", *choice).exit_code == 0
+    run = rtsr("upscale", shot, tmp_path / "out", *choice)
+    assert run.exit_code == 0
+    assert "frames 3: missing, the frame before stands in" in run.output
+    assert "not those of the LR frames" not in run.output
     second, third = (read_channels(tmp_path / "out" / FRAMES[i], "RGB") for i in (1, 2))
     assert all(np.array_equal(second[c], third[c]) for c in "RGB")
 

@@ -112,7 +112,9 @@ def share_verdicts(lr: FrameReader, hr: FrameReader) -> tuple[FrameReader, Frame
 
 def _describe_apart(lr: FrameReader, hr: FrameReader) -> str:
     run, other = gather_run(lr.cameras), gather_run(hr.cameras)
-    apart = [] if run is None or other is None else find_apart(run, other)
+    differing = [] if run is None or other is None else find_apart(run, other)
+    # frames that stand in for missing ones are of another moment, and paired with their own
+    apart = [n for n in differing if n not in lr.held and n not in hr.held]
     if not apart:
         return ""
     return (
