@@ -34,17 +34,28 @@ from rtsr_cli.models import load_system
 
 Run = Callable[[], Any]
 
+DIRECTIONS = ("normal", "small_normal", "plane")
+"""Inputs that hold unit vectors."""
+
+FACTS = ("kind", "facing")
+"""Inputs that hold what is so, not how bright it is."""
+
 PLAIN, FAST = "as built, fp32", "accelerated, fp32"
 
 
 def noisy(inputs: Tensors) -> dict[str, torch.Tensor]:
-    """Random pictures of the same shapes; motion of a few pixels; facts of a frame as they are."""
+    """Random pictures of the same shapes; motion of a few pixels; facts of a frame as they are.
+
+    Normals are of unit length: beyond that, weights of surfaces leave what numbers can hold.
+    """
     torch.manual_seed(1)
 
     def draw(name: str, tensor: torch.Tensor) -> torch.Tensor:
         if tensor.shape[2:] == (1, 1):
             return tensor
-        if name == "kind":
+        if name in DIRECTIONS:
+            return torch.nn.functional.normalize(torch.randn_like(tensor), dim=1)
+        if name in FACTS:
             return torch.ones_like(tensor)
         return 4.0 * torch.randn_like(tensor) if name.startswith("motion") else tensor.uniform_()
 

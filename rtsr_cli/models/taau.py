@@ -32,13 +32,13 @@ from rtsr_cli.core.imaging.color import decode_reinhard, encode_reinhard
 from rtsr_cli.core.imaging.color_neighbourhood import (
     clip_to_neighbourhood,
     from_ycocg,
-    mean_3x3,
     measure_neighbourhood,
     to_ycocg,
 )
 from rtsr_cli.core.imaging.disocclusion import bound_depth, depth_slope
 from rtsr_cli.core.imaging.resampling import (
     BILINEAR,
+    mean_3x3,
     sample_at_lr,
     upsample,
     upsample_nearest,

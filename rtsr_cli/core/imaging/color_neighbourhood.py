@@ -7,10 +7,9 @@ what varies in pictures. Colours are tone-mapped, c / (1 + c).
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 
 from rtsr_cli.core.frames.motion import Jitter
-from rtsr_cli.core.imaging.resampling import BILINEAR, upsample
+from rtsr_cli.core.imaging.resampling import BILINEAR, mean_3x3, upsample
 from rtsr_cli.core.shapes import Color, Image, Plane
 
 
@@ -24,11 +23,6 @@ def from_ycocg(image: Image) -> Color:
     """R = Y + Co - Cg, G = Y + Cg, B = Y - Co - Cg."""
     y, co, cg = image.split_with_sizes([1, 1, 1], dim=1)
     return torch.cat([y + co - cg, y + cg, y - co - cg], dim=1)
-
-
-def mean_3x3(image: Image) -> Image:
-    """Mean of the 3x3 neighbourhood, borders replicated."""
-    return F.avg_pool2d(F.pad(image, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
 
 
 def measure_neighbourhood(samples: Image, scale: int, jitter_px: Jitter) -> Image:

@@ -45,6 +45,10 @@ FALLBACK_WEIGHT = 1e-4
 LEAST_WEIGHT = 0.01
 """Samples whose spatial weight stays below this at every pixel are left out."""
 
+MOST_APART, LEAST_POWER = 22.0, -100.0
+"""Bounds of d log2(e), and of log2 w where its terms have factors: such weights are nothing beside
+`FALLBACK_WEIGHT`, and smaller ones would soon be denormal numbers, which cost a hundredfold."""
+
 _LOG2_E = math.log2(math.e)
 
 
@@ -202,6 +206,7 @@ class SampleKernel:
         self.own_depth = per_depth.new_full((1, 1, 1, 1, 1), _LOG2_E / DEPTH_SHARE)
         self.power, self.apart = torch.empty_like(per_depth), torch.empty_like(per_depth)
         self.factors: tuple[Tensor, ...] = ()
+        self.most_apart = MOST_APART if emphasis is None else math.inf
         if emphasis is not None:
             rows = emphasis[:, :, here]
             shape = (*rows.shape[:2], -1, samples.scale, rows.shape[3])
@@ -250,7 +255,7 @@ class SampleKernel:
         parts = [self.channels, *[1] * (1 + len(self.facing))]
         counted, depth, *toward = torch.split(there, parts, dim=1)
         torch.addcmul(self.own_depth, depth, guides.per_depth, value=-1.0, out=apart)
-        apart.abs_().addcmul_(guides.slope, tap.distance, value=-1.0).clamp_(min=0.0)
+        apart.abs_().addcmul_(guides.slope, tap.distance, value=-1.0).clamp_(0.0, self.most_apart)
         if not self.factors:
             # a (n(p).n(q) - 1) - |p - q|^2 / (2 s^2) - d(p, q)
             nearest = tap.exponent
@@ -263,6 +268,7 @@ class SampleKernel:
             self._add_facing(self.opposite, toward, self.turned)
             torch.mul(near, tap.nearness, out=power)
             power.addcmul_(facing, self.turned).addcmul_(deep, apart, value=-1.0)
+            power.clamp_(min=LEAST_POWER)
         power.exp2_()
         return counted
 

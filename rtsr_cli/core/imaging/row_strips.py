@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.shapes import Image, Size
+from rtsr_cli.core.threads import share_among_threads
 
 
 def cut_rows(height: int, rows: int) -> list[range]:
@@ -55,13 +56,52 @@ def run_in_strips(
     height = min(image.shape[2] for image in images.values())
     if height <= rows:
         return run(images)
-    parts = []
-    for inner in cut_rows(height, rows):
-        first, last = max(0, inner.start - halo), min(height, inner.stop + halo)
-        strip = run({n: _crop_rows(image, height, first, last) for n, image in images.items()})
-        scale = strip.shape[2] // (last - first)
-        parts.append(strip[:, :, (inner.start - first) * scale : (inner.stop - first) * scale])
+    parts = [
+        _run_strip(run, images, height=height, inner=inner, halo=halo)
+        for inner in cut_rows(height, rows)
+    ]
     return torch.cat(parts, dim=2)
+
+
+def fill_in_strips(
+    run: Callable[[Mapping[str, Tensor]], Tensor],
+    images: Mapping[str, Tensor],
+    out: Image,
+    *,
+    rows: int,
+    halo: int,
+) -> None:
+    """`run_in_strips` of what costs memory traffic more than arithmetic: a strip a thread.
+
+    Args:
+        run: named images -> an image; an output row depends on `halo` rows to each side.
+        images: n c H w each; heights are whole multiples of the smallest, that of LR.
+        out: where the result goes, n c S*h w.
+        rows: LR rows of a strip, without its halo.
+        halo: LR rows.
+    """
+    height = min(image.shape[2] for image in images.values())
+
+    def fill_strip(inner: range) -> None:
+        strip = _run_strip(run, images, height=height, inner=inner, halo=halo)
+        _crop_rows(out, height, inner.start, inner.stop).copy_(strip)
+
+    share_among_threads(fill_strip, cut_rows(height, rows))
+
+
+def _run_strip(
+    run: Callable[[Mapping[str, Tensor]], Tensor],
+    images: Mapping[str, Tensor],
+    *,
+    height: int,
+    inner: range,
+    halo: int,
+) -> Tensor:
+    """What `run` gives of some LR rows, which sees a halo beside them."""
+    first, last = max(0, inner.start - halo), min(height, inner.stop + halo)
+    strip = run({n: _crop_rows(image, height, first, last) for n, image in images.items()})
+    scale = strip.shape[2] // (last - first)
+    return strip[:, :, (inner.start - first) * scale : (inner.stop - first) * scale]
 
 
 def _crop_rows(image: Tensor, height: int, first: int, last: int) -> Tensor:

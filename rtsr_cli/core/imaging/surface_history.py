@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from rtsr_cli.core.imaging.row_strips import cut_pixels
 from rtsr_cli.core.imaging.surfaces import Surfaces, weigh_likeness
 from rtsr_cli.core.imaging.warping import bilinear_places, inside_frame
 from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane, Size
@@ -92,26 +93,29 @@ def warp_along_surfaces(
 
 def _warp_one(values: Image, motion_px: MotionPx, own: Surfaces, past: Surfaces) -> CarriedImage:
     """`warp_along_surfaces` of one frame of a batch."""
-    channels = values.shape[1]
+    channels, (height, width) = values.shape[1], values.shape[2:]
     fetched = torch.cat([values, past.pack()], dim=1)[0].flatten(1)
-    taps = [(i.flatten(), w.flatten()) for i, w in bilinear_places(motion_px)]
-    total = fetched.new_zeros(channels + 1, fetched.shape[1])
+    carried, weights = torch.empty_like(values), torch.empty_like(own.kind)
 
-    def sum_chunk(chunk: slice) -> None:
-        surfaces, part = own.take(chunk), total[:, chunk]
-        for index, weight in taps:
-            tap = fetched.index_select(1, index[chunk])
+    def carry_rows(rows: range) -> None:
+        pixels = slice(rows.start * width, rows.stop * width)
+        surfaces = own.take(pixels)
+        total = fetched.new_zeros(channels + 1, len(rows) * width)
+        for index, weight in bilinear_places(motion_px, rows):
+            if not weight.any():
+                # what stands still, or moves by whole pixels, needs one of the four
+                continue
+            tap = fetched.index_select(1, index.flatten())
             likeness = weigh_likeness(surfaces, tap[None, channels:, None])[0, 0]
-            likeness.mul_(weight[chunk])
-            part[:channels].addcmul_(tap[:channels], likeness)
-            part[channels:].add_(likeness)
+            likeness.mul_(weight.view_as(likeness))
+            total[:channels].addcmul_(tap[:channels], likeness)
+            total[channels:].add_(likeness)
+        summed, weight = total[:channels], total[channels:]
+        carried[0].flatten(1)[:, pixels] = summed.div_(weight.clamp(min=1e-6))
+        weights[0].flatten(1)[:, pixels] = weight
 
-    share_among_threads(sum_chunk, list(cut_chunks(fetched.shape[1], PIXELS_AT_ONCE)))
-    summed, weight = total[None, :channels], total[None, channels:]
-    return CarriedImage(
-        values=(summed / weight.clamp(min=1e-6)).view_as(values),
-        weight=weight.view_as(own.kind) * inside_frame(motion_px),
-    )
+    share_among_threads(carry_rows, cut_pixels((height, width), PIXELS_AT_ONCE))
+    return CarriedImage(values=carried, weight=weights * inside_frame(motion_px))
 
 
 def weigh_along_surfaces(motion_px: MotionPx, own: Surfaces, past: Surfaces) -> Plane:

@@ -88,19 +88,29 @@ def whole_pixels(displacement_px: Tensor) -> Tensor:
     return displacement_px.floor().int().long()
 
 
-def own_index(motion_px: Tensor, axis: int) -> Tensor:
-    """Each pixel's own column (axis 0) or row (axis 1), broadcast over the others."""
-    index = torch.arange(motion_px.shape[3 - axis], device=motion_px.device)
+def own_index(motion_px: Tensor, axis: int, first: int = 0) -> Tensor:
+    """Each pixel's own column (axis 0) or row (axis 1) from `first` on, broadcast."""
+    index = torch.arange(first, first + motion_px.shape[3 - axis], device=motion_px.device)
     return index if axis == 0 else index.unsqueeze(1)
 
 
-def _axis_taps(motion_px: Tensor, axis: int, mode: WarpMode) -> _Taps:
-    """(index, weight) of every tap along one axis of finite motion, clamped to the frame."""
+def _axis_taps(
+    motion_px: Tensor, axis: int, mode: WarpMode, *, first: int = 0, extent: int | None = None
+) -> _Taps:
+    """(index, weight) of every tap along one axis of finite motion, clamped to the frame.
+
+    Args:
+        motion_px: of the frame, or of some of its rows.
+        axis: 0 = x, 1 = y.
+        mode: kernel.
+        first: index of what comes first along the axis.
+        extent: of the frame along the axis; None = that of `motion_px`.
+    """
     displacement = motion_px[:, axis : axis + 1]
     whole = displacement.floor()
-    first, weights = _KERNELS[mode](displacement - whole)
-    start = whole_pixels(whole) + (own_index(motion_px, axis) + first)
-    last = motion_px.shape[3 - axis] - 1
+    nearest, weights = _KERNELS[mode](displacement - whole)
+    start = whole_pixels(whole) + (own_index(motion_px, axis, first) + nearest)
+    last = (motion_px.shape[3 - axis] if extent is None else extent) - 1
     return [((start + k).clamp(0, last), weight) for k, weight in enumerate(weights)]
 
 
@@ -300,12 +310,25 @@ def dilate_motion(motion_px: MotionPx, depth_m: Plane, *, radius: int = 1) -> Mo
     return torch.where(best > nearness, dilated, motion_px)
 
 
-def bilinear_places(motion_px: MotionPx) -> Iterator[tuple[Tensor, Plane]]:
-    """(index, weight) of each of the four pixels that a bilinear fetch reads, rows one by one."""
-    columns, rows = (_axis_taps(_finite_motion(motion_px), axis, "bilinear") for axis in (0, 1))
-    for row, row_weight in rows:
+def bilinear_places(
+    motion_px: MotionPx, rows: range | None = None
+) -> Iterator[tuple[Tensor, Plane]]:
+    """(index, weight) of each of the four pixels that a bilinear fetch reads.
+
+    Args:
+        motion_px: from each pixel to where it is fetched.
+        rows: that places are asked for; None = all.
+
+    Yields:
+        Index where the image's rows follow each other, and weight, n 1 len(rows) w each.
+    """
+    height, width = motion_px.shape[2:]
+    first, last = (0, height) if rows is None else (rows.start, rows.stop)
+    bounded = bound_motion(motion_px[:, :, first:last], limit_px=height + width)
+    columns = _axis_taps(bounded, 0, "bilinear")
+    for row, row_weight in _axis_taps(bounded, 1, "bilinear", first=first, extent=height):
         for column, column_weight in columns:
-            yield _place(row, column, motion_px.shape[3]), row_weight * column_weight
+            yield _place(row, column, width), row_weight * column_weight
 
 
 def bilinear_taps(image: AnyImage, motion_px: MotionPx) -> Iterator[tuple[AnyImage, Plane]]:

@@ -18,9 +18,10 @@ HR, 19 channels, on the moved grid:
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.imaging.resampling import mean_3x3
+from rtsr_cli.core.imaging.row_strips import fill_in_strips
 from rtsr_cli.core.lighting.filtered_lighting import describe_filter, match_filter
 from rtsr_cli.core.lighting.lighting import align_image, describe_picture, inverse_depth
 from rtsr_cli.core.lighting.lighting_history import (
@@ -30,7 +31,7 @@ from rtsr_cli.core.lighting.lighting_history import (
     move_grid,
     sample_change,
 )
-from rtsr_cli.core.shapes import Image, Plane
+from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.gather.config import GatherConfig
 
@@ -41,6 +42,9 @@ ROUGHNESS = 0.5
 
 FASTEST_PX = 8.0
 """Motion beyond which nothing more is told of it."""
+
+STRIP_ROWS = 8
+"""LR rows that a thread describes at once, so that what it reads and writes stays in its cache."""
 
 LEAST_SHOWN_WORTH = 1e-4
 """Samples that history has to be worth for the network to see it."""
@@ -75,7 +79,7 @@ def see_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:
             change,
             seen,
             change.abs().amax(1, keepdim=True),
-            mean - _blur(mean),
+            mean - mean_3x3(mean),
             torch.full_like(mask, block),
         ],
         dim=1,
@@ -84,57 +88,61 @@ def see_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:
 
 def see_pixels(inputs: Tensors, carried: CarriedLighting | None, frame: EnlargedLighting) -> Image:
     """The HR channels."""
-    fit, own = frame.fit, frame.encoded
+    own, fit = frame.encoded, frame.fit
     history, worth = own, torch.zeros_like(fit)
     if carried is not None:
         history, worth = carried.encoded, carried.worth
+    images = {
+        **{name: inputs[name] for name in ("mask", "normal", "depth", "roughness", "material")},
+        **{"motion": move_grid(inputs["motion"], inputs), "history": history, "worth": worth},
+        **{"own": own, "fit": fit, "change": frame.change, "seen": frame.seen},
+    }
+    seen = fit.new_empty(len(fit), HR_CHANNELS, *fit.shape[2:])
+    fill_in_strips(_describe_pixels, images, seen, rows=STRIP_ROWS, halo=1)
+    return seen
+
+
+def _describe_pixels(images: Tensors) -> Image:
+    """The HR channels of some rows."""
+    fit, own, change, worth = (images[name] for name in ("fit", "own", "change", "worth"))
     there = (worth > LEAST_SHOWN_WORTH).to(worth)
-    difference = (history - own) * there
-    motion = inputs["motion"]
+    difference = (images["history"] - own) * there
+    motion = images["motion"]
     fraction = motion - motion.floor()
-    moved = torch.cat(
-        [
-            motion.abs().amax(1, keepdim=True).clamp(max=FASTEST_PX) / FASTEST_PX,
-            2.0 * (fraction * (1.0 - fraction)).sum(1, keepdim=True),
-        ],
-        dim=1,
-    )
-    bump = 1.0 - _blur(inputs["normal"]).square().sum(1, keepdim=True).sqrt()
+    speed = motion.abs().amax(1, keepdim=True).clamp(max=FASTEST_PX) / FASTEST_PX
+    blur = 2.0 * (fraction * (1.0 - fraction)).sum(1, keepdim=True)
+    bump = 1.0 - mean_3x3(images["normal"]).square().sum(1, keepdim=True).sqrt()
     return torch.cat(
         [
             fit,
             (fit + 1e-3).log() / 4.0,
             worth.log1p() / 2.0,
             there,
-            frame.change.mean(1, keepdim=True),
-            frame.change.square().mean(1, keepdim=True).sqrt(),
+            change.mean(1, keepdim=True),
+            change.square().mean(1, keepdim=True).sqrt(),
             difference.mean(1, keepdim=True),
             difference.abs().amax(1, keepdim=True),
             own.mean(1, keepdim=True),
-            (history * there).mean(1, keepdim=True),
+            (images["history"] * there).mean(1, keepdim=True),
             10.0 * bump,
-            inputs["roughness"],
-            (inputs["material"].mean(1, keepdim=True) + 1e-2).log() / 4.0,
-            inverse_depth(inputs["depth"]),
-            move_grid(moved, inputs).nan_to_num(),
-            frame.seen,
-            _find_places(inputs),
+            images["roughness"],
+            (images["material"].mean(1, keepdim=True) + 1e-2).log() / 4.0,
+            inverse_depth(images["depth"]),
+            speed.nan_to_num(),
+            blur.nan_to_num(),
+            images["seen"],
+            _find_places(images),
         ],
         dim=1,
     )
 
 
-def _find_places(inputs: Tensors) -> Image:
+def _find_places(images: Tensors) -> Image:
     """(x, y) of each pixel minus that of its block's sample, LR pixels."""
-    depth = inputs["depth"]
+    depth = images["depth"]
     count, _, height, width = depth.shape
-    scale = height // inputs["mask"].shape[2]
+    scale = height // images["mask"].shape[2]
     inside = (torch.arange(scale).to(depth) - scale // 2) / scale
     x = inside.repeat(width // scale).view(1, 1, 1, width).expand(count, 1, height, width)
     y = inside.repeat(height // scale).view(1, 1, height, 1).expand(count, 1, height, width)
     return torch.cat([x, y], dim=1)
-
-
-def _blur(image: Image) -> Plane:
-    """Mean of 3 x 3 pixels, borders replicated."""
-    return F.avg_pool2d(F.pad(image, (1,) * 4, mode="replicate"), 3, 1)

@@ -17,7 +17,7 @@ before; no gradient flows back through it.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields
 from typing import cast
 
 import torch
@@ -25,7 +25,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from rtsr_cli.core.imaging.guided_enlargement import upsample_emphasised
-from rtsr_cli.core.imaging.row_strips import run_in_strips
+from rtsr_cli.core.imaging.row_strips import fill_in_strips, run_in_strips
 from rtsr_cli.core.lighting.filtered_lighting import part_filtered
 from rtsr_cli.core.lighting.lighting_history import (
     CarriedLighting,
@@ -42,7 +42,7 @@ from rtsr_cli.core.lighting.lighting_history import (
 )
 from rtsr_cli.core.network.blocks import ResidualBlock, make_conv3
 from rtsr_cli.core.network.graphs import is_exporting
-from rtsr_cli.core.shapes import Color, Image
+from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.gather.config import GatherConfig
 from rtsr_cli.models.gather.inputs import HR_CHANNELS, LR_CHANNELS, see_pixels, see_samples
@@ -57,6 +57,11 @@ HIDDEN = 24
 
 MOST_EMPHASIS, MOST_LOGIT = 3.0, 6.0
 """Bounds of r_1..3, and of r_4."""
+
+FRAME_PLANES = tuple(field.name for field in fields(EnlargedLighting))
+
+BLENDED_ROWS = 32
+"""Rows that a thread blends at once, so that what it reads and writes stays in its cache."""
 
 LEAST_SHARE = 1e-6
 
@@ -165,28 +170,42 @@ class GatherNetwork(nn.Module):
         carried: CarriedLighting | None,
         frame: EnlargedLighting,
         given: Image,
-    ) -> tuple[Color, Tensor]:
+    ) -> tuple[Color, Plane]:
         """e' and c."""
-        config, fresh = self.config, frame.fit.pow(self.config.fit_power)
-        terms, worth_logit, share_logit = given[:, :3], given[:, 3:4], given[:, 4:5]
-        shown = frame
-        if config.kernel:
+        images = {name: getattr(frame, name) for name in FRAME_PLANES} | {"given": given}
+        if self.config.kernel:
             samples = describe_samples(inputs, stack_samples(inputs, carried))
-            emphasis = terms.clamp(-MOST_EMPHASIS, MOST_EMPHASIS).exp()
-            shown = split_enlarged(upsample_emphasised(samples, emphasis), frame.fit)
-        encoded, worth = shown.encoded, fresh
+            emphasis = given[:, :3].clamp(-MOST_EMPHASIS, MOST_EMPHASIS).exp()
+            images["enlarged"] = upsample_emphasised(samples, emphasis)
         if carried is not None:
-            aged = age_worth(carried.worth, frame, config)
+            images |= {"history": carried.encoded, "worth": carried.worth}
+        if self.training:
+            blended = self._blend(images)
+        else:
+            blended = given.new_empty(len(given), 4, *given.shape[2:])
+            fill_in_strips(self._blend, images, blended, rows=BLENDED_ROWS, halo=0)
+        return blended[:, :3], blended[:, 3:]
+
+    def _blend(self, images: Tensors) -> Image:
+        """e' and c of some rows, one behind the other."""
+        config, given = self.config, images["given"]
+        worth_logit, share_logit = given[:, 3:4], given[:, 4:5]
+        frame = EnlargedLighting(**{name: images[name] for name in FRAME_PLANES})
+        shown = split_enlarged(images["enlarged"], frame.fit) if config.kernel else frame
+        worth = fresh = frame.fit.pow(config.fit_power)
+        encoded = shown.encoded
+        if "history" in images:
+            aged = age_worth(images["worth"], frame, config)
             share: Tensor | float = config.change
             if config.history:
                 aged = aged * worth_logit.clamp(-MOST_LOGIT, MOST_LOGIT).exp()
                 share = torch.sigmoid(share_logit + find_logit(config.change))
-            known = replace(carried, worth=aged)
+            known = CarriedLighting(encoded=images["history"], worth=aged)
             encoded = blend_history(shown, known, fresh=fresh, share=share, weights=config)
             worth = fresh + aged
         if config.residual:
             encoded = (encoded + given[:, 5:]).clamp(min=0.0)
-        return encoded, worth
+        return torch.cat([encoded, worth], dim=1)
 
 
 def find_logit(share: float) -> float:

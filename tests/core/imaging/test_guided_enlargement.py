@@ -328,3 +328,26 @@ def test_no_emphasis_on_normals_takes_what_faces_away() -> None:
     factors[:, 1] = 0.0
     assert float(upsample_guided(samples).min()) > 6.0
     assert float(upsample_emphasised(samples, factors).max()) <= 1.0 + 1e-3
+
+
+def test_no_weight_is_a_denormal_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They cost a hundredfold: normals at right angles, depths far apart, factors of 20."""
+    seen = []
+    exp2 = torch.Tensor.exp2_
+
+    def watch(power: torch.Tensor) -> torch.Tensor:
+        seen.append(float(power.min()))
+        return exp2(power)
+
+    monkeypatch.setattr(torch.Tensor, "exp2_", watch)
+    torch.manual_seed(4)
+    samples = make_rough_samples(4)
+    samples.small.normal[:, 2, :, 1:] = 0.0
+    samples.small.depth[:, :, 1:] *= 5.0
+    for factors in (1.0, 20.0):
+        seen.clear()
+        upsample_emphasised(samples, torch.full((2, 3, 12, 8), factors))
+        assert min(seen) > -126.0
+    seen.clear()
+    upsample_guided(samples)
+    assert min(seen) > -126.0

@@ -6,7 +6,13 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from rtsr_cli.core.imaging.row_strips import cut_pixels, cut_rows, run_in_strips
+from rtsr_cli.core.imaging.resampling import mean_3x3, upsample_nearest
+from rtsr_cli.core.imaging.row_strips import (
+    cut_pixels,
+    cut_rows,
+    fill_in_strips,
+    run_in_strips,
+)
 
 LAYERS = nn.Sequential(*(nn.Conv2d(2, 2, 3, padding=1) for _ in range(3))).double().eval()
 
@@ -59,3 +65,20 @@ def test_strips_hold_at_most_so_many_pixels_but_at_least_the_fewest_rows() -> No
     assert cut_pixels((2, 10), 9) == [range(1), range(1, 2)]
     assert cut_pixels((7, 10), 59, multiple=2) == [range(4), range(4, 7)]
     assert cut_pixels((4, 10), 9, multiple=2) == [range(2), range(2, 4)]
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_strips_fill_what_is_there(threads: int) -> None:
+    images = {"lr": torch.rand(1, 2, 11, 7), "hr": torch.rand(1, 2, 22, 14)}
+
+    def blurred(strips: Mapping[str, Tensor]) -> Tensor:
+        return mean_3x3(strips["hr"]) + upsample_nearest(strips["lr"], 2)
+
+    out = torch.full((1, 2, 22, 14), torch.nan)
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        fill_in_strips(blurred, images, out, rows=4, halo=1)
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(out, blurred(images))
