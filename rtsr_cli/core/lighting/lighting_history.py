@@ -4,7 +4,7 @@
     d(p) = guided enlargement of e(q) - h(q) over the samples q whose surface was seen before
     t(p) = clamp(3 |d|^2 / E|e - h|^2 - 2),   E as enlarged: 1 where samples have changed alike
     c' = a c / (1 + (1 + r t) |d|^2 / s^2)
-    h' = h + b max(min(1, m / c'), t) d
+    h' = h + b min(1, fit(p) / v) max(min(1, m / c'), t) d
     n(p) = fit(p)^f,   how well the best sample fits p
     e'(p) = (c' h' + n g) / (c' + n),   c(p) = c' + n
 
@@ -12,8 +12,9 @@ g is the guided enlargement of the frame's own lighting e = log(1 + lighting / k
 most from the frames whose samples came nearest to it on its own surface; those of this frame tell
 how light has changed since. A change on which they agree is the light's: it is believed, and takes
 from what history is worth. Of others less is believed, the more samples history is worth: what
-one sample differs by from a settled history is its own. History of another surface weighs nothing
-(`warp_along_surfaces`).
+one sample differs by from a settled history is its own; and the less, the worse samples fit: what
+other surfaces say of it never ends where no sample of its own brings a pixel back. History of
+another surface weighs nothing (`warp_along_surfaces`).
 
 Conventions: history lies on the HR frame's own pixels; samples are enlarged, and blended with it,
 on the grid that `alignment` moves.
@@ -84,6 +85,8 @@ class HistoryWeights:
         change_worth: m, samples that history is worth from which less of the change is believed.
         change_agreed: r, how much more a change counts on which the samples agree.
         change_spread: s, change of log lighting that halves what history is worth.
+        change_fit: v, fit of a pixel's best sample from which all of a change is believed: that of
+            a sample of its own surface as far away as the nearest one may be.
         fit_power: f.
     """
 
@@ -92,6 +95,7 @@ class HistoryWeights:
     change_worth: float = 2.0
     change_agreed: float = 3.0
     change_spread: float = 0.5
+    change_fit: float = 0.6
     fit_power: float = 4.0
 
     def __post_init__(self) -> None:
@@ -106,6 +110,7 @@ class HistoryWeights:
             "change_worth": 0.0,
             "change_agreed": 0.0,
             "change_spread": 1e-3,
+            "change_fit": 1e-3,
             "fit_power": 0.0,
         }
         check_numbers(self, "network", least, {"age": 1.0, "change": 1.0})
@@ -360,7 +365,8 @@ def blend_history(
     """
     total = (fresh + carried.worth).clamp(min=LEAST_WORTH)
     settled = (carried.worth / max(weights.change_worth, LEAST_WORTH)).clamp(min=1.0)
-    believed = share * torch.maximum(1.0 / settled, frame.agreement)
+    fitting = (frame.fit / weights.change_fit).clamp(max=1.0)
+    believed = share * fitting * torch.maximum(1.0 / settled, frame.agreement)
     moved = carried.encoded + believed * frame.change
     return torch.lerp(frame.encoded, moved, carried.worth / total).clamp(min=0.0)
 

@@ -86,7 +86,7 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
         "t = clamp(3 |d|^2 / E - 2, 0, 1), E = guided enlargement of |change|^2, squares as means "
         f"of three; c' = {config.age:g} c exp(r4) / (1 + (1 + {config.change_agreed:g} t) |d|^2 / "
         f"{config.change_spread:g}^2); b = sigmoid(logit({config.change:g}) + r5) "
-        f"max(min(1, {config.change_worth:g} / c'), t); "
+        f"min(1, fit / {config.change_fit:g}) max(min(1, {config.change_worth:g} / c'), t); "
         f"h' = h + b d; n = fit^{config.fit_power:g}; e = (c' h' + n g) / (c' + n), g = guided "
         f"enlargement of e; worth = c' + n, at most {MOST_WORTH:g}",
     )
