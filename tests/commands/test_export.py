@@ -182,6 +182,33 @@ def test_a_file_loads_where_nothing_but_onnxruntime_is_installed(
     assert done.stdout.strip() == "(1, 4, 2, 3)", done.stderr
 
 
+def test_sides_that_are_no_multiple_are_written_in_operators_of_opset_15(
+    rtsr: Run, exported: Callable[[str], Path], tmp_path: Path
+) -> None:
+    """nsrd pads inside; 480x270 is no multiple of 4 either."""
+    del exported
+    height, width = 15, 22
+    made = rtsr("export", "nsrd", tmp_path, "--size", f"{width}x{height}")
+    assert made.exit_code == 0, made.output
+    manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["opset"] == 15
+    assert "Pad" in manifest["graphs"][0]["operators"]
+    system = load_system("nsrd")
+    networks = (
+        load_network(system, 4, "cpu").network,
+        load_exported_network(system, 4, read_manifest(tmp_path)).network,
+    )
+    generator = torch.Generator().manual_seed(0)
+    channels = {"frame_0": 7, "past_1": 8, "past_2": 8, "hidden": 64, "cell": 64}
+    inputs = {n: torch.rand(1, c, height, width, generator=generator) for n, c in channels.items()}
+    for name in ("base", "last"):
+        inputs[name] = torch.rand(1, 3, 4 * height, 4 * width, generator=generator)
+    with torch.inference_mode():
+        expected, found = (network.reconstruct(inputs) for network in networks)
+    for name, image in expected.items():
+        torch.testing.assert_close(found[name], image, atol=1e-4, rtol=1e-4)
+
+
 def test_files_of_one_size_take_no_other(
     rtsr: Run, exported: Callable[[str], Path], sample_root: Path, tmp_path: Path
 ) -> None:

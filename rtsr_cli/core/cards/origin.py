@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from rtsr_cli.core.cards.markdown import write_facts, write_table
-from rtsr_cli.core.network.weights import SavedWeights
+from rtsr_cli.core.choices import SystemTask
+from rtsr_cli.core.network.weights import SavedWeights, find_margin
 from rtsr_cli.core.settings import to_toml
 from rtsr_cli.core.system import TrainingRecipe
 from rtsr_cli.core.visible_text import make_visible
@@ -103,6 +104,17 @@ def describe_figures(weights: SavedWeights, learning: TrainingRecipe | None) -> 
         f" frames of each shot, then over shots. {learning.protocol}.",
         "",
         *write_table(("score", "mean"), rows),
+    ]
+
+
+def describe_margin(weights: SavedWeights) -> list[str]:
+    """Lines of what is added to the errors that the weights predict."""
+    margin = find_margin(weights.about)
+    return [
+        f"`rtsr {SystemTask.PREDICT_VRS.value}` adds {margin:.4f} to every prediction before it is "
+        "transformed back, the mean underestimation above, 0 where that is not recorded; "
+        "`--margin` chooses another.",
+        "",
     ]
 
 

@@ -16,6 +16,7 @@ from rtsr_cli.core.export.request import ExportRequest
 from rtsr_cli.core.export.source import ExportSource
 from rtsr_cli.core.marks import MARKED
 from rtsr_cli.core.network.manifest import FORMAT
+from rtsr_cli.core.network.weights import find_margin
 from rtsr_cli.core.settings import to_plain
 
 OLDEST_ONNXRUNTIME = {15: "1.9", 18: "1.14"}
@@ -68,9 +69,14 @@ def describe_export(
         "values": {
             name: source.network.get_buffer(name).flatten().tolist() for name in declared.values
         },
-        "facts": dict(declared.facts),
+        "facts": dict(declared.facts) | _describe_margin(source),
         "report": "report.json",
     }
+
+
+def _describe_margin(source: ExportSource) -> dict[str, float]:
+    """What is added to predicted errors before they are transformed back."""
+    return {} if source.system.tiles is None else {"margin": find_margin(source.weights.about)}
 
 
 def _describe_graph(exported: ExportedGraph) -> dict[str, Any]:

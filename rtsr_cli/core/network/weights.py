@@ -32,6 +32,9 @@ DIGEST_LETTERS = 32
 SUFFIX = ".safetensors"
 """Ends the names of files of weights."""
 
+UNDERESTIMATION = "under"
+"""Score of the validation that tells how far errors were underestimated."""
+
 SHIPPED = Path(__file__).parents[2] / "weights"
 """Folder of the weights that come with the package."""
 
@@ -144,6 +147,17 @@ def _read_system(path: Path) -> object:
     """The system that weights of the package are of."""
     facts = parse_json((read_metadata(path) or {}).get(KEY, "{}"))
     return facts.get("system") if isinstance(facts, dict) else None
+
+
+def find_margin(about: Mapping[str, Any]) -> float:
+    """What is added to predicted errors where users say nothing: their mean underestimation.
+
+    Args:
+        about: what weights say of their training; 0 where it says nothing of that.
+    """
+    scores = about.get("validation")
+    under = scores.get(UNDERESTIMATION) if isinstance(scores, Mapping) else None
+    return float(under) if isinstance(under, int | float) else 0.0
 
 
 def fill_network(network: nn.Module, weights: SavedWeights) -> None:

@@ -19,7 +19,7 @@ from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.network.exported import load_chosen_network
 from rtsr_cli.core.network.load import LoadedNetwork, find_shipped_weights
-from rtsr_cli.core.network.weights import SHIPPED
+from rtsr_cli.core.network.weights import SHIPPED, find_margin
 from rtsr_cli.core.run.system_inputs import SystemTable
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import NoNetwork, System
@@ -119,7 +119,7 @@ def choose_predictor(
     _check_weights(request, chosen, path)
     margin = request.margin
     if margin is None:
-        margin = float(loaded.about.get("validation", {}).get("under", 0.0))
+        margin = find_margin(loaded.about)
     config = chosen.tiles.with_margin(loaded.config, margin)
     loaded.network.config = config
     return replace(chosen, loaded=replace(loaded, config=config))

@@ -79,6 +79,21 @@ def test_an_operator_without_an_older_form_is_refused(trace: Trace) -> None:
         lower_opset(model, "enlarge", 15, onnx)
 
 
+def test_padding_has_a_form_of_opset_15(trace: Trace) -> None:
+    """All axes are padded as they were before opset 18; chosen ones only since."""
+    onnx = onnx_model.import_onnx()
+    for axes in ((), ("axes",)):
+        model = trace(opset=18)
+        inputs = ["small", "widths", "", *axes][: 2 if not axes else 4]
+        model.graph.node.append(onnx.helper.make_node("Pad", inputs, ["padded"]))
+        if axes:
+            with pytest.raises(CheckpointError, match=r"Pad has no form of opset 15; --opset 18"):
+                lower_opset(model, "enlarge", 15, onnx)
+        else:
+            lower_opset(model, "enlarge", 15, onnx)
+            assert model.graph.node[-1].op_type == "Pad"
+
+
 def test_every_documented_list_suffices(trace: Trace) -> None:
     operators = check_operators(trace(), "enlarge")
     assert {"Conv", "Split", "Resize", "ReduceMean", "AveragePool"} <= set(operators)
