@@ -18,9 +18,13 @@ from rtsr_cli.core.files.exr import read_channels
 from rtsr_cli.core.network.exported import load_exported_network
 from rtsr_cli.core.network.load import load_network
 from rtsr_cli.core.network.manifest import read_manifest
+from rtsr_cli.core.network.weights import SHIPPED, read_weights
 from rtsr_cli.models import list_system_names, load_system
 
 Run = Callable[..., Result]
+
+VARIANT = "rt-percept-jnflip-16"
+"""One of several weights of a system, called by its name."""
 
 LEAST_DB = 60.0
 """Least PSNR of frames after c / (1 + c) by either runtime."""
@@ -73,7 +77,7 @@ def test_frames_by_onnxruntime_are_those_by_torch(
 def test_rates_by_onnxruntime_are_those_by_torch(
     rtsr: Run, exported: Callable[[str], Path], sample_root: Path, tmp_path: Path
 ) -> None:
-    model, given = exported("rt-percept"), ("--frames", "1-2", "--no-compare")
+    model, given = exported(VARIANT), ("--frames", "1-2", "--no-compare")
     by_torch = rtsr("predict-vrs", sample_root, tmp_path / "torch", *given)
     by_onnx = rtsr(
         "predict-vrs", sample_root, tmp_path / "onnx", *given, "--runtime", "onnx",
@@ -135,9 +139,9 @@ def test_a_state_that_is_fed_back_stays_near_over_eight_frames(
 
 
 def test_what_lies_in_the_folder(exported: Callable[[str], Path]) -> None:
-    folder = exported("rt-percept")
+    folder = exported(VARIANT)
     assert sorted(p.name for p in folder.iterdir()) == [
-        "manifest.json", "report.json", "rt-percept-1x.onnx",
+        "manifest.json", "report.json", "rt-percept-jnflip-16.onnx",
     ]  # fmt: skip
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     (graph,) = manifest["graphs"]
@@ -148,9 +152,12 @@ def test_what_lies_in_the_folder(exported: Callable[[str], Path]) -> None:
     assert graph["outputs"][0]["shape"] == [1, 4, "h/16", "w/16"]
     assert manifest["facts"]["rates"]["4x4"] == 10
     assert manifest["facts"]["tile"] == 16
+    # what predict-vrs adds: the mean underestimation on validation
+    about = read_weights(SHIPPED / "rt-percept-jnflip-16.safetensors").about
+    assert manifest["facts"]["margin"] == about["validation"]["under"] > 0.05
     assert {step["name"] for step in manifest["outside"]} >= {"reproject", "choose rates"}
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    assert report["graphs"]["rt-percept-1x.onnx"]["difference"]["predicted"] < 1e-4
+    assert report["graphs"]["rt-percept-jnflip-16.onnx"]["difference"]["predicted"] < 1e-4
 
 
 def test_steps_of_every_system_are_headings_of_the_page() -> None:
@@ -175,7 +182,7 @@ def test_a_file_loads_where_nothing_but_onnxruntime_is_installed(
         "seen = numpy.zeros((1, 4, 32, 48), numpy.float32)\n"
         "print(s.run(None, {'seen': seen})[0].shape)\n"
     )
-    path = exported("rt-percept") / "rt-percept-1x.onnx"
+    path = exported(VARIANT) / "rt-percept-jnflip-16.onnx"
     done = subprocess.run(
         [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=False
     )
@@ -213,7 +220,7 @@ def test_files_of_one_size_take_no_other(
     rtsr: Run, exported: Callable[[str], Path], sample_root: Path, tmp_path: Path
 ) -> None:
     del exported
-    made = rtsr("export", "rt-percept", tmp_path / "m", "--size", "64x48", "--opset", "18")
+    made = rtsr("export", VARIANT, tmp_path / "m", "--size", "64x48", "--opset", "18")
     assert made.exit_code == 0, made.output
     refused = rtsr(
         "predict-vrs", sample_root, tmp_path / "o", "--runtime", "onnx", "--model", tmp_path / "m"
@@ -225,20 +232,44 @@ def test_files_of_one_size_take_no_other(
 def test_a_model_of_another_system_is_refused(
     rtsr: Run, exported: Callable[[str], Path], sample_root: Path, tmp_path: Path
 ) -> None:
-    model = exported("rt-percept")
+    model = exported(VARIANT)
     other = rtsr(
         "upscale", sample_root, tmp_path / "o", "--system", "fusesr", "--runtime", "onnx",
         "--model", model,
     )  # fmt: skip
     assert other.exit_code == 3
-    assert "a network of 'rt-percept', not of 'fusesr'" in other.output
+    assert "a network of 'rt-percept', which rtsr predict-vrs runs, and rtsr upsc" in other.output
+
+
+@pytest.mark.parametrize(
+    ("command", "model", "words"),
+    [
+        (
+            "extrapolate",
+            "nsrd-4x",
+            "'nsrd', which rtsr upscale runs, and rtsr extrapolate does not",
+        ),
+        ("upscale", "extranet", "'extranet', which rtsr extrapolate runs, and rtsr upscale does"),
+        ("predict-vrs", "nsrd-4x", "'nsrd', which rtsr upscale runs, and rtsr predict-vrs does no"),
+    ],
+)
+def test_a_network_for_something_else_is_named_as_that(
+    rtsr: Run, sample_root: Path, tmp_path: Path, command: str, model: str, words: str
+) -> None:
+    """By weights as by exported files, whose kind is told before their scale."""
+    folder = sample_root if command == "upscale" else sample_root / "lr"
+    refused = rtsr(command, folder, tmp_path / "o", "--weights", SHIPPED / f"{model}.safetensors")
+    assert refused.exit_code == 3
+    assert words in refused.output
+    assert "give one of '" in refused.output
+    assert len(refused.output.strip().splitlines()) == 1
 
 
 def test_what_is_there_is_not_replaced(rtsr: Run, exported: Callable[[str], Path]) -> None:
-    folder = exported("rt-percept")
-    refused = rtsr("export", "rt-percept", folder)
+    folder = exported(VARIANT)
+    refused = rtsr("export", VARIANT, folder)
     assert refused.exit_code == 3
-    assert "rt-percept-1x.onnx exists; choose another folder, or give --overw" in refused.output
+    assert f"{VARIANT}.onnx exists; choose another folder, or give --overw" in refused.output
 
 
 @pytest.mark.parametrize("name", list_system_names(SystemTask.UPSCALE)[:3])
@@ -256,6 +287,10 @@ def test_a_baseline_is_refused(
     ("given", "words"),
     [
         (("fusesr-fast",), "comes with weights for 2x, 4x: add --scale"),
+        (
+            ("rt-percept",),
+            "comes with several weights: give one's name in place of",
+        ),
         (("fusesr-direct",), "comes without weights: train them (rtsr train fusesr-direct"),
         (("fusesr", "--scale", "8"), "comes without weights for 8x: train them"),
         (("fusesr-4x", "--scale", "8"), "weights for 4x, not 8x"),

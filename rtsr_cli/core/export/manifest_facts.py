@@ -15,7 +15,7 @@ from rtsr_cli.core.export.proof import DRAWS, MOST_DIFFERENCE
 from rtsr_cli.core.export.request import ExportRequest
 from rtsr_cli.core.export.source import ExportSource
 from rtsr_cli.core.marks import MARKED
-from rtsr_cli.core.network.manifest import FORMAT
+from rtsr_cli.core.network.manifest import CHECKSUM, FORMAT, sum_manifest
 from rtsr_cli.core.network.weights import find_margin
 from rtsr_cli.core.settings import to_plain
 
@@ -40,6 +40,13 @@ def describe_export(
     request: ExportRequest, source: ExportSource, graphs: Sequence[ExportedGraph]
 ) -> dict[str, Any]:
     """What the manifest says."""
+    facts = _list_facts(request, source, graphs)
+    return {**facts, CHECKSUM: sum_manifest(facts)}
+
+
+def _list_facts(
+    request: ExportRequest, source: ExportSource, graphs: Sequence[ExportedGraph]
+) -> dict[str, Any]:
     weights, declared = source.weights, source.graphs
     width_height = None if request.size is None else list(reversed(request.size))
     return {
