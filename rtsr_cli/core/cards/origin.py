@@ -141,5 +141,8 @@ def list_limits(weights: SavedWeights) -> list[str]:
     if augmentation.get("filtered_share") == 0.0:
         limits.append("Its training saw no LR radiance that a pixel filter went over.")
     if find_fact(find_fact(weights.about, "data", dict) or {}, "held_out", bool) is False:
-        limits.append("No shot was held out: it was judged on frames that it was trained on.")
+        limits.append(
+            "No shot was held out: it was judged on frames that it was trained on, and its figures "
+            "look too good."
+        )
     return limits

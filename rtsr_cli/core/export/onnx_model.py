@@ -7,6 +7,7 @@ side is a factor times their number, and only that number is free while a graph 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import io
 import logging
 import warnings
@@ -23,6 +24,10 @@ from rtsr_cli.core.graphs import Graph
 from rtsr_cli.core.marks import MARK
 from rtsr_cli.core.network.graphs import RecordedCall
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.wording import join_names
+
+LIBRARIES = ("onnx", "onnxscript", "onnxruntime")
+"""Of the extra `export`; torch's exporter asks for the second."""
 
 TRACED_OPSET = 18
 """Of torch's exporter."""
@@ -82,14 +87,13 @@ def import_onnx() -> Any:
     """Import the libraries of the extra `export`.
 
     Raises:
-        ConfigError: they are not installed; says how they get there.
+        ConfigError: they are not installed; names all that are not, and how they get there.
     """
-    try:
-        import onnx
-        import onnxscript  # noqa: F401  # torch's exporter asks for it
-    except ImportError as error:
-        raise ConfigError(f"{error.name} is not installed: pip install 'rtsr[export]'") from error
-    return onnx
+    missing = [name for name in LIBRARIES if importlib.util.find_spec(name) is None]
+    if missing:
+        verb = "is" if len(missing) == 1 else "are"
+        raise ConfigError(f"{join_names(missing)} {verb} not installed: pip install 'rtsr[export]'")
+    return importlib.import_module("onnx")
 
 
 class _GraphModule(nn.Module):

@@ -11,6 +11,7 @@ from torch import nn
 
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.export.request import ExportRequest
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.graphs import NetworkGraphs
 from rtsr_cli.core.network.acceleration import fold_norms
 from rtsr_cli.core.network.exported import describe_graphs
@@ -72,8 +73,7 @@ def load_source(request: ExportRequest, load: Callable[[str], System]) -> Export
     """
     path = _find_file(request.source)
     if path is None:
-        system = load(request.source)
-        path = _find_weights(system, request.scale)
+        path = _find_weights(_load_named(request.source, load), request.scale)
     weights = read_weights(path)
     system = load(weights.system)
     if request.scale not in {None, weights.scale}:
@@ -85,6 +85,24 @@ def load_source(request: ExportRequest, load: Callable[[str], System]) -> Export
     return ExportSource(
         system=system, weights=weights, config=config, graphs=graphs, network=fold_norms(network)
     )
+
+
+def _load_named(source: str, load: Callable[[str], System]) -> System:
+    """Load the system of a name.
+
+    Raises:
+        ConfigError: there is none.
+        CheckpointError: it is a folder's.
+    """
+    try:
+        return load(source)
+    except ConfigError as error:
+        if not is_folder(Path(source)):
+            raise
+        raise CheckpointError(
+            f"{source}: a folder; export a system or a file of weights, such as "
+            f"{Path(source) / f'best{SUFFIX}'}"
+        ) from error
 
 
 def _find_file(source: str) -> Path | None:

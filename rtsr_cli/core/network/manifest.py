@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -124,7 +125,7 @@ def read_manifest(path: Path) -> Manifest:
     try:
         facts = parse_json(read_text(place))
     except DocumentError as error:
-        raise CheckpointError(f"{place}: {error}; rtsr export writes one") from error
+        raise CheckpointError(f"{place}: {error}; rtsr export writes one{_say_extra()}") from error
     if isinstance(facts, dict) and facts.get("format") in OLDER:
         raise CheckpointError(
             f"{place}: of an older rtsr, which wrote no checksum of what it says; export again"
@@ -150,6 +151,12 @@ def read_manifest(path: Path) -> Manifest:
         about=facts["weights"].get("about", {}),
         size=None if size is None else (size[1], size[0]),
     )
+
+
+def _say_extra() -> str:
+    """How the extra gets there that both writing and running need; empty where it is."""
+    there = importlib.util.find_spec("onnxruntime") is not None
+    return "" if there else ", with the extra that is not installed: pip install 'rtsr[export]'"
 
 
 def _is_size(value: object) -> bool:

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import CheckpointError
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.tensor_file import read_metadata, write_tensors
 from rtsr_cli.core.files.tensor_values import check_finite
 
@@ -131,7 +132,7 @@ def read_weights(path: Path) -> SavedWeights:
         CheckpointError: the file is not there, damaged, or something else; its numbers are not
             those that it was written with; or a tensor holds NaN or Inf.
     """
-    if path.is_dir():
+    if is_folder(path):
         raise CheckpointError(f"{path}: a folder, no file of weights; give {path}/best{SUFFIX}")
     try:
         check_regular(path)
