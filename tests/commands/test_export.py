@@ -216,6 +216,71 @@ def test_sides_that_are_no_multiple_are_written_in_operators_of_opset_15(
         torch.testing.assert_close(found[name], image, atol=1e-4, rtol=1e-4)
 
 
+@pytest.mark.parametrize(("name", "shot"), [(VARIANT, "."), ("extranet", "lr")])
+def test_whole_frames_are_in_the_report_where_they_are_asked_for(
+    rtsr: Run,
+    exported: Callable[[str], Path],
+    sample_root: Path,
+    tmp_path: Path,
+    name: str,
+    shot: str,
+) -> None:
+    plain = json.loads((exported(VARIANT) / "report.json").read_text(encoding="utf-8"))
+    assert "--frames-of IN" in plain["frames"]
+    given = ("--frames-of", sample_root / shot, "--proof-frames", "3-6", "--precision", "fp16")
+    made = rtsr("export", name, tmp_path / "m", *given)
+    assert made.exit_code == 0, made.output
+    report = json.loads((tmp_path / "m" / "report.json").read_text(encoding="utf-8"))
+    frames = report["frames"]
+    assert frames["count"] == {VARIANT: 4, "extranet": 2}[name]
+    assert 55.0 <= frames["least_db"] < 100.0
+    assert 0.0 < frames["difference"] < 0.05
+    assert 1.0 < frames["largest_inside"] < report["half_holds"] == 65504.0
+    assert "compute graphs of half precision in single" in report["runtime"]
+    assert f"{frames['least_db']:.1f} dB from torch's at least" in made.output
+
+
+def test_frames_that_cannot_be_read_leave_nothing(
+    rtsr: Run, exported: Callable[[str], Path], tmp_path: Path
+) -> None:
+    del exported
+    refused = rtsr("export", VARIANT, tmp_path / "m", "--frames-of", tmp_path / "none")
+    assert refused.exit_code == 3
+    assert "none: no such folder" in refused.output
+    assert not list((tmp_path / "m").glob("*"))
+    assert rtsr("export", VARIANT, tmp_path / "m", "--proof-frames", "1").exit_code == 2
+
+
+def test_quiet_is_quiet(rtsr: Run, exported: Callable[[str], Path], tmp_path: Path) -> None:
+    del exported
+    made = rtsr("export", VARIANT, tmp_path, "--size", "32x32", "-q")
+    assert (made.exit_code, made.output) == (0, "")
+    more = rtsr("export", VARIANT, tmp_path, "--size", "32x32", "-v", "--overwrite")
+    assert "values up to" in more.output
+
+
+def test_a_folder_is_named_as_one(
+    rtsr: Run, exported: Callable[[str], Path], tmp_path: Path
+) -> None:
+    del exported
+    (tmp_path / "bad").mkdir()
+    for line in (("export", tmp_path / "bad", tmp_path / "m"), ("systems", "--card", tmp_path)):
+        refused = rtsr(*line)
+        assert refused.exit_code == 3
+        assert ": a folder; " in refused.output
+        assert "best.safetensors" in refused.output
+
+
+def test_a_missing_model_says_what_writes_one_and_how_to_install_it(
+    rtsr: Run, sample_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    line = ("upscale", sample_root, tmp_path / "o", "--runtime", "onnx", "--model", tmp_path / "m")
+    refused = rtsr(*line)
+    assert refused.exit_code == 3
+    assert "rtsr export writes one, with the extra that is not installed: pip ins" in refused.output
+
+
 def test_files_of_one_size_take_no_other(
     rtsr: Run, exported: Callable[[str], Path], sample_root: Path, tmp_path: Path
 ) -> None:
