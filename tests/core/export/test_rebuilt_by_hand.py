@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rtsr_cli.api import ExportRequest, UpscaleRequest, export, upscale
+from rtsr_cli.api import ExportRequest, SynthRequest, UpscaleRequest, export, synth, upscale
 from rtsr_cli.core import choices
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.frames import buffers, storage
@@ -29,6 +30,10 @@ from rtsr_cli.core.imaging import (
 )
 from rtsr_cli.core.imaging.brdf_lut import load_default_lut
 from rtsr_cli.core.lighting import lighting, lighting_history, past_lighting, radiance
+from rtsr_cli.core.network.exported import observe_networks
+from rtsr_cli.core.network.graphs import replace_graph
+from rtsr_cli.core.network.load import LoadedNetwork
+from rtsr_cli.core.system import Tensors
 from rtsr_cli.core.vrs.reprojection import SAME_SURFACE
 from rtsr_cli.models.cgts import inputs as cgts_inputs
 from rtsr_cli.models.cgts import network as cgts_network
@@ -36,6 +41,7 @@ from rtsr_cli.models.gather import network as gather_network
 from rtsr_cli.models.nsrd import inputs as nsrd_inputs
 from tests.core.export import rebuilt
 from tests.core.export.rebuilt import Side
+from tests.core.export.rebuilt_warps import rebuild_past
 
 SCALE = 4
 
@@ -195,3 +201,86 @@ def test_a_rebuild_from_the_page_gives_the_frames_of_upscale(
     assert -10.0 * np.log10(error) >= LEAST_DB
     # and nowhere far from it: a fault of few pixels hides in a mean
     assert np.abs(show(image) - show(expected)).max() < 1e-2
+
+
+@pytest.fixture(scope="module")
+def jittered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[Side, Side]]]:
+    """A pair of sizes of `rtsr synth` whose samples move about, and its frames, (LR, HR)."""
+    folder = tmp_path_factory.mktemp("synth")
+    request = SynthRequest(
+        out_folder=folder / "pair",
+        size=(128, 192),
+        scale=SCALE,
+        jitter=choices.JitterMode.HALTON,
+        frames=frozenset({1, 2, 3}),
+        seed=3,
+    )
+    list(synth(request))
+    sides = []
+    for number in (1, 2, 3):
+        x, y = (resampling.radical_inverse(number, b) - 0.5 for b in resampling.HALTON_BASES)
+        name = f"frame.{number:04d}.exr"
+        lr, hr = (folder / "pair" / side / name for side in ("lr", "hr"))
+        sides.append((read_side(lr, (x, y)), read_side(hr, (0.0, 0.0))))
+    return folder / "pair", sides
+
+
+def watch_graph(system: str, method: str, shot: Path, out: Path) -> list[dict[str, np.ndarray]]:
+    """What goes in and out of a graph, frame by frame."""
+    seen: list[dict[str, np.ndarray]] = []
+
+    def watch(loaded: LoadedNetwork) -> None:
+        own = getattr(loaded.network, method)
+
+        def call(tensors: Tensors) -> Tensors:
+            made: Tensors = own(tensors)
+            both = {**tensors, **made}
+            seen.append({n: t.detach()[0].double().numpy() for n, t in both.items()})
+            return made
+
+        replace_graph(loaded.network, method, call)
+
+    request = UpscaleRequest(
+        in_folder=shot, out_folder=out, system=system, precision=choices.Precision.FP32
+    )
+    with observe_networks(watch):
+        list(upscale(request))
+    return seen
+
+
+def forget_forward(planes: Planes, scale: int) -> None:
+    """Leave forward vectors out."""
+    for letter in "XY":
+        planes.pop(f"forward.{letter}", None)
+
+
+@pytest.mark.parametrize("forward", [True, False])
+def test_past_frames_of_nsrd_are_those_of_the_page(
+    jittered: tuple[Path, list[tuple[Side, Side]]], tmp_path: Path, forward: bool
+) -> None:
+    """Masks of dual vectors, motion between samples that move, the last output, the state."""
+    shot, sides = jittered
+    if not forward:
+        for path in shot.rglob("*.exr"):
+            change_frame(path, tmp_path / "shot" / path.relative_to(shot), 1, forget_forward)
+        shutil.copy(shot / "capture.toml", tmp_path / "shot")
+        shot = tmp_path / "shot"
+        sides = [(replace(lr, buffers=dict(lr.buffers)), hr) for lr, hr in sides]
+        for lr, _ in sides:
+            forget_forward(lr.buffers, 1)
+    _, before, now = watch_graph("nsrd", "reconstruct", shot, tmp_path / "o")
+    lut = load_default_lut(choices.LutConvention.KARIS)[0].double().numpy()
+    made = rebuild_past(
+        (sides[2][0], sides[1][0], sides[0][0]),
+        sides[2][1],
+        lut,
+        SCALE,
+        predicted=before["predicted"],
+        hidden=before["hidden_next"],
+    )
+    for name, image in vars(made).items():
+        # rounding decides of a pixel whether its vectors agree
+        far = np.abs(image - now[name]).max(0) > 1e-3
+        assert far.mean() < 1e-3, name
+    assert 0.01 < now["past_2"][7].mean() < 0.9
+    assert np.abs(now["last"]).max() > 0.1
