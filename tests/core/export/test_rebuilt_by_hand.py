@@ -41,6 +41,7 @@ from rtsr_cli.models.gather import network as gather_network
 from rtsr_cli.models.nsrd import inputs as nsrd_inputs
 from tests.core.export import rebuilt
 from tests.core.export.rebuilt import Side
+from tests.core.export.rebuilt_history import gather_frame
 from tests.core.export.rebuilt_warps import rebuild_past
 
 SCALE = 4
@@ -284,3 +285,35 @@ def test_past_frames_of_nsrd_are_those_of_the_page(
         assert far.mean() < 1e-3, name
     assert 0.01 < now["past_2"][7].mean() < 0.9
     assert np.abs(now["last"]).max() > 0.1
+
+
+def test_history_of_gather_is_carried_and_blended_as_the_page_says(
+    jittered: tuple[Path, list[tuple[Side, Side]]], tmp_path: Path
+) -> None:
+    """Channels that the graph is shown of history that two frames left, and what is written."""
+    shot, sides = jittered
+    seen = watch_graph("gather", "correct", shot, tmp_path / "o")
+    lut = load_default_lut(choices.LutConvention.KARIS)[0].double().numpy()
+    before, history = None, None
+    for pair, tensors in zip(sides, seen, strict=True):
+        made = gather_frame(pair, before, history, lut, r=tensors["corrections"], scale=SCALE)
+        samples, pixels = tensors["samples"], tensors["pixels"]
+        pairs = (
+            (made.change, samples[8:11]),
+            (made.seen, samples[11]),
+            (made.worth_before, np.expm1(2.0 * pixels[2])),
+        )
+        for found, expected in pairs:
+            assert (np.abs(found - expected) > 2e-3).mean() < 2e-3
+        before, history = pair, made.history
+    assert seen[2]["samples"][11].mean() > 0.5
+    assert history is not None
+    lr, hr = sides[2]
+    picture = history.lighting * rebuilt.material(hr, lut) + hr.color("emission")
+    planes = read_channels(tmp_path / "o" / "frame.0003.exr", "RGB")
+    expected = np.stack([planes[c].astype(np.float64) for c in "RGB"])
+    lit = ~hr.sky & (rebuilt.material(hr, lut).min(0) > 0.01)
+    apart = np.abs(show(picture) - show(expected)).max(0)
+    assert lit.mean() > 0.5
+    assert (apart[lit] > 2e-3).mean() < 5e-3
+    assert lr.depth.shape[0] * SCALE == hr.depth.shape[0]
