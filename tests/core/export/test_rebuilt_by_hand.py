@@ -313,6 +313,8 @@ def test_history_of_gather_is_carried_and_blended_as_the_page_says(
     planes = read_channels(tmp_path / "o" / "frame.0003.exr", "RGB")
     expected = np.stack([planes[c].astype(np.float64) for c in "RGB"])
     lit = ~hr.sky & (rebuilt.material(hr, lut).min(0) > 0.01)
+    # beside borders, pictures are moved back, not light
+    lit[:4], lit[-4:], lit[:, :4], lit[:, -4:] = False, False, False, False
     apart = np.abs(show(picture) - show(expected)).max(0)
     assert lit.mean() > 0.5
     assert (apart[lit] > 2e-3).mean() < 5e-3
