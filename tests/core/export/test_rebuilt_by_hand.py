@@ -11,7 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rtsr_cli.api import ExportRequest, SynthRequest, UpscaleRequest, export, synth, upscale
+from rtsr_cli.api import (
+    ExportRequest,
+    ExtrapolateRequest,
+    SynthRequest,
+    UpscaleRequest,
+    export,
+    extrapolate,
+    synth,
+    upscale,
+)
 from rtsr_cli.core import choices
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.frames import buffers, storage
@@ -41,6 +50,7 @@ from rtsr_cli.models.gather import network as gather_network
 from rtsr_cli.models.nsrd import inputs as nsrd_inputs
 from tests.core.export import rebuilt
 from tests.core.export.rebuilt import Side
+from tests.core.export.rebuilt_extrapolation import show_past
 from tests.core.export.rebuilt_history import gather_frame
 from tests.core.export.rebuilt_warps import rebuild_past
 
@@ -319,3 +329,40 @@ def test_history_of_gather_is_carried_and_blended_as_the_page_says(
     assert lit.mean() > 0.5
     assert (apart[lit] > 2e-3).mean() < 5e-3
     assert lr.depth.shape[0] * SCALE == hr.depth.shape[0]
+
+
+def test_past_lighting_of_extranet_is_carried_and_filled_as_the_page_says(
+    sample_root: Path, tmp_path: Path
+) -> None:
+    seen: list[np.ndarray] = []
+
+    def watch(loaded: LoadedNetwork) -> None:
+        own = loaded.network.correct
+
+        def call(tensors: Tensors) -> Tensors:
+            seen.append(tensors["current"][0].double().numpy())
+            made: Tensors = own(tensors)
+            return made
+
+        replace_graph(loaded.network, "correct", call)
+
+    request = ExtrapolateRequest(
+        in_folder=sample_root / "lr",
+        out_folder=tmp_path / "o",
+        system="extranet",
+        frames=frozenset({4}),
+        precision=choices.Precision.FP32,
+    )
+    with observe_networks(watch):
+        list(extrapolate(request))
+    before, now = (
+        read_side(sample_root / "lr" / f"frame.{n:04d}.exr", (0.125, 0.125)) for n in (3, 4)
+    )
+    lut = load_default_lut(choices.LutConvention.KARIS)[0].double().numpy()
+    base, holes = show_past(now, before, lut)
+    (current,) = seen
+    found = current[:, : holes.shape[0], : holes.shape[1]]
+    assert holes.mean() > 0.05
+    assert (np.abs(base - found[:3]).max(0) > 1e-3).mean() < 1e-3
+    masked = np.where(holes, 0, base)
+    assert (np.abs(masked - found[6:9]).max(0) > 1e-3).mean() < 1e-3
