@@ -204,3 +204,41 @@ def rebuild_past(
         last=np.where(unreliable, 0, last),
         hidden=np.where(inside(m1), nearest(hidden, m1), 0),
     )
+
+
+def lesser_step(z: Array) -> Array:
+    """Of both sides where they agree in sign, else 0; along x plus along y."""
+    total = np.zeros_like(z)
+    for axis in (0, 1):
+        step = np.diff(z, axis=axis)
+        edge = np.zeros_like(np.take(step, [0], axis))
+        before, after = (np.concatenate(parts, axis) for parts in ((edge, step), (step, edge)))
+        total += np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0)
+    return total
+
+
+def luma(image: Array) -> Array:
+    return 0.299 * image[0] + 0.587 * image[1] + 0.114 * image[2]
+
+
+def reproject(now: Side, before: Side) -> Array:
+    """The four channels of rt-percept."""
+    m1 = surface_motion(now) + jitter_change(now, before)
+    t = before.color("") / (1 + before.color(""))
+    x = clamp(t, 0, 1)
+    shown = np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
+    z = np.minimum(now.depth, C["SKY_DEPTH"])
+    near = np.abs(nearest(np.minimum(before.depth, C["SKY_DEPTH"]), m1) - z)
+    n, n_before = now.normal, bilinear(before.normal, m1)
+    lengths = np.linalg.norm(n, axis=0) * np.linalg.norm(n_before, axis=0)
+    facing = (n * n_before).sum(0) / np.where(lengths > 0, lengths, 1)
+    both_sky = (np.linalg.norm(n, axis=0) == 0) & (np.linalg.norm(n_before, axis=0) == 0)
+    seen = inside(m1) & (near <= C["SEEN_DEPTH"] * z + lesser_step(z))
+    seen &= ((facing >= C["SEEN_FACING"]) & (lengths > 0)) | both_sky
+    seen &= nearest(before.buffers["objectid"], m1) == now.buffers["objectid"]
+    rotation = now.world_to_camera[:3, :3]
+    rotation = rotation / np.linalg.norm(rotation, axis=0, keepdims=True)
+    toward = np.einsum("ihw,ij->jhw", n, rotation)[2]
+    diffuse = now.color("albedo") * (1 - now.buffers["metallic"])
+    picture = luma(nearest(shown, m1)) * seen
+    return np.stack([picture, seen.astype(float), luma(diffuse), toward * 0.5 + 0.5])

@@ -14,10 +14,12 @@ import pytest
 from rtsr_cli.api import (
     ExportRequest,
     ExtrapolateRequest,
+    PredictVrsRequest,
     SynthRequest,
     UpscaleRequest,
     export,
     extrapolate,
+    predict_vrs,
     synth,
     upscale,
 )
@@ -52,7 +54,14 @@ from tests.core.export import rebuilt
 from tests.core.export.rebuilt import Side
 from tests.core.export.rebuilt_extrapolation import show_past
 from tests.core.export.rebuilt_history import gather_frame
-from tests.core.export.rebuilt_warps import rebuild_past
+from tests.core.export.rebuilt_warps import (
+    inside,
+    jitter_change,
+    nearest,
+    rebuild_past,
+    reproject,
+    surface_motion,
+)
 
 SCALE = 4
 
@@ -366,3 +375,57 @@ def test_past_lighting_of_extranet_is_carried_and_filled_as_the_page_says(
     assert (np.abs(base - found[:3]).max(0) > 1e-3).mean() < 1e-3
     masked = np.where(holes, 0, base)
     assert (np.abs(masked - found[6:9]).max(0) > 1e-3).mean() < 1e-3
+
+
+def test_what_rt_percept_sees_is_what_the_page_says(sample_root: Path, tmp_path: Path) -> None:
+    seen: list[np.ndarray] = []
+
+    def watch(loaded: LoadedNetwork) -> None:
+        own = loaded.network.estimate
+
+        def call(tensors: Tensors) -> Tensors:
+            seen.append(tensors["seen"][0].double().numpy())
+            made: Tensors = own(tensors)
+            return made
+
+        replace_graph(loaded.network, "estimate", call)
+
+    request = PredictVrsRequest(
+        in_folder=sample_root / "lr",
+        out_folder=tmp_path / "o",
+        frames=frozenset({3}),
+        no_compare=True,
+    )
+    with observe_networks(watch):
+        list(predict_vrs(request))
+    before, now = (
+        read_side(sample_root / "lr" / f"frame.{n:04d}.exr", (0.125, 0.125)) for n in (2, 3)
+    )
+    made = reproject(now, before)
+    # a pre-roll frame comes first
+    found = seen[-1]
+    found = found[:, : made.shape[1], : made.shape[2]]
+    assert 0.5 < made[1].mean() < 0.99
+    assert (np.abs(made - found) > 1e-4).mean() < 1e-3
+
+
+def test_past_features_of_fusesr_are_warped_as_the_page_says(
+    jittered: tuple[Path, list[tuple[Side, Side]]], tmp_path: Path
+) -> None:
+    shot, sides = jittered
+    seen = watch_graph("fusesr", "fuse", shot, tmp_path / "o")
+    mains = [tensors["main"] for tensors in seen]
+    lr = [pair[0] for pair in sides]
+    m1 = surface_motion(lr[2]) + jitter_change(lr[2], lr[1])
+    m2 = m1 + nearest(surface_motion(lr[1]) + jitter_change(lr[1], lr[0]), m1)
+    size = np.array(lr[2].depth.shape[::-1]).reshape(2, 1, 1)
+    for age, motion, past in ((1, m1, 1), (2, m2, 0)):
+        d = np.where(lr[past].sky, 0, 1 / (1 + lr[past].depth))
+        made = {
+            f"past_{age}": np.where(inside(motion), nearest(mains[past], motion), 0),
+            f"depth_{age}": nearest(d, motion)[None],
+            f"motion_ndc_{age}": motion * 2 / size,
+        }
+        for name, image in made.items():
+            apart = np.abs(image - seen[2][name]).max(0)
+            assert (apart > 1e-3).mean() < 1e-3, name
