@@ -51,6 +51,7 @@ from rtsr_cli.models.cgts import network as cgts_network
 from rtsr_cli.models.gather import network as gather_network
 from rtsr_cli.models.nsrd import inputs as nsrd_inputs
 from tests.core.export import rebuilt
+from tests.core.export import rebuilt_supersampling as supersampling
 from tests.core.export.rebuilt import Side
 from tests.core.export.rebuilt_extrapolation import show_past
 from tests.core.export.rebuilt_history import gather_frame
@@ -223,14 +224,12 @@ def test_a_rebuild_from_the_page_gives_the_frames_of_upscale(
     assert np.abs(show(image) - show(expected)).max() < 1e-2
 
 
-@pytest.fixture(scope="module")
-def jittered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[Side, Side]]]:
+def make_pair(folder: Path, scale: int) -> tuple[Path, list[tuple[Side, Side]]]:
     """A pair of sizes of `rtsr synth` whose samples move about, and its frames, (LR, HR)."""
-    folder = tmp_path_factory.mktemp("synth")
     request = SynthRequest(
         out_folder=folder / "pair",
         size=(128, 192),
-        scale=SCALE,
+        scale=scale,
         jitter=choices.JitterMode.HALTON,
         frames=frozenset({1, 2, 3}),
         seed=3,
@@ -243,6 +242,12 @@ def jittered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple
         lr, hr = (folder / "pair" / side / name for side in ("lr", "hr"))
         sides.append((read_side(lr, (x, y)), read_side(hr, (0.0, 0.0))))
     return folder / "pair", sides
+
+
+@pytest.fixture(scope="module")
+def jittered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[Side, Side]]]:
+    """Three frames of a pair."""
+    return make_pair(tmp_path_factory.mktemp("synth"), SCALE)
 
 
 def watch_graph(system: str, method: str, shot: Path, out: Path) -> list[dict[str, np.ndarray]]:
@@ -429,3 +434,37 @@ def test_past_features_of_fusesr_are_warped_as_the_page_says(
         for name, image in made.items():
             apart = np.abs(image - seen[2][name]).max(0)
             assert (apart > 1e-3).mean() < 1e-3, name
+
+
+def test_history_of_cgts_is_carried_and_accumulated_as_the_page_says(tmp_path: Path) -> None:
+    shot, sides = make_pair(tmp_path, 2)
+    classes = watch_graph("cgts", "classify", shot, tmp_path / "o")
+    strips = watch_graph("cgts", "weigh", shot, tmp_path / "again")
+    height, width = sides[0][1].depth.shape
+    count, state = len(strips) // len(sides), None
+    for i, ((lr, _), tensors) in enumerate(zip(sides, classes, strict=True)):
+        shown = supersampling.show(lr, state, 2)
+        seen, logits = (tensors[name][:, :height, :width] for name in ("seen", "logits"))
+        parts = strips[i * count : (i + 1) * count]
+        known, given = (
+            np.concatenate([part[name] for part in parts], axis=1) for name in ("known", "given")
+        )
+        pairs = (
+            (shown.color, seen[:3]),
+            (shown.motion / 16, seen[4:6]),
+            (shown.counter / 16, seen[6]),
+            (np.concatenate([shown.low, shown.high]), seen[7:13]),
+            (shown.logits, seen[14:]),
+            (shown.history, known[11:14]),
+            (shown.worth, known[14]),
+            (np.log1p(shown.history_worth) / 4, known[15]),
+            (np.abs(shown.clipped - shown.history).max(0), known[19]),
+        )
+        for found, expected in pairs:
+            assert (np.abs(found - expected) > 1e-3).mean() < 1e-3
+        state = supersampling.accumulate(shown, logits, given)
+    assert state is not None
+    assert state.counter.max() == 2
+    planes = read_channels(tmp_path / "o" / "frame.0003.exr", "RGB")
+    written = np.stack([planes[c].astype(np.float64) for c in "RGB"])
+    assert np.abs(state.color - show(written)).max() < 1e-3
