@@ -28,42 +28,25 @@ os.environ.setdefault("GOMP_SPINCOUNT", "0")
 import json
 import statistics
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import click
-import numpy as np
-import onnx
 import torch
-from numpy.typing import NDArray
 from sections import replace_section
 from tables import markdown
-from torch import Tensor
 
 from rtsr_cli import api
 from rtsr_cli.core.choices import JitterMode, Precision, Runtime, SystemTask
-from rtsr_cli.core.files.exr import read_channels, read_header
-from rtsr_cli.core.network import exported
-from rtsr_cli.core.network.graphs import replace_graph
-from rtsr_cli.core.network.load import LoadedNetwork
+from rtsr_cli.core.export.followed_graphs import GraphsSeen, expose_tensors, follow_graphs
+from rtsr_cli.core.export.frame_proof import compare_outputs
+from rtsr_cli.core.network.exported import observe_networks
 from rtsr_cli.core.network.manifest import read_manifest
-from rtsr_cli.core.network.onnx_graph import OnnxGraph, import_onnxruntime
 from rtsr_cli.core.network.weights import SHIPPED, read_weights
-from rtsr_cli.core.system import Tensors
 from rtsr_cli.models import load_system
-
-CALLERS = (
-    "rtsr_cli.core.upscale.call",
-    "rtsr_cli.core.extrapolate.call",
-    "rtsr_cli.core.vrs.predictor",
-)
-"""Modules that load networks."""
 
 PRECISIONS = (Precision.FP32, Precision.FP16)
 
@@ -87,91 +70,6 @@ COLUMNS = {
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "export.md"
 
 
-@dataclass(kw_only=True)
-class Watched:
-    """What was seen of a network's graphs."""
-
-    difference: dict[Precision, float] = field(
-        default_factory=lambda: dict.fromkeys(PRECISIONS, 0.0)
-    )
-    largest: float = 0.0
-    torch_s: list[float] = field(default_factory=list)
-    onnx_s: list[float] = field(default_factory=list)
-
-
-def expose_tensors(path: Path) -> Callable[[Tensors], float]:
-    """Return what runs a graph and gives the largest absolute value of any tensor in it."""
-    model = onnx.load(str(path))
-    known = {put.name for put in model.graph.output}
-    for node in model.graph.node:
-        for name in node.output:
-            if name and name not in known:
-                model.graph.output.append(onnx.ValueInfoProto(name=name))
-    runtime = import_onnxruntime()
-    options = runtime.SessionOptions()
-    options.log_severity_level = 3
-    session = runtime.InferenceSession(
-        model.SerializeToString(), options, providers=["CPUExecutionProvider"]
-    )
-    names = [put.name for put in session.get_inputs()]
-
-    def run(tensors: Tensors) -> float:
-        made = session.run(None, {name: tensors[name].contiguous().numpy() for name in names})
-        return max(float(np.abs(t).max()) for t in made if t.dtype == np.float32 and t.size)
-
-    return run
-
-
-def watch_graphs(loaded: LoadedNetwork, folders: Mapping[Precision, Path], seen: Watched) -> None:
-    """Let every graph of torch's network be followed by its exports on the same inputs."""
-    files = {p: {f.method: f.path for f in read_manifest(d).files} for p, d in folders.items()}
-    network = loaded.network
-    for method in files[Precision.FP32]:
-        own = getattr(network, method)
-        runs = {p: OnnxGraph(files[p][method]) for p in PRECISIONS}
-        measure = expose_tensors(files[Precision.FP32][method])
-
-        def call(tensors: Tensors, own=own, runs=runs, measure=measure) -> Tensors:
-            started = time.perf_counter()
-            outputs = own(tensors)
-            between = time.perf_counter()
-            found = {Precision.FP32: runs[Precision.FP32](tensors)}
-            seen.onnx_s.append(time.perf_counter() - between)
-            seen.torch_s.append(between - started)
-            found[Precision.FP16] = runs[Precision.FP16](tensors)
-            for precision, made in found.items():
-                apart = find_difference(outputs, made)
-                seen.difference[precision] = max(seen.difference[precision], apart)
-            seen.largest = max(seen.largest, measure(tensors))
-            return outputs
-
-        replace_graph(network, method, call)
-
-
-def find_difference(outputs: Tensors, found: Mapping[str, Tensor]) -> float:
-    """Largest difference of any output."""
-    return max(float((found[n].float() - t.float()).abs().max()) for n, t in outputs.items())
-
-
-@contextmanager
-def followed(folders: Mapping[Precision, Path], seen: Watched) -> Iterator[None]:
-    """Let networks that are loaded be watched."""
-
-    def load(*given: Any) -> LoadedNetwork:
-        loaded = exported.load_chosen_network(*given)
-        watch_graphs(loaded, folders, seen)
-        return loaded
-
-    patches = [mock.patch(f"{caller}.load_chosen_network", load) for caller in CALLERS]
-    for patch in patches:
-        patch.start()
-    try:
-        yield
-    finally:
-        for patch in patches:
-            patch.stop()
-
-
 def run_shot(
     task: SystemTask, scale: int, folder: Path, out: Path, *, frames: int, **network: Any
 ) -> None:
@@ -191,22 +89,13 @@ def run_shot(
             raise click.ClickException(message)
 
 
-def read_frame(path: Path, *, shown: bool) -> NDArray[np.float64]:
-    """Channels of a file, after c / (1 + c) where they are radiance."""
-    channels = [c for c in read_header(path).channels if c in "RGB" or c.startswith("error")]
-    planes = read_channels(path, channels)
-    image = np.stack([planes[c].astype(np.float64) for c in channels])
-    return image / (1.0 + image) if shown else image
-
-
-def compare_outputs(expected: Path, found: Path, *, shown: bool) -> list[float]:
-    """PSNR of every frame written, the others in its place being torch's."""
-    values = []
-    for path in sorted(expected.rglob("*.exr")):
-        a, b = (read_frame(p, shown=shown) for p in (path, found / path.relative_to(expected)))
-        error = float(np.mean((a - b) ** 2))
-        values.append(float("inf") if error == 0 else -10.0 * np.log10(error))
-    return values
+def follow(folders: Mapping[Precision, Path], seen: GraphsSeen) -> AbstractContextManager[None]:
+    """Let networks that are loaded be followed by their exports."""
+    files = {p.value: {f.method: f.path for f in read_manifest(d).files}
+             for p, d in folders.items()}  # fmt: skip
+    single = files[Precision.FP32.value]
+    measures = {method: expose_tensors(path.read_bytes()) for method, path in single.items()}
+    return observe_networks(lambda loaded: follow_graphs(loaded, files, measures, seen))
 
 
 def measure(name: str, shots: Sequence[Path], work: Path, frames: int) -> dict[str, Any]:
@@ -225,12 +114,13 @@ def measure(name: str, shots: Sequence[Path], work: Path, frames: int) -> dict[s
     }
     if system.task is not SystemTask.PREDICT_VRS:
         ways[LAYERS] = {**named, "precision": Precision.FP16}
-    seen, found = Watched(), {way: [] for way in ways}
+    seen = GraphsSeen()
+    found: dict[str, list[float]] = {way: [] for way in ways}
     run = partial(run_shot, system.task, weights.scale, frames=frames)
     with tempfile.TemporaryDirectory() as scratch:
         for i, shot in enumerate(shots):
             expected = Path(scratch) / str(i) / "torch"
-            with followed(folders, seen):
+            with follow(folders, seen):
                 run(shot, expected, precision=Precision.FP32, **named)
             for way, given in ways.items():
                 run(shot, expected.parent / way, **given)
@@ -243,16 +133,16 @@ def measure(name: str, shots: Sequence[Path], work: Path, frames: int) -> dict[s
     return figures
 
 
-def describe(name: str, seen: Watched, frames: int) -> dict[str, Any]:
+def describe(name: str, seen: GraphsSeen, frames: int) -> dict[str, Any]:
     """The figures of a network's graphs."""
-    ratios = [a / b for a, b in zip(seen.onnx_s, seen.torch_s, strict=True)]
+    ratios = [a / b for a, b in zip(seen.exported_s, seen.own_s, strict=True)]
     return {
         "weights": name,
-        "e fp32": seen.difference[Precision.FP32],
-        "e fp16": seen.difference[Precision.FP16],
+        "e fp32": seen.difference[Precision.FP32.value],
+        "e fp16": seen.difference[Precision.FP16.value],
         "largest": seen.largest,
-        "torch s": sum(seen.torch_s) / frames,
-        "onnx s": sum(seen.onnx_s) / frames,
+        "torch s": sum(seen.own_s) / frames,
+        "onnx s": sum(seen.exported_s) / frames,
         "ratio": statistics.median(ratios),
     }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from rtsr_cli.core import system_facts
 from rtsr_cli.core.cards import card
 from rtsr_cli.core.errors import ConfigError, did_you_mean
-from rtsr_cli.core.files.folders import is_file
+from rtsr_cli.core.files.folders import is_file, is_folder
 from rtsr_cli.core.network.weights import list_shipped, read_weights
 from rtsr_cli.core.system_facts import SystemFacts
 from rtsr_cli.models import list_system_names, load_system
@@ -24,13 +24,18 @@ def write_card(subject: str) -> str:
         Markdown.
 
     Raises:
-        ConfigError: there is neither such a system nor such a file.
+        ConfigError: there is neither such a system nor such a file; a folder is named as one.
         CheckpointError: the file holds no weights.
     """
     if subject in list_system_names():
         shipped = [read_weights(path) for path in list_shipped(subject)]
         return card.write_card(load_system(subject), shipped)
     path = Path(subject)
+    if is_folder(path):
+        raise ConfigError(
+            f"{path}: a folder; a card is of a system or of a file of weights, such as "
+            f"{path / 'best.safetensors'}"
+        )
     if not is_file(path):
         hint = did_you_mean(subject, list_system_names())
         raise ConfigError(f"no system is called '{subject}'{hint}, and there is no such file")

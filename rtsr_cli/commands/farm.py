@@ -16,6 +16,7 @@ from rtsr_cli.commands.evaluate import ResultFile
 from rtsr_cli.commands.log import LOG, show
 from rtsr_cli.core.captures.layout_names import LAYOUT_SUFFIX
 from rtsr_cli.core.choices import FarmEngine
+from rtsr_cli.core.errors import RequestError
 from rtsr_cli.core.farms.commands import Argument, FarmCommand, FarmJob
 from rtsr_cli.core.farms.steps import MOST_TASKS, plan_job
 from rtsr_cli.core.wording import join_names, say_count
@@ -78,7 +79,11 @@ def emit(
     from rtsr_cli.core.farms.job_files import encode_job, write_job
 
     lines = [list(group) for between, group in groupby(words, BETWEEN.__eq__) if not between]
-    job = plan_job([read_command(ctx, line) for line in lines], tasks)
+    commands = [read_command(ctx, line) for line in lines]
+    try:
+        job = plan_job(commands, tasks)
+    except RequestError as error:
+        raise click.UsageError(str(error), ctx) from error
     given = shlex.join(["--engine", engine, "--tasks", str(tasks), BETWEEN, *words])
     text = encode_job(job, engine, f"rtsr farm emit {given}")
     if output is None:
@@ -112,7 +117,12 @@ def read_command(ctx: click.Context, words: Sequence[str]) -> FarmCommand:
     group = ctx.find_root().command
     assert isinstance(group, click.Group)
     name, *rest = words
-    inner = group.resolve_command(ctx.find_root(), [name])[1]
+    try:
+        inner = group.resolve_command(ctx.find_root(), [name])[1]
+    except click.UsageError as error:
+        # it is the emitting command that is used wrongly
+        error.ctx = ctx
+        raise
     assert inner is not None
     fields = {param.name for param in inner.params}
     if not fields & {"shard", "frames"}:
@@ -165,6 +175,8 @@ def _make_argument(param: click.Parameter, value: str) -> Argument:
     if not names_path and not layout_file:
         return Argument(option=option, value=value, field=field)
     shown = option or param.metavar or field
+    if not value:
+        raise click.UsageError(f"{shown} is empty; name a file or folder")
     of_file = param.metavar == FILE or isinstance(param.type, ResultFile) or layout_file
     return Argument(
         option=option,
@@ -205,8 +217,13 @@ def pin(in_folder: Path, layout: str | None, layer: str | None, view: str | None
         count += 1
         if pinned.written is not None:
             written += 1
-            kept = "" if pinned.kept is None else f"; the former one is {pinned.kept.name}"
+            former = pinned.kept
+            kept = f"; {former.name} is the former one, with its comments" if former else ""
             LOG.info(
-                "%s: %s measured, written%s", pinned.written, join_names(pinned.measured), kept
+                "%s: %s measured, written; all else is spelled out as it was declared or is "
+                "presumed%s",
+                pinned.written,
+                join_names(pinned.measured),
+                kept,
             )
     LOG.info("%s: %s, %s written", in_folder, say_count(count, "shot"), say_count(written, "file"))

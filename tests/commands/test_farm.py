@@ -105,6 +105,18 @@ def test_pinning_keeps_what_is_declared(rtsr: Run, capture: Path) -> None:
     assert "camera_cuts = [3]" in own
 
 
+def test_pinning_says_where_comments_are(rtsr: Run, capture: Path) -> None:
+    own = capture / "one" / "capture.toml"
+    own.write_text("# mine\nfilter_width_px = 0.1234567890123\n")
+    pinned = rtsr("farm", "pin", capture)
+    assert pinned.exit_code == 0, pinned.output
+    assert "motion measured, written; all else is spelled out" in pinned.output
+    assert "capture.toml.bak is the former one, with its comments" in pinned.output
+    assert "# mine" in own.with_name("capture.toml.bak").read_text()
+    # no digit of a number is lost
+    assert "filter_width_px = 0.1234567890123\n" in own.read_text()
+
+
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
@@ -117,6 +129,8 @@ def test_pinning_keeps_what_is_declared(rtsr: Run, capture: Path) -> None:
         (("--engine", "openjd", "--", "upscale", "a", "b", "--dry-run"), 2, "leave out --dry-run"),
         (("--engine", "slurm", "--", "evaluate", "a", "b"), 2, "name an --output of evaluate"),
         (("--engine", "slurm", "--", "synth", "a", "--frames", "1-2"), 2, "8 tasks for 2 frames"),
+        (("--engine", "openjd", "--", "upscale", "", "b"), 2, "IN is empty; name a file or fo"),
+        (("--engine", "openjd", "--", "upscale", "a", "b", "--capture", ""), 2, "--capture is emp"),
         (("--engine", "openjd"), 2, "Missing argument"),
     ],
 )  # fmt: skip
@@ -136,8 +150,43 @@ def test_a_file_of_others_is_not_replaced(rtsr: Run, tmp_path: Path) -> None:
     assert result.exit_code == 3
     assert "job.json: rtsr farm did not write this" in result.output
     assert rtsr("farm", "emit", "--engine", "openjd", "--overwrite", *words).exit_code == 0
-    # its own file is replaced, by another engine's too
-    assert rtsr("farm", "emit", "--engine", "slurm", *words).exit_code == 0
+    # the same job is written again; another one, as of another engine, replaces it when asked
+    assert rtsr("farm", "emit", "--engine", "openjd", *words).exit_code == 0
+    before = (tmp_path / "job.json").read_bytes()
+    for other in (
+        ("slurm", *words),
+        ("openjd", *words[:-1], "c"),
+        ("openjd", "--tasks", 3, *words),
+    ):
+        refused = rtsr("farm", "emit", "--engine", *other)
+        assert refused.exit_code == 3
+        assert "job.json: a job of another command, or of another version" in refused.output
+    assert (tmp_path / "job.json").read_bytes() == before
+    assert rtsr("farm", "emit", "--engine", "slurm", "--overwrite", *words).exit_code == 0
+    assert "{this file}" not in (tmp_path / "job.json").read_text()
+
+
+@pytest.mark.parametrize("asked", [(), ("--overwrite",)])
+def test_a_folder_is_no_file_of_a_job(rtsr: Run, tmp_path: Path, asked: tuple[str, ...]) -> None:
+    words = ("--engine", "openjd", "--output", tmp_path, *asked, "--", "upscale", "a", "b")
+    refused = rtsr("farm", "emit", *words)
+    assert refused.exit_code == 3
+    assert "a folder; name a file, such as" in refused.output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("upscal", "a", "b"),
+        ("upscale", "a", "b", "--shard", "1/2"),
+        ("evaluate", "a", "b"),
+        ("inspect", "a"),
+    ],
+)
+def test_what_emit_refuses_names_emit(rtsr: Run, words: tuple[str, ...]) -> None:
+    result = rtsr("farm", "emit", "--engine", "openjd", "--", *words)
+    assert result.exit_code == 2
+    assert "farm emit [OPTIONS] -- COMMAND..." in result.output.splitlines()[0]
 
 
 @with_openjd

@@ -14,6 +14,7 @@ from rtsr_cli.core.cards.origin import (
     describe_data,
     describe_figures,
     describe_file,
+    describe_margin,
     describe_settings,
     list_limits,
 )
@@ -126,6 +127,7 @@ def _describe_weights(system: System, weights: SavedWeights) -> list[str]:
         "",
         *describe_figures(weights, system.learning),
         "",
+        *(describe_margin(weights) if system.tiles is not None else []),
         "### Settings",
         "",
         *describe_settings(weights),

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from rtsr_cli.core.cards.markdown import write_facts, write_table
-from rtsr_cli.core.network.weights import SavedWeights
+from rtsr_cli.core.choices import SystemTask
+from rtsr_cli.core.network.weights import SavedWeights, find_margin
 from rtsr_cli.core.settings import to_toml
 from rtsr_cli.core.system import TrainingRecipe
 from rtsr_cli.core.visible_text import make_visible
-from rtsr_cli.core.wording import say_count
+from rtsr_cli.core.wording import join_names, say_count
 
 T = TypeVar("T")
 
@@ -21,6 +22,9 @@ UNRECORDED = "not recorded"
 
 UNDECLARED = "not declared"
 """Licence of shots whose capture.toml names none."""
+
+DECLARED_HEAD = ("for", "what", "shots", "frames", "licence, as declared")
+"""Of the table of data that are known by pages."""
 
 USES = ("training", "validation")
 """Parts of the data."""
@@ -55,6 +59,9 @@ def describe_file(weights: SavedWeights) -> list[str]:
 def describe_data(weights: SavedWeights) -> list[str]:
     """Lines of what the network was trained and judged on."""
     data = find_fact(weights.about, "data", dict)
+    declared = find_fact(weights.about, "declared", dict)
+    if data is None and declared is not None:
+        return _describe_declared(weights.about, declared)
     if data is None:
         return [_describe_older(weights.about)]
     lines: list[str] = []
@@ -65,10 +72,40 @@ def describe_data(weights: SavedWeights) -> list[str]:
 
 def _describe_older(about: Mapping[str, Any]) -> str:
     """What weights say that were written before they listed their data."""
+    return (
+        f"Trained on: {_name_older(about)}. Frames, licences and what it was judged on: "
+        f"{UNRECORDED}."
+    )
+
+
+def _name_older(about: Mapping[str, Any]) -> str:
+    """Names, or a number, of the shots."""
     trained = about.get("trained_on")
     named = ", ".join(f"`{make_visible(str(name))}`" for name in _list_of(trained))
-    told = named or (make_visible(trained) if isinstance(trained, str) else UNRECORDED)
-    return f"Trained on: {told}. Frames, licences and what it was judged on: {UNRECORDED}."
+    return named or (make_visible(trained) if isinstance(trained, str) else UNRECORDED)
+
+
+def _describe_declared(about: Mapping[str, Any], declared: Mapping[str, Any]) -> list[str]:
+    """What is known of data that a training did not record, and what is not."""
+    lines = [
+        f"Trained on: {_name_older(about)}, as the file's own training says. What is known of them "
+        f"beside, by {_say(declared, 'source')}:",
+        "",
+    ]
+    rows = [
+        [use, *(_say(part, key) for key in ("name", "shots", "frames", "licence"))]
+        for use in USES
+        for part in _list_of(declared.get(use))
+        if isinstance(part, dict)
+    ]
+    if rows:
+        lines += [*write_table(DECLARED_HEAD, rows), ""]
+    return [*lines, f"Not known: {_say(declared, 'unknown')}."]
+
+
+def _say(facts: Mapping[str, Any], name: str) -> str:
+    value = facts.get(name)
+    return UNRECORDED if value in (None, "") else make_visible(str(value))
 
 
 def _list_of(value: object) -> list[Any]:
@@ -96,13 +133,47 @@ def describe_figures(weights: SavedWeights, learning: TrainingRecipe | None) -> 
     training = find_fact(weights.about, "training", dict) or {}
     frames = find_fact(training, "validation_frames", int)
     rows = [[name, _write_score(value)] for name, value in scores.items()]
+    judged = _list_of((find_fact(weights.about, "declared", dict) or {}).get("validation"))
+    names = [_say(part, "name") for part in judged if isinstance(part, dict)]
     return [
-        f"By `rtsr train {weights.system} DATA --config SETTINGS --out RUN` with the settings below"
-        " (the last columns of RUN/log.csv at that step), on whole frames for validation, "
+        *_describe_measured(weights.about),
+        f"In training, {f'on {join_names(names)}, ' if names else ''}by `rtsr train "
+        f"{weights.system} DATA --config SETTINGS --out RUN` with the settings "
+        "below (the last columns of RUN/log.csv at that step), on whole frames for validation, "
         f"{UNRECORDED if frames is None else frames} at most, spread over the shots; means over the"
         f" frames of each shot, then over shots. {learning.protocol}.",
         "",
         *write_table(("score", "mean"), rows),
+    ]
+
+
+def _describe_measured(about: Mapping[str, Any]) -> list[str]:
+    """Figures that anyone can repeat, where the file has them."""
+    measured = find_fact(about, "measured", dict)
+    if measured is None:
+        return []
+    lines = [make_visible(str(line)) for line in _list_of(measured.get("lines"))]
+    scores = find_fact(measured, "scores", dict) or {}
+    return [
+        "Measured with these weights; anyone can repeat it:",
+        "",
+        "```sh",
+        *lines,
+        "```",
+        "",
+        *write_table(("score", "mean"), [[name, _write_score(v)] for name, v in scores.items()]),
+        "",
+    ]
+
+
+def describe_margin(weights: SavedWeights) -> list[str]:
+    """Lines of what is added to the errors that the weights predict."""
+    margin = find_margin(weights.about)
+    return [
+        f"`rtsr {SystemTask.PREDICT_VRS.value}` adds {margin:.4f} to every prediction before it is "
+        "transformed back, the mean underestimation above, 0 where that is not recorded; "
+        "`--margin` chooses another.",
+        "",
     ]
 
 
@@ -129,5 +200,8 @@ def list_limits(weights: SavedWeights) -> list[str]:
     if augmentation.get("filtered_share") == 0.0:
         limits.append("Its training saw no LR radiance that a pixel filter went over.")
     if find_fact(find_fact(weights.about, "data", dict) or {}, "held_out", bool) is False:
-        limits.append("No shot was held out: it was judged on frames that it was trained on.")
+        limits.append(
+            "No shot was held out: it was judged on frames that it was trained on, and its figures "
+            "look too good."
+        )
     return limits

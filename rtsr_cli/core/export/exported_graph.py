@@ -5,11 +5,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from torch import Tensor
 
 from rtsr_cli.core.choices import Precision
+from rtsr_cli.core.export.followed_graphs import MeasureGraph, expose_tensors
 from rtsr_cli.core.export.onnx_model import TracedSizes, trace_graph
 from rtsr_cli.core.export.operators import check_operators
 from rtsr_cli.core.export.proof import GraphProof, prove_graph
@@ -35,6 +37,7 @@ class ExportedGraph:
         sides: of each tensor, (height, width) in numbers or by those of the LR frame.
         channels: of each tensor, how many.
         types: of each tensor, as onnxruntime has them.
+        measure: what measures its tensors in single precision.
     """
 
     graph: Graph
@@ -45,6 +48,7 @@ class ExportedGraph:
     sides: Mapping[str, tuple[str | int, str | int]]
     channels: Mapping[str, int]
     types: Mapping[str, str]
+    measure: MeasureGraph
 
 
 def export_graphs(request: ExportRequest, source: ExportSource) -> list[ExportedGraph]:
@@ -64,18 +68,23 @@ def export_graphs(request: ExportRequest, source: ExportSource) -> list[Exported
         call = calls[graph.method]
         # a model of half precision is traced of a copy
         traced = copy.deepcopy(network) if half else network
-        model = trace_graph(traced, graph, call, sizes=sizes, half=half, opset=request.opset)
+        trace = partial(trace_graph, graph=graph, call=call, sizes=sizes, opset=request.opset)
+        model = trace(traced, half=half)
+        # what half would hold is told by single precision
+        single = trace(network, half=False) if half else model
+        measure = expose_tensors(single.SerializeToString())
         tensors: dict[str, Tensor] = {**call.inputs, **call.outputs}
         exported.append(
             ExportedGraph(
                 graph=graph,
                 file=source.name_file(graph.method),
                 operators=check_operators(model, graph.method),
-                proof=prove_graph(network, graph, model, call.inputs, half=half),
+                proof=prove_graph(network, graph, model, call.inputs, half=half, measure=measure),
                 content=model.SerializeToString(deterministic=True),
                 sides={name: sizes.name_sides(tensor) for name, tensor in tensors.items()},
                 channels={name: tensor.shape[1] for name, tensor in tensors.items()},
                 types=_list_types(model),
+                measure=measure,
             )
         )
     return exported

@@ -7,6 +7,7 @@ side is a factor times their number, and only that number is free while a graph 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import io
 import logging
 import warnings
@@ -23,6 +24,10 @@ from rtsr_cli.core.graphs import Graph
 from rtsr_cli.core.marks import MARK
 from rtsr_cli.core.network.graphs import RecordedCall
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.wording import join_names
+
+LIBRARIES = ("onnx", "onnxscript", "onnxruntime")
+"""Of the extra `export`; torch's exporter asks for the second."""
 
 TRACED_OPSET = 18
 """Of torch's exporter."""
@@ -32,8 +37,11 @@ IR_VERSIONS = {15: 7, 18: 8}
 
 MOST_CELLS = 1 << 14
 
-EQUAL_SINCE = {"LeakyRelu": 6, "ReduceMean": 13, "Resize": 13, "Split": 13}
+EQUAL_SINCE = {"LeakyRelu": 6, "Pad": 13, "ReduceMean": 13, "Resize": 13, "Split": 13}
 """Operators of opset 18 whose form of another version is the same but for what `lower` changes."""
+
+PAD_INPUTS = 3
+"""Of opset 15's Pad: data, widths, value."""
 
 NEWER_ATTRIBUTES = {
     "Resize": ("antialias", "axes", "keep_aspect_ratio_policy"),
@@ -79,14 +87,13 @@ def import_onnx() -> Any:
     """Import the libraries of the extra `export`.
 
     Raises:
-        ConfigError: they are not installed; says how they get there.
+        ConfigError: they are not installed; names all that are not, and how they get there.
     """
-    try:
-        import onnx
-        import onnxscript  # noqa: F401  # torch's exporter asks for it
-    except ImportError as error:
-        raise ConfigError(f"{error.name} is not installed: pip install 'rtsr[export]'") from error
-    return onnx
+    missing = [name for name in LIBRARIES if importlib.util.find_spec(name) is None]
+    if missing:
+        verb = "is" if len(missing) == 1 else "are"
+        raise ConfigError(f"{join_names(missing)} {verb} not installed: pip install 'rtsr[export]'")
+    return importlib.import_module("onnx")
 
 
 class _GraphModule(nn.Module):
@@ -222,14 +229,18 @@ def lower_opset(model: Any, name: str, opset: int, onnx: Any) -> None:
     """Write operators of opset 18 in the form of an older one.
 
     Raises:
-        CheckpointError: one has none.
+        CheckpointError: one has none; says what is left.
     """
     constants = {tensor.name: tensor for tensor in model.graph.initializer}
     for node in model.graph.node:
         since = [onnx.defs.get_schema(node.op_type, v).since_version for v in (18, opset)]
-        if since[0] != since[1] and EQUAL_SINCE.get(node.op_type) != since[1]:
+        # padding of chosen axes came with opset 18
+        newer = node.op_type == "Pad" and len(node.input) > PAD_INPUTS
+        if newer or (since[0] != since[1] and EQUAL_SINCE.get(node.op_type) != since[1]):
             raise CheckpointError(
-                f"{name}: operator {node.op_type} has no form of opset {opset}; --opset 18"
+                f"{name}: operator {node.op_type} has no form of opset {opset}; --opset 18 writes "
+                "files that onnxruntime takes from 1.14 on, and Unity does not; for opset "
+                f"{opset}, try sides of other multiples (--size), or none"
             )
         for attribute in list(node.attribute):
             if attribute.name in NEWER_ATTRIBUTES.get(node.op_type, ()):

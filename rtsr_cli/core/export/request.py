@@ -33,6 +33,8 @@ class ExportRequest:
         size: (height, width) of the LR frames that the files take; None = any.
         opset: version of the operators, 15 or 18.
         overwrite: replace files that are there.
+        frames_of: frames that the files are proven with, too, as the system's command takes them.
+        proof_frames: numbers of these, None = all.
     """
 
     source: str
@@ -42,6 +44,8 @@ class ExportRequest:
     size: tuple[int, int] | None = None
     opset: int = OPSETS[0]
     overwrite: bool = False
+    frames_of: Path | None = None
+    proof_frames: frozenset[int] | None = None
 
     def __post_init__(self) -> None:
         """Check the values.
@@ -55,6 +59,8 @@ class ExportRequest:
             raise RequestError(f"precision is {self.precision}: fp32 or fp16")
         if self.opset not in OPSETS:
             raise RequestError(f"opset is {self.opset}: {' or '.join(map(str, OPSETS))}")
+        if self.proof_frames is not None and self.frames_of is None:
+            raise RequestError("--proof-frames: of what --frames-of names; give it, too")
         if self.size is not None and not all(1 <= side <= MOST_SIDE for side in self.size):
             height, width = self.size
             raise RequestError(f"size is {width}x{height}: sides from 1 to {MOST_SIDE}")

@@ -11,11 +11,19 @@ from torch import nn
 
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.export.request import ExportRequest
+from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.graphs import NetworkGraphs
 from rtsr_cli.core.network.acceleration import fold_norms
 from rtsr_cli.core.network.exported import describe_graphs
 from rtsr_cli.core.network.load import find_shipped_weights
-from rtsr_cli.core.network.weights import SHIPPED, SavedWeights, fill_network, read_weights
+from rtsr_cli.core.network.weights import (
+    SHIPPED,
+    SavedWeights,
+    fill_network,
+    list_shipped,
+    name_shipped,
+    read_weights,
+)
 from rtsr_cli.core.settings import SettingsSource, resolve_settings
 from rtsr_cli.core.system import System
 
@@ -46,8 +54,13 @@ class ExportSource:
         return self.weights.scale
 
     def name_file(self, method: str) -> str:
-        """File name of a graph; its own name is left out where there is no other."""
-        stem = f"{self.system.name}-{self.scale}x"
+        """File name of a graph; its own name is left out where there is no other.
+
+        Weights that a config tells apart are called by it, as the shipped ones are.
+        """
+        stem, pattern = f"{self.system.name}-{self.scale}x", self.system.weights or ""
+        if "{config" in pattern:
+            stem = Path(name_shipped(pattern, self.scale, self.config)).stem
         return f"{stem}.onnx" if len(self.graphs.graphs) == 1 else f"{stem}-{method}.onnx"
 
 
@@ -55,13 +68,12 @@ def load_source(request: ExportRequest, load: Callable[[str], System]) -> Export
     """Read weights and build their network.
 
     Raises:
-        ConfigError: there is no such system, or it comes with weights of several scales.
+        ConfigError: there is no such system, or it comes with several weights.
         CheckpointError: it has no network, no weights, or they are damaged.
     """
     path = _find_file(request.source)
     if path is None:
-        system = load(request.source)
-        path = _find_weights(system, request.scale)
+        path = _find_weights(_load_named(request.source, load), request.scale)
     weights = read_weights(path)
     system = load(weights.system)
     if request.scale not in {None, weights.scale}:
@@ -73,6 +85,24 @@ def load_source(request: ExportRequest, load: Callable[[str], System]) -> Export
     return ExportSource(
         system=system, weights=weights, config=config, graphs=graphs, network=fold_norms(network)
     )
+
+
+def _load_named(source: str, load: Callable[[str], System]) -> System:
+    """Load the system of a name.
+
+    Raises:
+        ConfigError: there is none.
+        CheckpointError: it is a folder's.
+    """
+    try:
+        return load(source)
+    except ConfigError as error:
+        if not is_folder(Path(source)):
+            raise
+        raise CheckpointError(
+            f"{source}: a folder; export a system or a file of weights, such as "
+            f"{Path(source) / f'best{SUFFIX}'}"
+        ) from error
 
 
 def _find_file(source: str) -> Path | None:
@@ -87,10 +117,17 @@ def _find_weights(system: System, scale: int | None) -> Path:
     """Return the weights that a system comes with.
 
     Raises:
-        ConfigError: there are several, and no scale is chosen.
+        ConfigError: there are several, and none is chosen; says how one is.
         CheckpointError: there are none; says how they are made.
     """
     describe_graphs(system, system.config())
+    variants = list_shipped(system.name)
+    if "{config" in (system.weights or "") and len(variants) > 1:
+        listed = ", ".join(path.stem for path in variants)
+        raise ConfigError(
+            f"system '{system.name}' comes with several weights: give one's name in place of the "
+            f"system's ({listed})"
+        )
     there = [s for s in system.scales if find_shipped_weights(system, s) is not None]
     if scale is None and len(there) > 1:
         listed = ", ".join(f"{s}x" for s in there)

@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 import torch
 
+from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.extrapolate.prediction import Extrapolation
@@ -17,14 +18,13 @@ from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.network.exported import load_chosen_network
 from rtsr_cli.core.network.load import LoadedNetwork
-from rtsr_cli.core.network.manifest import read_manifest
-from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.run.default_system import choose_default, describe_passed_over
 from rtsr_cli.core.run.events import BETTER, FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
+from rtsr_cli.core.run.given_network import name_given_system
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun
@@ -208,11 +208,10 @@ def choose_extrapolator(
     Raises:
         FrameFolderError: it was not made for such frames.
     """
-    name = request.system
-    if name is None and request.model is not None:
-        name = read_manifest(request.model).system
-    if name is None and request.weights_file is not None:
-        name = read_weights(request.weights_file).system
+    given = name_given_system(
+        systems, SystemTask.EXTRAPOLATE, weights=request.weights_file, model=request.model
+    )
+    name = request.system or given
     if name is None:
         system, passed_over = choose_default(
             source, systems, request.on_nonfinite, rendered, refuse=refuse

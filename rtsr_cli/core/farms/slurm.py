@@ -16,8 +16,8 @@ HEAD = """#!/bin/bash
 #SBATCH --array=1-{tasks}
 # {about}
 #
-# bash {{this file}}          submits every step, each after the one before it
-# bash {{this file}} STEP     runs a step here; a divided one as task $SLURM_ARRAY_TASK_ID
+# bash SCRIPT          submits every step, each after the one before it
+# bash SCRIPT STEP     runs a step here; a divided one as task $SLURM_ARRAY_TASK_ID
 # Options of a site (partition, memory, time, GPU): in SBATCH_OPTIONS, or above as #SBATCH lines.
 set -euo pipefail
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,21 @@ from rtsr_cli.core.network.onnx_graph import OnnxGraph
 from rtsr_cli.core.settings import SettingsSource, resolve_settings
 from rtsr_cli.core.system import System
 
+ObserveNetwork = Callable[[LoadedNetwork], None]
+"""Sees a network before it runs."""
+
+_OBSERVERS: list[ObserveNetwork] = []
+
+
+@contextmanager
+def observe_networks(observe: ObserveNetwork) -> Iterator[None]:
+    """Show every network that a run loads to a function, which may follow its graphs."""
+    _OBSERVERS.append(observe)
+    try:
+        yield
+    finally:
+        _OBSERVERS.remove(observe)
+
 
 def load_chosen_network(
     system: System, scale: int, device: str, weights: Path | None, model: Path | None
@@ -28,8 +45,12 @@ def load_chosen_network(
         ConfigError: onnxruntime is not installed.
     """
     if model is None:
-        return load_network(system, scale, device, weights)
-    return load_exported_network(system, scale, read_manifest(model))
+        loaded = load_network(system, scale, device, weights)
+    else:
+        loaded = load_exported_network(system, scale, read_manifest(model))
+    for observe in _OBSERVERS:
+        observe(loaded)
+    return loaded
 
 
 def load_exported_network(system: System, scale: int, manifest: Manifest) -> LoadedNetwork:

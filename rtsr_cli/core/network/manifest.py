@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -14,7 +16,13 @@ from rtsr_cli.core.shapes import Size
 
 MANIFEST = "manifest.json"
 
-FORMAT = "rtsr-export-1"
+FORMAT = "rtsr-export-2"
+
+OLDER = ("rtsr-export-1",)
+"""Formats of before manifests had a checksum."""
+
+CHECKSUM = "checksum"
+"""`sum_manifest`."""
 
 FACTS: Mapping[str, type] = {
     "system": str,
@@ -95,6 +103,12 @@ class Manifest:
             )
 
 
+def sum_manifest(facts: Mapping[str, Any]) -> str:
+    """SHA-256 of all that a manifest says but of that itself."""
+    said = {name: value for name, value in facts.items() if name != CHECKSUM}
+    return sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+
 def find_manifest(path: Path) -> Path:
     """Return a folder's manifest, or the path itself."""
     return path / MANIFEST if path.is_dir() else path
@@ -111,9 +125,18 @@ def read_manifest(path: Path) -> Manifest:
     try:
         facts = parse_json(read_text(place))
     except DocumentError as error:
-        raise CheckpointError(f"{place}: {error}; rtsr export writes one") from error
+        raise CheckpointError(f"{place}: {error}; rtsr export writes one{_say_extra()}") from error
+    if isinstance(facts, dict) and facts.get("format") in OLDER:
+        raise CheckpointError(
+            f"{place}: of an older rtsr, which wrote no checksum of what it says; export again"
+        )
     if not isinstance(facts, dict) or facts.get("format") != FORMAT:
         raise CheckpointError(f"{place}: this is no manifest of rtsr export")
+    if facts.get(CHECKSUM) != sum_manifest(facts):
+        raise CheckpointError(
+            f"{place}: damaged or changed: what it says is not what was written (checksum); "
+            "export again"
+        )
     _check_facts(place, facts, FACTS)
     size = facts.get("size")
     if size is not None and not _is_size(size):
@@ -128,6 +151,12 @@ def read_manifest(path: Path) -> Manifest:
         about=facts["weights"].get("about", {}),
         size=None if size is None else (size[1], size[0]),
     )
+
+
+def _say_extra() -> str:
+    """How the extra gets there that both writing and running need; empty where it is."""
+    there = importlib.util.find_spec("onnxruntime") is not None
+    return "" if there else ", with the extra that is not installed: pip install 'rtsr[export]'"
 
 
 def _is_size(value: object) -> bool:

@@ -7,13 +7,11 @@ from dataclasses import asdict
 
 import torch
 
-from rtsr_cli.core.choices import JitterMode, PixelFilter
+from rtsr_cli.core.choices import JitterMode, PixelFilter, SystemTask
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.network.exported import load_chosen_network
 from rtsr_cli.core.network.load import LoadedNetwork
-from rtsr_cli.core.network.manifest import read_manifest
 from rtsr_cli.core.network.tiling import choose_tile_side
-from rtsr_cli.core.network.weights import read_weights
 from rtsr_cli.core.pairs.opening import open_pairs
 from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.simulation import Simulation
@@ -25,6 +23,7 @@ from rtsr_cli.core.run.default_system import (
 )
 from rtsr_cli.core.run.events import BETTER, FILTER, FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
+from rtsr_cli.core.run.given_network import name_given_system
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
 from rtsr_cli.core.run.plan import FrameOutputs, check_selection, plan_shot
 from rtsr_cli.core.run.prediction import NetworkRun
@@ -133,12 +132,11 @@ def choose_system(
 
     Beside it stand the preferred ones that were passed over.
     """
-    if request.system is not None:
-        return systems.load(request.system), []
-    if request.model is not None:
-        return systems.load(read_manifest(request.model).system), []
-    if request.weights_file is not None:
-        return systems.load(read_weights(request.weights_file).system), []
+    given = name_given_system(
+        systems, SystemTask.UPSCALE, weights=request.weights_file, model=request.model
+    )
+    if name := request.system or given:
+        return systems.load(name), []
     return choose_default(source, systems, request.on_nonfinite)
 
 

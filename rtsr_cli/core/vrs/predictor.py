@@ -14,12 +14,13 @@ from typing import Any
 import torch
 from torch import nn
 
-from rtsr_cli.core.choices import Estimator, VrsMetric
+from rtsr_cli.core.choices import Estimator, SystemTask, VrsMetric
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.network.exported import load_chosen_network
 from rtsr_cli.core.network.load import LoadedNetwork, find_shipped_weights
-from rtsr_cli.core.network.weights import SHIPPED
+from rtsr_cli.core.network.weights import SHIPPED, find_margin
+from rtsr_cli.core.run.given_network import name_given_system
 from rtsr_cli.core.run.system_inputs import SystemTable
 from rtsr_cli.core.shapes import TileMap
 from rtsr_cli.core.system import NoNetwork, System
@@ -113,13 +114,16 @@ def choose_predictor(
         )
     if request.estimator is Estimator.ANALYTIC:
         return _choose_analytic(request, system)
+    name_given_system(
+        systems, SystemTask.PREDICT_VRS, weights=request.weights_file, model=request.model
+    )
     path = request.model or request.weights_file or _find_shipped(request, system)
     loaded = load_chosen_network(system, 1, device, path, request.model)
     chosen = ChosenPredictor(name=system.name, system=system, loaded=loaded)
     _check_weights(request, chosen, path)
     margin = request.margin
     if margin is None:
-        margin = float(loaded.about.get("validation", {}).get("under", 0.0))
+        margin = find_margin(loaded.about)
     config = chosen.tiles.with_margin(loaded.config, margin)
     loaded.network.config = config
     return replace(chosen, loaded=replace(loaded, config=config))

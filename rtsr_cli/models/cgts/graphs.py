@@ -9,8 +9,27 @@ from rtsr_cli.core.graphs import (
     NetworkGraphs,
     OutsideStep,
 )
+from rtsr_cli.core.imaging.auxiliary_buffers import RANGE_RATE
+from rtsr_cli.core.imaging.sample_splats import MAX_ENCODED
 from rtsr_cli.core.lighting.graph_steps import require_own_preset
 from rtsr_cli.models.cgts.config import CgtsConfig
+from rtsr_cli.models.cgts.inputs import (
+    CERTAIN,
+    CLIPPED_DEVIATIONS,
+    FASTEST_PX,
+    INTERPOLATED_WORTH,
+    INTERPOLATION_A,
+    LEAST_HISTORY,
+    SAMPLE_SIGMA_PX,
+    STILL_PX,
+)
+from rtsr_cli.models.cgts.network import (
+    MOST_FRAMES,
+    MOST_LOGIT,
+    MOST_MOTION,
+    MOST_WORTH,
+    MOTION_UNIT_PX,
+)
 
 MULTIPLE = 8
 """LR pixels: 16 of the output's."""
@@ -30,16 +49,18 @@ DIFFERENCE = "(D_before - D) / max(D_before, D), D = 1 / z; 1 without history"
 SEEN = (
     *COLOR,
     "D / (1 + D), D = 1 / z of the nearest sample, 1/m; 0 on sky",
-    "dx / 16, output pixels, -4..4; previous position = position + motion",
-    "dy / 16, output pixels, -4..4",
-    "counter of frames / 16, at most 1",
+    f"dx / {MOTION_UNIT_PX:g}, output pixels, -{MOST_MOTION:g}..{MOST_MOTION:g}; previous position "
+    "= position + motion",
+    f"dy / {MOTION_UNIT_PX:g}, output pixels, -{MOST_MOTION:g}..{MOST_MOTION:g}",
+    f"carried counter of frames / {MOST_FRAMES:g}, at most 1",
     *(f"carried {channel}" for channel in RANGE),
     DIFFERENCE,
     *(f"carried {channel}" for channel in LOGITS),
 )
 KNOWN = (
-    *(f"{channel}, -10..10" for channel in LOGITS),
-    "counter of frames / 16, at most 1",
+    *(f"{channel}, -{MOST_LOGIT:g}..{MOST_LOGIT:g}" for channel in LOGITS),
+    f"counter of frames / {MOST_FRAMES:g}, at most 1: carried + 1, 0 without history and where "
+    "visibility ghosting is likeliest",
     DIFFERENCE,
     *COLOR,
     "carried R, c / (1 + c), Catmull-Rom",
@@ -48,7 +69,7 @@ KNOWN = (
     "samples that the frame's colour is worth",
     "log(1 + samples that history is worth) / 4",
     "largest excess of history over the frame's range",
-    "largest |motion component| / 8, at most 1",
+    f"largest |motion component| / {FASTEST_PX:g}, at most 1",
     "2 (fx (1 - fx) + fy (1 - fy)), f the fraction of the motion",
     "largest change of history by clipping",
     "deviation of Y of the samples around",
@@ -59,21 +80,28 @@ KNOWN = (
 ENLARGE = OutsideStep(
     name="splat samples",
     when="before",
-    formula="color = (sum w c + 0.1 cubic(c)) / (sum w + 0.1), w = exp(-|p - q|^2 / (2 0.4^2)), c "
-    "= radiance / (1 + radiance); worth = sum w + 0.1",
+    formula=f"color = (sum w c + {INTERPOLATED_WORTH:g} cubic(c)) / (sum w + "
+    f"{INTERPOLATED_WORTH:g}), w = exp(-|p - q|^2 / (2 {SAMPLE_SIGMA_PX:g}^2)) of 3 x 3 samples, "
+    "output pixels, c = radiance / (1 + radiance); cubic: Keys' kernel, a = "
+    f"{INTERPOLATION_A:g}, within 0..{MAX_ENCODED:g}; worth = sum w + {INTERPOLATED_WORTH:g}",
 )
 CARRY = OutsideStep(
     name="carry history",
     when="before",
-    formula="state at x + motion(x): colour by Catmull-Rom, logits bilinearly, counter, worth, "
-    "range and D of the nearest pixel; colours are relit where pre-exposure changes",
+    formula="state at x + motion(x), motion of the nearest sample, of the nearest surface of the "
+    "3 x 3 samples around it, times S: colour by Catmull-Rom, within 0..1, logits bilinearly, "
+    "counter, worth, range and D of the nearest pixel; colours c become g c / (1 + (g - 1) c), g "
+    "the ratio of pre-exposures",
 )
 ACCUMULATE = OutsideStep(
     name="accumulate",
     when="after",
-    formula="weight = sigmoid(given_0 + log(worth) - log(max(history worth, 0.05))); clip = "
-    "sigmoid(given_1) (1 - exp(-|motion| / 0.25)); color' = lerp(lerp(history, clipped, clip), "
-    "color, weight); weight 1 where there is no history; radiance = color' / (1 - color')",
+    formula="weight = sigmoid(given_0 + log(worth) - log(max(history worth, "
+    f"{LEAST_HISTORY:g}))), at least reactive, 1 where there is no history; clip = "
+    f"sigmoid(given_1) (1 - exp(-|motion| / {STILL_PX:g})); clipped: history within mean +- "
+    f"{CLIPPED_DEVIATIONS:g} deviation, each channel of YCoCg, of the 3 x 3 samples around each "
+    "sample, linear between; color' = lerp(lerp(history, clipped, clip), color, weight); "
+    "radiance = color' / (1 - color')",
 )
 
 
@@ -112,10 +140,18 @@ def describe(config: CgtsConfig) -> NetworkGraphs:
             for name, made, reset in (
                 ("color", "color' of the frame before", "the frame's own"),
                 ("counter", "counter + 1, 0 where visibility ghosting is likeliest", "0"),
-                ("worth", "min(worth / weight, 1000)", "0"),
-                ("range", "wider of own and lerp(carried, own, 1/8)", "the frame's own"),
+                ("worth", f"min(worth / weight, {MOST_WORTH:g})", "0"),
+                (
+                    "range",
+                    f"wider of own and lerp(carried, own, {RANGE_RATE:g}); own where counter is 0",
+                    "the frame's own",
+                ),
                 ("D", "of the frame before", "none: difference 1"),
-                ("logits", "clamp(logits, -10, 10)", "4, 0, 0, 0, 0, 0"),
+                (
+                    "logits",
+                    f"clamp(logits, -{MOST_LOGIT:g}, {MOST_LOGIT:g})",
+                    f"{CERTAIN:g}, 0, 0, 0, 0, 0",
+                ),
             )
         ),
     )

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.graphs import Graph, GraphTensor, NetworkGraphs, OutsideStep
+from rtsr_cli.core.imaging.camera_motion import STATIC_PX
+from rtsr_cli.core.imaging.surface_history import ENOUGH, REACHES, RING_DECAY, UNLIKE
+from rtsr_cli.core.imaging.surfaces import FACING, MOVING_SHARE, PLANE_SHARE
 from rtsr_cli.core.lighting.graph_steps import (
     DEMODULATE,
     INVERSE_DEPTH,
@@ -10,6 +14,7 @@ from rtsr_cli.core.lighting.graph_steps import (
     NORMAL,
     require_own_preset,
 )
+from rtsr_cli.core.lighting.past_lighting import LEAST_RADIANCE_WEIGHT, LEAST_WEIGHT
 from rtsr_cli.models.extranet.config import ExtraNetConfig
 
 MULTIPLE = 8
@@ -36,15 +41,26 @@ HISTORY = tuple(
 PAST = OutsideStep(
     name="past lighting",
     when="before",
-    formula="e = log(1 + q / k), q past lighting at the current exposure, k of the last rendered "
-    "frame; base: t-1 carried along surfaces, holes filled from the same surface around; second: "
-    "t-3, else t-5, of the surface; moved: bilinear at p + motion from t to t-n, 0 outside",
+    formula="e = log(1 + q / k), q lighting, or radiance less emission where undivided, at the "
+    "exposure of the last rendered frame t-1, k of it; base: sum_q b l e(q) / sum_q b l of the "
+    "four pixels q around p + motion(p), b bilinear, l = exp(-"
+    f"{FACING:g} (1 - n(p).n(q)) - |plane(p).(P(q) - P(p))| / ({PLANE_SHARE:g} z(p))), "
+    f"{MOVING_SHARE:g} z(p) where motion is not the camera's by more than {STATIC_PX:g} pixels, 0 "
+    "where object, sky or being divided differ; a hole where sum_q b l is below "
+    f"{LEAST_WEIGHT:g}, {LEAST_RADIANCE_WEIGHT:g} of what is undivided; holes: sum w e / sum w of "
+    "rings of 24 pixels around that are none, at spacings "
+    f"{', '.join(map(str, REACHES))}, w = l exp(-|step|^2 / 4) {RING_DECAY:g}^ring, up to a ring "
+    f"of weight {ENOUGH:g}, log 2 where sum w <= {UNLIKE:g} (bilinear t-1 where undivided); "
+    "second: t-3, else t-5, where of the surface, else t-1's, holes fetched by occlusion vectors; "
+    "moved: bilinear at p + motion from t to t-n, 0 outside; of the surface: sum_q b l at least "
+    f"{LEAST_WEIGHT:g}, of t-1 where there is no hole",
 )
 COMPOSE = OutsideStep(
     name="compose",
     when="after",
     formula="radiance = k (exp(max(predicted, 0)) - 1) F + emission, F and emission of the frame "
-    "that was not rendered; F = 1 where undivided",
+    f"that was not rendered, at its exposure; F = 1 where a channel is not above "
+    f"{MATERIAL_EPSILON:g} and on sky",
 )
 
 

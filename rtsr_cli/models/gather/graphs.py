@@ -12,20 +12,29 @@ from rtsr_cli.core.graphs import (
     NetworkGraphs,
     OutsideStep,
 )
+from rtsr_cli.core.imaging.camera_motion import STATIC_PX
+from rtsr_cli.core.imaging.surfaces import FACING, MOVING_SHARE, PLANE_SHARE
 from rtsr_cli.core.lighting.graph_steps import (
     ALIGN,
     COMPOSE,
     DEMODULATE,
-    ENCODE,
+    ENCODE_UNBOUNDED,
+    GUIDED_BASE,
     INVERSE_DEPTH,
-    LIGHTING,
     NORMAL,
+    UNBOUNDED_LIGHTING,
+)
+from rtsr_cli.core.lighting.lighting_history import (
+    LEAST_COMPARED_WORTH,
+    LEAST_KNOWN_SHARE,
+    LEAST_SQUARE,
 )
 from rtsr_cli.models.gather.config import GatherConfig
-from rtsr_cli.models.gather.network import MOST_WORTH
+from rtsr_cli.models.gather.inputs import FASTEST_PX, LEAST_SHOWN_WORTH, ROUGHNESS
+from rtsr_cli.models.gather.network import MOST_EMPHASIS, MOST_LOGIT, MOST_WORTH
 
 SAMPLES = (
-    *LIGHTING,
+    *UNBOUNDED_LIGHTING,
     "mask, 1 = divided",
     *NORMAL,
     INVERSE_DEPTH,
@@ -42,7 +51,7 @@ PIXELS = (
     "fit: weight of the best sample",
     "log(fit + 0.001) / 4",
     "log(1 + worth) / 2, worth of history in samples",
-    "1 where worth is above 0.0001",
+    f"1 where worth is above {LEAST_SHOWN_WORTH:g}",
     "mean of the enlarged change",
     "root of the mean square of the enlarged change",
     "mean of history less the frame's own lighting, e; 0 without history",
@@ -50,10 +59,10 @@ PIXELS = (
     "mean e of the frame's own lighting",
     "mean e of history; 0 without it",
     "10 (1 - |mean of 3 x 3 HR normals|)",
-    "perceptual roughness; 0.5 where there is none",
+    f"perceptual roughness; {ROUGHNESS:g} where there is none",
     "log(mean of F + 0.01) / 4",
     f"{INVERSE_DEPTH}, HR",
-    "largest |motion component| / 8, at most 1; HR pixels",
+    f"largest |motion component| / {FASTEST_PX:g}, at most 1; HR pixels",
     "2 (fx (1 - fx) + fy (1 - fy)), f the fraction of the motion",
     "enlarged seen",
     "x of the pixel minus that of its block's sample, LR pixels, right positive",
@@ -61,10 +70,10 @@ PIXELS = (
 )
 
 CORRECTIONS = (
-    "r1: factor of distance in log w is exp(clamp(r1, -3, 3))",
+    f"r1: factor of distance in log w is exp(clamp(r1, -{MOST_EMPHASIS:g}, {MOST_EMPHASIS:g}))",
     "r2: the same of the normal",
     "r3: the same of depth",
-    "r4: worth of history times exp(clamp(r4, -6, 6))",
+    f"r4: worth of history times exp(clamp(r4, -{MOST_LOGIT:g}, {MOST_LOGIT:g}))",
     "r5: added to the logit of the share of change that is believed",
 )
 RESIDUAL = ("added to e red", "added to e green", "added to e blue")
@@ -72,8 +81,13 @@ RESIDUAL = ("added to e red", "added to e green", "added to e blue")
 CARRY = OutsideStep(
     name="carry history",
     when="before",
-    formula="h(p), c(p) = history and its worth where p's surface was (bilinear, samples of other "
-    "surfaces weigh 0); change = e - h at samples that were seen",
+    formula="h(p), c(p) = sum_q b l v(q) / sum_q b l of the four pixels q around p + motion(p), b "
+    "their bilinear weights, v history as e with the current k and exposure, and its worth; c "
+    "times sum_q b l, times 1 - reactive, 0 outside; l = exp(-"
+    f"{FACING:g} (1 - n(p).n(q)) - |plane(p).(P(q) - P(p))| / ({PLANE_SHARE:g} z(p))), "
+    f"{MOVING_SHARE:g} z(p) where motion is not the camera's by more than {STATIC_PX:g} pixels, 0 "
+    "where object, sky or being divided differ; P world position, plane the normal; seen: divided "
+    f"samples whose c is above {LEAST_COMPARED_WORTH:g} there; change = e - h at these, else 0",
 )
 
 
@@ -83,8 +97,10 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
         when="after",
         formula="all r are 0 where a pixel filter went over radiance; w as in the guided base, "
         "its terms times f1..f3; d = guided enlargement of the change; "
-        "t = clamp(3 |d|^2 / E - 2, 0, 1), E = guided enlargement of |change|^2, squares as means "
-        f"of three; c' = {config.age:g} c exp(r4) / (1 + (1 + {config.change_agreed:g} t) |d|^2 / "
+        f"t = clamp(3 |d|^2 / max(E, {LEAST_SQUARE:g}) - 2, 0, 1), E = guided enlargement of "
+        f"|change|^2, d and E over that of seen, d 0 where that is not above "
+        f"{LEAST_KNOWN_SHARE:g}, squares as means of three; d1, t1 those of "
+        f"f = 1; c' = {config.age:g} c exp(r4) / (1 + (1 + {config.change_agreed:g} t1) |d1|^2 / "
         f"{config.change_spread:g}^2); b = sigmoid(logit({config.change:g}) + r5) "
         f"min(1, fit / {config.change_fit:g}) max(min(1, {config.change_worth:g} / c'), t); "
         f"h' = h + b d; n = fit^{config.fit_power:g}; e = (c' h' + n g) / (c' + n), g = guided "
@@ -111,7 +127,15 @@ def describe(config: GatherConfig) -> NetworkGraphs:
                 ),
             ),
         ),
-        outside=(DEMODULATE, ENCODE, ALIGN, CARRY, _describe_gathering(config), COMPOSE),
+        outside=(
+            DEMODULATE,
+            ENCODE_UNBOUNDED,
+            ALIGN,
+            GUIDED_BASE,
+            CARRY,
+            _describe_gathering(config),
+            COMPOSE,
+        ),
         carried=(
             CarriedTensor(
                 name="history",

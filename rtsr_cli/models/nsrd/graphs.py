@@ -9,6 +9,8 @@ from rtsr_cli.core.graphs import (
     NetworkGraphs,
     OutsideStep,
 )
+from rtsr_cli.core.imaging.frame_motion import IN_FRONT
+from rtsr_cli.core.imaging.splatting import UNRELIABLE_PX
 from rtsr_cli.core.lighting.graph_steps import (
     BASE,
     COMPOSE,
@@ -20,7 +22,9 @@ from rtsr_cli.core.lighting.graph_steps import (
     list_steps_before,
     require_own_preset,
 )
+from rtsr_cli.core.lighting.lighting import MAX_LIGHTING
 from rtsr_cli.models.nsrd.config import NSRDConfig
+from rtsr_cli.models.nsrd.inputs import ALL_KNOWN
 
 MULTIPLE = 4
 """Two halvings."""
@@ -31,8 +35,12 @@ WARP_FRAMES = OutsideStep(
     name="warp",
     when="before",
     formula="past_n(p) = features of frame t-n, lighting at the current exposure and with the "
-    "current k, bilinear at p + motion_n(p); the current frame's where that is outside; mask 1 "
-    "where dual vectors disagree by 0.1 LR pixels or more, nothing is known, or it is outside",
+    "current k, bilinear at p + motion_n(p), motion_n from samples to samples, jitter included; "
+    "the current frame's where that is outside; mask 1 where the dual vector, -forward(t-1) at the "
+    "pixel nearest to p + motion_1(p), else by splatting -motion_1, nearest first, what lay "
+    f"nearer than {IN_FRONT:g} z(p) moving on as it came, differs from motion_1 by "
+    f"{UNRELIABLE_PX:g} LR pixels or more in x or y, where nothing was splatted there, and "
+    "outside; of t-2 also where t-1's mask is 1 at p + motion_1(p)",
 )
 WARP_STATE = OutsideStep(
     name="warp state",
@@ -43,9 +51,12 @@ WARP_STATE = OutsideStep(
 WARP_OUTPUT = OutsideStep(
     name="warp output",
     when="before",
-    formula="last(p) = (log(1 + min(L, 64) / k) - base(p)) (1 - unreliable(p)), L the predicted "
-    "lighting of the frame before, bilinear at p + motion_HR(p), at the current exposure; "
-    "motion_HR = S motion + shift(now) - shift(before)",
+    formula=f"last(p) = (log(1 + min(max(L, 0), {MAX_LIGHTING:g}) / k) - base(p)) "
+    "(1 - unreliable(p)), L the predicted lighting of the frame before, bilinear at p + "
+    "motion_HR(p), at the current exposure; motion_HR = S enlarged(motion) + shift(now) - "
+    "shift(before), enlarged bilinearly at (p + 0.5) / S - 0.5 - (jitter - shift / S); unreliable "
+    f"1 outside, where enlarged(known) <= {ALL_KNOWN:g}, and where S enlarged(dual - motion_1) is "
+    f"{UNRELIABLE_PX:g} S or more in x or y",
 )
 
 
@@ -98,7 +109,10 @@ def describe(config: NSRDConfig) -> NetworkGraphs:
             CarriedTensor(name="hidden", made="hidden_next", reset="zeros", moved="warp state"),
             CarriedTensor(name="cell", made="cell_next", reset="zeros", moved="warp state"),
             CarriedTensor(
-                name="last", made="k (exp(predicted) - 1)", reset="zeros", moved="warp output"
+                name="last",
+                made="k (exp(max(predicted, 0)) - 1)",
+                reset="zeros",
+                moved="warp output",
             ),
         ),
     )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from rtsr_cli.core.graphs import Graph, GraphTensor, NetworkGraphs, OutsideStep
 from rtsr_cli.core.vrs.rates import ShadingRate
+from rtsr_cli.core.vrs.reprojection import SAME_SURFACE
 from rtsr_cli.models.rt_percept.config import NetworkInputs, RtPerceptConfig
+from rtsr_cli.models.rt_percept.loss import DECIBEL, STEEPNESS
 
 NORMAL_Z = "z of the view-space normal, 0..1"
 
@@ -28,14 +30,18 @@ REPROJECT = OutsideStep(
     name="reproject",
     when="before",
     formula="picture = srgb(c / (1 + c)) of the frame before at the pixel nearest to p + motion(p)"
-    ", at this frame's exposure; 0 where depth differs by more than 10 %, normals by more than 60 "
-    "degrees, object ids at all, or outside; luma = 0.299 R + 0.587 G + 0.114 B",
+    ", at this frame's exposure; 0 where depth there differs by more than "
+    f"{SAME_SURFACE.depth_relative:g} z and its slope, n.n' of the bilinear normal there is below "
+    f"{SAME_SURFACE.normal_cosine:g}, object ids differ, or outside; luma = 0.299 R + 0.587 G + "
+    "0.114 B",
 )
 RESTORE = OutsideStep(
     name="restore errors",
     when="after",
-    formula="T = predicted + margin; clamped: error = 2 mean T; logistic: error = "
-    "logit(lerp(S(0), S(1), T)) / 10 + mean, S(y) = sigmoid(10 (y - mean)); psnr: (1 - T) / 0.015",
+    formula="T = clamp(predicted + margin, 0, 1), margin that of facts, which stands in place of "
+    "the config's; clamped: error = 2 mean T; logistic: error = max(logit(lerp(S(0), S(1), T)) / "
+    f"{STEEPNESS:g} + mean, 0), S(y) = sigmoid({STEEPNESS:g} (y - mean)); psnr: (1 - T) / "
+    f"{DECIBEL:g}",
 )
 CHOOSE = OutsideStep(
     name="choose rates",

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from rtsr_cli.core.cards.card import write_card
-from rtsr_cli.core.network.weights import SavedWeights, read_weights, save_weights
+from rtsr_cli.core.network.weights import SHIPPED, SavedWeights, read_weights, save_weights
 from rtsr_cli.core.training.checkpoints import describe_data
 from rtsr_cli.core.training.clips import Clip, ClipFacts
 from rtsr_cli.models import load_system
@@ -78,6 +78,64 @@ def test_a_card_says_what_the_metadata_hold(tmp_path: Path) -> None:
     assert "| numbers | 1,234 (float32) |" in card
     assert "No shot was held out" in card
     assert "were not jittered" in card
+
+
+def test_what_pages_declare_stands_with_what_is_not_known(tmp_path: Path) -> None:
+    card = card_of(
+        tmp_path,
+        {
+            "trained_on": "46 shots",
+            "declared": {
+                "training": [{"name": "a/b", "shots": 1, "frames": None, "licence": "CC0 | x"}],
+                "validation": [{"name": "c/d", "shots": 1, "frames": 8, "licence": "MIT"}],
+                "source": "docs/x.md",
+                "unknown": "the seeds",
+            },
+            "measured": {"lines": ["rtsr synth shot", "rtsr evaluate"], "scores": {"psnr": 30.5}},
+            "validation": {"psnr": 27.5},
+        },
+    )
+    assert "Trained on: 46 shots, as the file's own training says." in card
+    assert "| training | a/b | 1 | not recorded | CC0 \\| x |" in card
+    assert "| validation | c/d | 1 | 8 | MIT |" in card
+    assert "by docs/x.md:" in card
+    assert "Not known: the seeds." in card
+    assert "```sh\nrtsr synth shot\nrtsr evaluate\n```" in card
+    assert card.index("| psnr | 30.5000 |") < card.index("| psnr | 27.5000 |")
+    assert "In training, on c/d, by `rtsr train gather DATA" in card
+
+
+def test_declarations_of_another_shape_break_no_card(tmp_path: Path) -> None:
+    card = card_of(
+        tmp_path, {"declared": {"training": 3, "source": ["x"]}, "measured": {"lines": 1}}
+    )
+    assert "Not known: not recorded." in card
+
+
+def test_the_margin_of_predicted_errors_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    for about, words in (
+        ({"validation": {"under": 0.0123}}, "adds 0.0123 to"),
+        ({}, "adds 0.0000"),
+    ):
+        save_weights(path, {}, system="rt-percept", scale=1, config={}, about=about)
+        card = write_card(load_system("rt-percept"), [read_weights(path)])
+        assert words in card
+    assert "adds 0" not in card_of(tmp_path, {"validation": {"under": 0.5}})
+
+
+def test_shipped_weights_say_what_of_their_data_is_known() -> None:
+    """Names, counts, licences, and lines that anyone can type; or plainly that none are known."""
+    for path in sorted(SHIPPED.glob("*.safetensors")):
+        weights = read_weights(path)
+        declared, measured = weights.about["declared"], weights.about["measured"]
+        assert declared["unknown"], path.name
+        assert declared["source"], path.name
+        for part in (*declared["training"], *declared["validation"]):
+            assert part["name"], path.name
+            assert part["licence"], path.name
+        assert measured["lines"][0].startswith("rtsr synth shot --seed"), path.name
+        assert len(measured["scores"]) >= 3, path.name
 
 
 def test_what_the_metadata_do_not_hold_is_not_recorded(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import torch
 
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.export import onnx_model
+from rtsr_cli.core.export.followed_graphs import expose_tensors
 from rtsr_cli.core.export.onnx_model import lower_opset
 from rtsr_cli.core.export.operators import check_operators
 from rtsr_cli.core.export.proof import prove_graph
@@ -60,7 +61,10 @@ def test_half_precision_leaves_out_what_is_to_be_single(traced: Any, trace: Trac
     kinds = {put.name: put.type.tensor_type.elem_type for put in model.graph.input}
     assert kinds == {"small": 10, "base": 1}
     assert all(t.data_type != 1 for t in model.graph.initializer if len(t.dims) == 4)
-    proof = prove_graph(traced.network, traced.graph, model, traced.call.inputs, half=True)
+    measure = expose_tensors(trace().SerializeToString())
+    proof = prove_graph(
+        traced.network, traced.graph, model, traced.call.inputs, half=True, measure=measure
+    )
     assert 1e-5 < proof.difference["large"] < 1e-2
 
 
@@ -77,6 +81,21 @@ def test_an_operator_without_an_older_form_is_refused(trace: Trace) -> None:
     model.graph.node.append(onnx.helper.make_node("BitwiseNot", ["small"], ["other"]))
     with pytest.raises((CheckpointError, onnx.defs.SchemaError)):
         lower_opset(model, "enlarge", 15, onnx)
+
+
+def test_padding_has_a_form_of_opset_15(trace: Trace) -> None:
+    """All axes are padded as they were before opset 18; chosen ones only since."""
+    onnx = onnx_model.import_onnx()
+    for axes in ((), ("axes",)):
+        model = trace(opset=18)
+        inputs = ["small", "widths", "", *axes][: 2 if not axes else 4]
+        model.graph.node.append(onnx.helper.make_node("Pad", inputs, ["padded"]))
+        if axes:
+            with pytest.raises(CheckpointError, match=r"Pad has no form of opset 15; --opset 18"):
+                lower_opset(model, "enlarge", 15, onnx)
+        else:
+            lower_opset(model, "enlarge", 15, onnx)
+            assert model.graph.node[-1].op_type == "Pad"
 
 
 def test_every_documented_list_suffices(trace: Trace) -> None:
@@ -113,8 +132,31 @@ def test_a_model_that_is_not_the_network_is_refused(traced: Any, trace: Trace) -
     model = trace()
     other = copy.deepcopy(traced.network)
     other.last.bias.add_(0.01)
+    measure = expose_tensors(model.SerializeToString())
     with pytest.raises(CheckpointError, match=r"enlarge: the exported graph is 0\.0\d+ from"):
-        prove_graph(other, traced.graph, model, traced.call.inputs, half=False)
+        prove_graph(other, traced.graph, model, traced.call.inputs, half=False, measure=measure)
+
+
+def test_what_half_does_not_hold_is_refused_with_what_to_do(traced: Any, trace: Trace) -> None:
+    """The last layer's inputs overflow; nothing of it is seen in a difference on processors."""
+    model = trace(half=True)
+    call, graph = traced.call.inputs, traced.graph
+    with pytest.raises(CheckpointError, match=r"reach 7e\+04 on random inputs, .*fp32"):
+        prove_graph(traced.network, graph, model, call, half=True, measure=lambda _: 7e4)
+    other = copy.deepcopy(traced.network)
+    other.last.bias.add_(0.5)
+    with pytest.raises(CheckpointError, match=r"too few digits for these weights, whose values re"):
+        prove_graph(other, graph, model, call, half=True, measure=lambda _: 3.0)
+
+
+def test_the_largest_value_inside_is_that_of_any_tensor(traced: Any, trace: Trace) -> None:
+    measure = expose_tensors(trace().SerializeToString())
+    inputs = {name: tensor.clone() for name, tensor in traced.call.inputs.items()}
+    small = measure(inputs)
+    features = traced.network.first(inputs["small"]).abs().max()
+    assert small >= float(features)
+    inputs["small"] = inputs["small"] * 1000.0
+    assert measure(inputs) > 100.0 * small
 
 
 def test_a_missing_library_is_named_with_how_to_install_it(
@@ -122,4 +164,8 @@ def test_a_missing_library_is_named_with_how_to_install_it(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "onnx", None)
     with pytest.raises(ConfigError, match=r"onnx is not installed: pip install 'rtsr\[export\]'"):
+        onnx_model.import_onnx()
+    for name in ("onnxscript", "onnxruntime"):
+        monkeypatch.setitem(__import__("sys").modules, name, None)
+    with pytest.raises(ConfigError, match=r"onnx, onnxscript and onnxruntime are not installed: "):
         onnx_model.import_onnx()

@@ -14,7 +14,7 @@ from rtsr_cli.core.choices import Preset
 from rtsr_cli.core.errors import CheckpointError, ConfigError
 from rtsr_cli.core.network.exported import describe_graphs, load_exported_network
 from rtsr_cli.core.network.graphs import record_graphs, record_uniform_frame, replace_graph
-from rtsr_cli.core.network.manifest import MANIFEST, Manifest, read_manifest
+from rtsr_cli.core.network.manifest import MANIFEST, Manifest, read_manifest, sum_manifest
 from rtsr_cli.models import list_trainable_names, load_system
 
 
@@ -83,7 +83,7 @@ def write_manifest(folder: Path, **changed: Any) -> Path:
         "padding": "",
     }
     facts = {
-        "format": "rtsr-export-1",
+        "format": "rtsr-export-2",
         "system": "rt-percept",
         "scale": 1,
         "config": {},
@@ -92,6 +92,7 @@ def write_manifest(folder: Path, **changed: Any) -> Path:
         "weights": {"about": {"step": 3}},
         "size": None,
     } | changed
+    facts = {"checksum": sum_manifest(facts)} | facts
     path = folder / MANIFEST
     path.write_text(json.dumps(facts), encoding="utf-8")
     return path
@@ -110,6 +111,8 @@ def test_a_manifest_is_read_from_its_folder(tmp_path: Path) -> None:
     ("changed", "words"),
     [
         ({"format": "other"}, "this is no manifest of rtsr export"),
+        ({"format": "rtsr-export-1"}, "of an older rtsr, which wrote no checksum .*; export again"),
+        ({"checksum": "0" * 64}, "damaged or changed: what it says is not what was written"),
         ({"scale": "2"}, r"damaged \(scale\)"),
         ({"size": [1]}, r"damaged \(size\)"),
         ({"graphs": [3]}, r"damaged \(graphs\)"),
@@ -120,6 +123,25 @@ def test_a_damaged_manifest_is_refused(tmp_path: Path, changed: dict[str, Any], 
     write_manifest(tmp_path, **changed)
     with pytest.raises(CheckpointError, match=words):
         read_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["config", "values", "weights", "facts"])
+def test_settings_that_steer_the_surroundings_are_those_that_were_written(
+    tmp_path: Path, name: str
+) -> None:
+    path = write_manifest(tmp_path, facts={"margin": 0.05}, config={"base": "guided"})
+    facts = json.loads(path.read_text(encoding="utf-8"))
+    facts[name] = {"base": "cubic"}
+    path.write_text(json.dumps(facts, indent=4), encoding="utf-8")
+    with pytest.raises(CheckpointError, match=r"damaged or changed: what it says is not what was"):
+        read_manifest(tmp_path)
+
+
+def test_how_a_manifest_is_laid_out_changes_nothing(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path, values={"mean": [0.1, 1e-9]})
+    facts = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(dict(reversed(facts.items())), indent=3), encoding="utf-8")
+    assert read_manifest(tmp_path).values == {"mean": [0.1, 1e-9]}
 
 
 def test_a_folder_without_a_manifest_is_refused(tmp_path: Path) -> None:

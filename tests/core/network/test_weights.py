@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,14 @@ from rtsr_cli.core.errors import CheckpointError
 from rtsr_cli.core.network.acceleration import accelerate_network
 from rtsr_cli.core.network.load import load_network
 from rtsr_cli.core.network.precision import resolve_precision
-from rtsr_cli.core.network.weights import fill_network, find_shipped, read_weights, save_weights
+from rtsr_cli.core.network.weights import (
+    FORMAT,
+    KEY,
+    fill_network,
+    find_shipped,
+    read_weights,
+    save_weights,
+)
 from rtsr_cli.core.settings import to_plain
 from rtsr_cli.models import load_system
 
@@ -89,6 +97,49 @@ def test_what_are_no_fitting_weights_is_said(tmp_path: Path, kind: str, said: st
         write(path, system="nsrd")
     with pytest.raises(CheckpointError, match=said):
         load_network(SYSTEM, 4, "cpu", path)
+
+
+def change_bit(path: Path) -> None:
+    """Flip one in the last tensor's data, which stays a finite number."""
+    content = bytearray(path.read_bytes())
+    content[-4] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_a_changed_number_is_told(tmp_path: Path, half: bool) -> None:
+    path = tmp_path / "w.safetensors"
+    write(path, half=half)
+    read_weights(path)
+    change_bit(path)
+    with pytest.raises(CheckpointError, match=r"damaged: .*checksum.*copy it again"):
+        read_weights(path)
+
+
+def test_a_changed_setting_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    write(path)
+    content = path.read_bytes()
+    changed = content.replace(b'\\"base\\": \\"guided\\"', b'\\"base\\": \\"cubic_\\"')
+    assert changed != content
+    path.write_bytes(changed)
+    with pytest.raises(CheckpointError, match=r"numbers or settings are not those"):
+        read_weights(path)
+
+
+def test_weights_of_before_checksums_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    write(path)
+    weights = read_weights(path)
+    facts = {"format": FORMAT, "system": weights.system, "scale": 4, "about": {}}
+    facts["config"] = dict(weights.config)
+    save_file(dict(weights.tensors), path, {KEY: json.dumps(facts)})
+    assert read_weights(path).config == weights.config
+
+
+def test_a_folder_is_no_file_of_weights(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match=r"a folder, no file of weights; give .*/best\.safet"):
+        read_weights(tmp_path)
 
 
 def test_parameters_that_do_not_fit_are_named(tmp_path: Path) -> None:

@@ -1,0 +1,166 @@
+"""What surrounds cgts, in NumPy, from docs/export.md alone; see `rebuilt`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.core.export.rebuilt import Array, C, Flags, Jitter, Side, around, clamp
+from tests.core.export.rebuilt_warps import bilinear, enlarge_linearly, inside, nearest
+
+
+def keys(x: Array, a: float) -> Array:
+    x = np.abs(x)
+    inner = ((a + 2) * x - (a + 3)) * x * x + 1
+    outer = ((a * x - 5 * a) * x + 8 * a) * x - 4 * a
+    return np.where(x <= 1, inner, np.where(x < 2, outer, 0))
+
+
+def sum_taps(image: Array, scale: int, jitter: Jitter, kernel: str) -> Array:
+    for axis, offset in ((-1, jitter[0]), (-2, jitter[1])):
+        length = image.shape[axis]
+        u = (np.arange(scale * length) + 0.5) / scale - 0.5 - offset
+        taps = np.floor(u).astype(int)[:, None] + np.arange(-2, 4)
+        apart = u[:, None] - taps
+        if kernel == "cubic":
+            weights = keys(apart, C["SPLAT_A"])
+        else:
+            weights = np.exp(-0.5 * (apart * scale / C["SAMPLE_SIGMA"]) ** 2)
+            weights = weights * (np.abs(apart) <= 1.5)
+        rows = np.moveaxis(image, axis, -1)[..., np.clip(taps, 0, length - 1)]
+        image = np.moveaxis((rows * weights).sum(-1), -1, axis)
+    return image
+
+
+def splat(t: Array, scale: int, jitter: Jitter) -> tuple[Array, Array]:
+    """Colour and its worth."""
+    w = sum_taps(np.ones_like(t[0]), scale, jitter, "splat")
+    between = clamp(sum_taps(t, scale, jitter, "cubic"), 0, C["MOST_BETWEEN"])
+    worth = w + C["BETWEEN_WORTH"]
+    return (sum_taps(t, scale, jitter, "splat") + C["BETWEEN_WORTH"] * between) / worth, worth
+
+
+def repeat_nearest(image: Array, scale: int, jitter: Jitter) -> Array:
+    for axis, offset in ((-2, jitter[1]), (-1, jitter[0])):
+        length = image.shape[axis]
+        u = (np.arange(scale * length) + 0.5) / scale - offset
+        image = np.take(image, np.clip(np.floor(u).astype(int), 0, length - 1), axis=axis)
+    return image
+
+
+def widen_motion(side: Side) -> Array:
+    """Of the nearest surface of 3 x 3 samples."""
+    z = np.stack(around(side.depth, 1, np.inf))
+    motion = np.stack(around(side.color("motion", "XY"), 1, 0.0))
+    best = z.argmin(0)
+    chosen = np.take_along_axis(motion, best[None, None], axis=0)[0]
+    return np.where(z.min(0) < side.depth, chosen, side.color("motion", "XY"))
+
+
+def catmull_rom(image: Array, motion: Array) -> Array:
+    rows, columns = np.mgrid[: image.shape[1], : image.shape[2]]
+    y, x = rows + motion[1], columns + motion[0]
+    top, left = np.floor(y).astype(int), np.floor(x).astype(int)
+    total = np.zeros_like(image)
+    for down in range(-1, 3):
+        for across in range(-1, 3):
+            w = keys(y - top - down, -0.5) * keys(x - left - across, -0.5)
+            qy = np.clip(top + down, 0, image.shape[1] - 1)
+            qx = np.clip(left + across, 0, image.shape[2] - 1)
+            total += w * image[:, qy, qx]
+    return total
+
+
+def to_ycocg(t: Array) -> Array:
+    r, g, b = t
+    return np.stack([(r + 2 * g + b) / 4, (r - b) / 2, (2 * g - r - b) / 4])
+
+
+def from_ycocg(y: Array) -> Array:
+    return np.stack([y[0] + y[1] - y[2], y[0] + y[2], y[0] - y[1] - y[2]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """What a frame leaves to the next."""
+
+    color: Array
+    counter: Array
+    worth: Array
+    low: Array
+    high: Array
+    d: Array
+    logits: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """What the graphs are shown, as far as it is carried."""
+
+    color: Array
+    motion: Array
+    counter: Array
+    low: Array
+    high: Array
+    history: Array
+    history_worth: Array
+    logits: Array
+    inside: Flags
+    worth: Array
+    d: Array
+    clipped: Array
+
+
+def show(side: Side, before: State | None, scale: int) -> Shown:
+    t = side.color("") / (1 + side.color(""))
+    color, worth = splat(t, scale, side.jitter)
+    motion = scale * repeat_nearest(widen_motion(side), scale, side.jitter)
+    d = repeat_nearest(np.where(side.sky, 0, 1 / side.depth), scale, side.jitter)
+    low, high = (pick(around(color, 1, None), axis=0) for pick in (np.min, np.max))
+    doubt = np.zeros((6, *d.shape))
+    doubt[0] = C["CERTAIN"]
+    there = inside(motion) if before is not None else np.zeros(d.shape, bool)
+    history, counter, gained, logits = color, np.zeros(d.shape), np.zeros(d.shape), doubt
+    if before is not None:
+        history = np.where(there, clamp(catmull_rom(before.color, motion), 0, 1), color)
+        counter = nearest(before.counter, motion) * there
+        gained = nearest(before.worth, motion) * there
+        logits = np.where(there, bilinear(before.logits, motion), doubt)
+        low = np.where(there, nearest(before.low, motion), low)
+        high = np.where(there, nearest(before.high, motion), high)
+    samples = to_ycocg(t)
+    mean = np.mean(around(samples, 1, None), axis=0)
+    square = np.mean(around(samples**2, 1, None), axis=0)
+    deviation = np.sqrt(np.maximum(square - mean**2, 0))
+    mean, deviation = (enlarge_linearly(i, scale, side.jitter) for i in (mean, deviation))
+    reach = C["DEVIATIONS"] * deviation
+    held = from_ycocg(clamp(to_ycocg(history), mean - reach, mean + reach))
+    return Shown(
+        color=color, motion=motion, counter=counter, low=low, high=high, history=history,
+        history_worth=gained, logits=logits, inside=there, worth=worth, d=d,
+        clipped=clamp(held, 0, 1),
+    )  # fmt: skip
+
+
+def accumulate(shown: Shown, logits: Array, given: Array) -> State:
+    """What is written, and goes on."""
+    hidden = (logits[0] >= np.maximum(logits[1], logits[2])) | ~shown.inside
+    start = np.log(shown.worth) - np.log(np.maximum(shown.history_worth, C["LEAST_HISTORY"]))
+    a = np.where(shown.inside, 1 / (1 + np.exp(-(given[0] + start))), 1)
+    speed = np.linalg.norm(shown.motion, axis=0)
+    s = 1 / (1 + np.exp(-given[1])) * (1 - np.exp(-speed / C["STILL_PX"]))
+    h = shown.history + s * (shown.clipped - shown.history)
+    low, high = (pick(around(shown.color, 1, None), axis=0) for pick in (np.min, np.max))
+    rate, most = C["RANGE_RATE"], C["CGTS_MOST_LOGIT"]
+    wide_low = np.minimum(low, shown.low + rate * (low - shown.low))
+    wide_high = np.maximum(high, shown.high + rate * (high - shown.high))
+    return State(
+        color=h + a * (shown.color - h),
+        counter=np.where(hidden, 0, shown.counter + 1),
+        worth=np.minimum(shown.worth / a, C["CGTS_MOST_WORTH"]),
+        low=np.where(hidden, low, wide_low),
+        high=np.where(hidden, high, wide_high),
+        d=shown.d,
+        logits=clamp(logits, -most, most),
+    )
