@@ -25,7 +25,8 @@ from tests.core.export.rebuilt import (
 )
 from tests.core.export.rebuilt_warps import inside
 
-AGE, CHANGE, CHANGE_WORTH, CHANGE_AGREED, CHANGE_SPREAD, FIT_POWER = 0.9, 0.65, 2.0, 3.0, 0.5, 4
+AGE, CHANGE, CHANGE_WORTH, CHANGE_AGREED, CHANGE_SPREAD = 0.9, 0.65, 2.0, 3.0, 0.5
+CHANGE_FIT, FIT_POWER = 0.6, 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +222,8 @@ def gather_frame(  # noqa: PLR0915  # one step after the other, as the page has 
         c2 = AGE * c * np.exp(clamp(r[3], -C["MOST_LOGIT"], C["MOST_LOGIT"]))
         c2 = c2 / (1 + (1 + CHANGE_AGREED * t1) * (d1**2).mean(0) / CHANGE_SPREAD**2)
         share = 1 / (1 + np.exp(-(np.log(CHANGE / (1 - CHANGE)) + r[4])))
-        b = share * np.maximum(np.minimum(1, CHANGE_WORTH / np.maximum(c2, 1e-9)), t)
+        b = share * np.minimum(1, fit / CHANGE_FIT)
+        b = b * np.maximum(np.minimum(1, CHANGE_WORTH / np.maximum(c2, 1e-9)), t)
         part = c2 / np.maximum(c2 + n, C["LEAST_WORTH"])
         made = np.maximum(own + part * (h + b * d - own), 0)
         worth = c2 + n
