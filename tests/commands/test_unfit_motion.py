@@ -31,6 +31,23 @@ def write_noise(folder: Path) -> None:
         write_frame(folder / f"f.{number:04d}.exr", picture, x, y)
 
 
+def write_noise_of_its_own(folder: Path) -> None:
+    """A picture of noise each frame, and vectors of nothing."""
+    chooser = np.random.default_rng(0)
+    for number in (1, 2, 3):
+        x, y = chooser.normal(0, 3, (2, HEIGHT, WIDTH)).astype(np.float32)
+        write_frame(folder / f"f.{number:04d}.exr", chooser.random((HEIGHT, WIDTH, 3)), x, y)
+
+
+def write_noise_over_a_still(folder: Path) -> None:
+    """A picture that rests but for a little noise, and vectors of nothing."""
+    chooser = np.random.default_rng(0)
+    for number in (1, 2, 3):
+        x, y = chooser.normal(0, 9, (2, HEIGHT, WIDTH)).astype(np.float32)
+        picture = cut_picture(1) + chooser.normal(0, 1e-3, (HEIGHT, WIDTH, 3))
+        write_frame(folder / f"f.{number:04d}.exr", picture, x, y)
+
+
 def cut_picture(position: int) -> np.ndarray:
     """Part of a wide picture, smooth enough that a fraction of a pixel is a small difference."""
     wide = np.random.default_rng(0).random((HEIGHT, 4 * WIDTH, 3))
@@ -60,7 +77,14 @@ def write_resting_on_twos(folder: Path) -> None:
     write_on_twos(folder, rests=True)
 
 
-CASES = [write_noise, write_vectors_of_another_sequence, write_on_twos, write_resting_on_twos]
+CASES = [
+    write_noise,
+    write_noise_of_its_own,
+    write_noise_over_a_still,
+    write_vectors_of_another_sequence,
+    write_on_twos,
+    write_resting_on_twos,
+]
 
 
 @pytest.mark.parametrize("make", CASES)
@@ -88,6 +112,47 @@ def test_inspect_says_what_can_run(rtsr: Run, tmp_path: Path, make: Callable[[Pa
     said = rtsr("inspect", tmp_path / "in").output
     assert "a named layout" not in said
     assert "not read; presumed as" in said
+
+
+def write_travel(folder: Path, *, contrast: float, noise: float, step: int) -> None:
+    """A picture that travels as its vectors say; noise of its own in every frame."""
+    chooser = np.random.default_rng(0)
+    wide = chooser.random((HEIGHT, 4 * WIDTH, 3))
+    wide = wide + np.roll(wide, 1, 1)
+    for number in (1, 2, 3):
+        left = 2 * WIDTH - step * number
+        picture = wide[:, left : left + WIDTH] + noise * chooser.random((HEIGHT, WIDTH, 3))
+        x = np.full((HEIGHT, WIDTH), -step, np.float32)
+        write_frame(folder / f"f.{number:04d}.exr", contrast * picture, x, np.zeros_like(x))
+
+
+@pytest.mark.parametrize(
+    ("contrast", "noise", "step"),
+    [
+        (1.0, 0.0, 5),
+        pytest.param(1.0, 0.0, 1, id="small"),
+        pytest.param(1e-6, 0.0, 5, id="dark"),
+        pytest.param(0.0, 0.0, 5, id="black"),
+        pytest.param(1.0, 3.0, 5, id="noisy"),
+    ],
+)
+def test_vectors_that_frames_follow_are_read(
+    rtsr: Run, tmp_path: Path, contrast: float, noise: float, step: int
+) -> None:
+    write_travel(tmp_path / "in", contrast=contrast, noise=noise, step=step)
+    facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
+    assert not facts["motion"]["undecided"]
+    assert facts["systems"]["taau"]["ready"]
+
+
+def test_declared_vectors_are_read_whatever_the_frames_say(rtsr: Run, tmp_path: Path) -> None:
+    write_noise_of_its_own(tmp_path / "in")
+    declared = 'motion = {unit = "pixels", direction = "previous-minus-current", y_axis = "down"}'
+    (tmp_path / "in" / "capture.toml").write_text(declared)
+    choice = (tmp_path / "in", tmp_path / "out", "--scale", 2, "--system", "taau")
+    result = rtsr("upscale", *choice)
+    assert result.exit_code == 0, result.output
+    assert "the frames do not follow them" in result.stderr
 
 
 @pytest.mark.parametrize("make", [write_noise, write_on_twos, write_resting_on_twos])

@@ -72,8 +72,9 @@ def guess_views(channels: Sequence[str]) -> tuple[str, ...]:
 def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
     """For each part, channel name in the file -> name for the user.
 
-    The first part, and one without a name, keeps its channels' names, unless it is one of several
-    samples (`color.0` beside `color.1`). In the others `X` of the
+    The first part, and one without a name, keeps its channels' names, unless its own name tells it
+    from its like: one of several samples (`color.0` beside `color.1`), or a pass of a layer
+    (`ViewLayer.Combined` beside `ViewLayer.Depth` or `Other.Combined`). In the others `X` of the
     part `normal` is `normal.X`, unless it is called so already. Where parts are of several views,
     the view stands before the last component: `normal.left.X`. Names that are then there twice
     take the name of their part in any case.
@@ -81,7 +82,8 @@ def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
     if len(parts) < 2:
         return [{channel: channel for channel in part.channels} for part in parts]
     several = len({part.view for part in parts if part.view}) > 1
-    first = "" if _holds_sample(parts[0], parts[1:]) else parts[0].base
+    told = _holds_sample(parts[0], parts[1:]) or _is_of_layer(parts[0], parts[1:])
+    first = "" if told else parts[0].base
     named = [
         {
             c: _insert_view(_name_in_part(part, c, first), part.view if several else "")
@@ -105,6 +107,14 @@ def _holds_sample(part: NamedPart, others: Sequence[NamedPart]) -> bool:
     rest = [other.base.rpartition(".") for other in others]
     beside = any(s == stem and n.isdecimal() for s, _, n in rest)
     return bool(stem) and number.isdecimal() and beside
+
+
+def _is_of_layer(part: NamedPart, others: Sequence[NamedPart]) -> bool:
+    """Tell whether a part is called `layer.pass`, as another one of its layer, or pass, is."""
+    layer, _, of_layer = part.base.rpartition(".")
+    rest = [other.base.rpartition(".") for other in others if other.base != part.base]
+    like = (other == layer or name == of_layer for other, _, name in rest if other)
+    return bool(layer) and any(like)
 
 
 def _name_in_part(part: NamedPart, channel: str, first: str) -> str:

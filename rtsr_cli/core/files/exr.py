@@ -21,7 +21,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.files.channel_names import NamedPart, find_views, guess_views, name_channels
 from rtsr_cli.core.files.exr_checksum import BLANK, CHECKSUM, seal
-from rtsr_cli.core.files.exr_chunks import MAGIC, ends_too_early
+from rtsr_cli.core.files.exr_chunks import MAGIC, ends_too_early, put_first
 from rtsr_cli.core.files.exr_limits import (
     find_false_promise,
     find_header_excess,
@@ -29,6 +29,8 @@ from rtsr_cli.core.files.exr_limits import (
 )
 from rtsr_cli.core.files.library_output import silence_library
 from rtsr_cli.core.files.pixel_window import PixelWindow
+from rtsr_cli.core.files.provenance import STAMP
+from rtsr_cli.core.marks import MARK
 
 T = TypeVar("T")
 
@@ -370,6 +372,8 @@ def write_exr(
         # compressed in memory first: Python then says by number why a disk refuses the file
         encoded = io.BytesIO()
         OpenEXR.File(header, contiguous).write(encoded)
+        # what is cut later tells by its first bytes whose it is
+        put_first(encoded, (MARK, STAMP))
         content = encoded.getbuffer()
         seal(content)
         part.write_bytes(content)
