@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.exr import read_channels, write_exr
 
 Run = Callable[..., Result]
 HEIGHT, WIDTH, STEP = 48, 64, 5
@@ -114,32 +114,27 @@ def test_inspect_says_what_can_run(rtsr: Run, tmp_path: Path, make: Callable[[Pa
     assert "not read; presumed as" in said
 
 
-def write_travel(folder: Path, *, contrast: float, noise: float, step: int) -> None:
-    """A picture that travels as its vectors say; noise of its own in every frame."""
-    chooser = np.random.default_rng(0)
-    wide = chooser.random((HEIGHT, 4 * WIDTH, 3))
-    wide = wide + np.roll(wide, 1, 1)
-    for number in (1, 2, 3):
-        left = 2 * WIDTH - step * number
-        picture = wide[:, left : left + WIDTH] + noise * chooser.random((HEIGHT, WIDTH, 3))
-        x = np.full((HEIGHT, WIDTH), -step, np.float32)
-        write_frame(folder / f"f.{number:04d}.exr", contrast * picture, x, np.zeros_like(x))
-
-
 @pytest.mark.parametrize(
-    ("contrast", "noise", "step"),
+    ("contrast", "noise"),
     [
-        (1.0, 0.0, 5),
-        pytest.param(1.0, 0.0, 1, id="small"),
-        pytest.param(1e-6, 0.0, 5, id="dark"),
-        pytest.param(0.0, 0.0, 5, id="black"),
-        pytest.param(1.0, 3.0, 5, id="noisy"),
+        pytest.param(1.0, 0.0, id="clean"),
+        pytest.param(1e-6, 0.0, id="dark"),
+        pytest.param(0.0, 0.0, id="black"),
+        pytest.param(1.0, 0.5, id="noisy"),
+        pytest.param(1e-6, 0.5, id="dark and noisy"),
     ],
 )
 def test_vectors_that_frames_follow_are_read(
-    rtsr: Run, tmp_path: Path, contrast: float, noise: float, step: int
+    rtsr: Run, tmp_path: Path, contrast: float, noise: float
 ) -> None:
-    write_travel(tmp_path / "in", contrast=contrast, noise=noise, step=step)
+    """Radiance alone, each value with noise of its own of that share."""
+    assert rtsr("synth", tmp_path / "made", "--size", "64x48", "--frames", "1-4").exit_code == 0
+    chooser = np.random.default_rng(0)
+    for path in sorted((tmp_path / "made").glob("*.exr")):
+        planes = read_channels(path, ("R", "G", "B", "motion.X", "motion.Y"))
+        picture = np.stack([planes[c] for c in "RGB"], axis=-1) * contrast
+        picture = picture * (1.0 + noise * chooser.normal(size=picture.shape))
+        write_frame(tmp_path / "in" / path.name, picture, planes["motion.X"], planes["motion.Y"])
     facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
     assert not facts["motion"]["undecided"]
     assert facts["systems"]["taau"]["ready"]
