@@ -117,7 +117,8 @@ def log_pixel_findings(done: RunDone) -> None:
         )
     if done.as_float:
         LOG.warning(
-            "Warning: numbers beyond 65504, which half cannot hold: written as float: %s",
+            "Warning: numbers beyond 65504, or so small that they would be 0, which half cannot "
+            "hold: written as float: %s",
             _list_some(done.as_float),
         )
     for shot, shares in done.no_material.items():

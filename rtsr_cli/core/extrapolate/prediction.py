@@ -9,7 +9,7 @@ from typing import Any
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import PAST, PREDICTED, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.frames.storage import fits_half
 from rtsr_cli.core.imaging.coverage import CoveredColor
 from rtsr_cli.core.imaging.frame_motion import chain_motion
 from rtsr_cli.core.imaging.warping import backward_warp
@@ -82,7 +82,7 @@ class Extrapolation:
         name = f"system '{self._system.name}'"
         if made.image is None:
             raise FrameFolderError(f"{moment.source}: {name} gave no image")
-        largest = moment.check_output(made.image, name)
+        moment.check_output(made.image, name)
         stamp: dict[str, Any] = {}
         if predicted:
             past = {PAST: self._past[moment.number]}
@@ -91,7 +91,7 @@ class Extrapolation:
             path=moment.path,
             color=made.image,
             alpha=alpha,
-            as_float=largest > MAX_HALF,
+            as_float=not fits_half(made.image),
             attributes={**moment.attributes, **moment.provenance({**stamp, **self._tag})},
             windows=moment.windows,
             passed=moment.passed,
