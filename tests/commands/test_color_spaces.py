@@ -120,7 +120,7 @@ def test_chromaticities_that_contradict_are_named_and_not_obeyed(rtsr: Run, tmp_
     assert "PROBLEM" not in rtsr("inspect", ref).output
 
 
-@pytest.mark.parametrize("tag", ["srgb_rec709_scene", "bogus"])
+@pytest.mark.parametrize("tag", ["srgb_rec709_scene", "bogus", "data"])
 def test_a_tag_that_is_no_linear_space_is_named_and_not_compared(
     rtsr: Run, tmp_path: Path, tag: str
 ) -> None:

@@ -11,12 +11,13 @@ import os
 import platform
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 from rtsr_cli.core.errors import OutputBlockedError, OutputError
+from rtsr_cli.core.files.folders import describe_obstacle
 
 TEMPORARY_SUFFIX = ".rtsr-part"
 """Ends the name of a file that is still being written; never a finished one."""
@@ -139,6 +140,32 @@ def _make_refusal(path: Path, error: Exception) -> OutputError:
     return kind(f"{path}: cannot be written ({why}); {remedy}")
 
 
+MOST_NAME_BYTES = 255
+"""Of a name, where the file system does not say."""
+
+
+def check_names(paths: Iterable[Path]) -> None:
+    """Raise before anything is computed if the name of an output is longer than names can be.
+
+    Raises:
+        OutputError: names the longest.
+    """
+    longest = max(paths, key=lambda path: len(os.fsencode(path.name)), default=None)
+    if longest is None:
+        return
+    there = next((folder for folder in longest.parents if folder.is_dir()), longest.parent)
+    try:
+        most = os.pathconf(there, "PC_NAME_MAX")
+    except (AttributeError, OSError, ValueError):
+        most = MOST_NAME_BYTES
+    size = len(os.fsencode(longest.name))
+    if size > most:
+        raise OutputError(
+            f"{longest}: the name of this output is {size} bytes long, and no name can have more "
+            f"than {most}; give the frames shorter names"
+        )
+
+
 def check_writable(folder: Path) -> None:
     """Raise if a folder cannot be made or written to, before anything is computed.
 
@@ -147,6 +174,12 @@ def check_writable(folder: Path) -> None:
     Raises:
         OutputError: names the folder.
     """
+    obstacle = describe_obstacle(folder)
+    if obstacle:
+        raise OutputError(
+            f"{folder}: cannot write here: {obstacle}; choose another output folder, or move that "
+            "away"
+        )
     probe = name_temporary(folder / "probe")
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.atomic_write import check_names
 from rtsr_cli.core.files.ownership import refuse_foreign
 from rtsr_cli.core.files.provenance import FileDigests, digest_config
 from rtsr_cli.core.frames.selection import Selection, format_ranges
@@ -154,11 +155,18 @@ def plan_shot(
     refuse_inputs(list(plan.paths.values()), inputs.readers)
     if outputs.debug:
         refuse_inputs([name_debug_file(path) for path in plan.paths.values()], inputs.readers)
+    check_names(path for n in plan.selected for path in _list_files(plan, n))
     plan = _find_pending(plan, overwrite=overwrite)
     plan = replace(plan, order=_order_numbers(sequence, stamps.starts, plan.pending))
     for number in plan.order:
         plan.digests.note(inputs.files(number))
     return plan
+
+
+def _list_files(plan: ShotPlan, number: int) -> tuple[Path, ...]:
+    """Files that a run writes of a frame, those of its debug folder left out."""
+    path = plan.paths[number]
+    return (path, *(path.with_suffix(suffix) for suffix in plan.outputs.pictures))
 
 
 def _find_pending(plan: ShotPlan, *, overwrite: bool) -> ShotPlan:
@@ -169,18 +177,18 @@ def _find_pending(plan: ShotPlan, *, overwrite: bool) -> ShotPlan:
     """
     states = {n: _read_states(plan, n) for n in plan.selected}
 
-    def list_files(wanted: OutputState) -> tuple[Path, ...]:
+    def find_files(wanted: OutputState) -> tuple[Path, ...]:
         pairs = (pair for frame in states.values() for pair in frame.items())
         return tuple(path for path, state in pairs if state is wanted)
 
     if not overwrite:
-        refuse_foreign(list_files(OutputState.FOREIGN), f"rtsr {plan.outputs.command}")
+        refuse_foreign(find_files(OutputState.FOREIGN), f"rtsr {plan.outputs.command}")
     unfinished = {n for n, frame in states.items() if {*frame.values()} != {OutputState.DONE}}
     return replace(
         plan,
         pending=frozenset(unfinished),
-        damaged=list_files(OutputState.DAMAGED),
-        empty=list_files(OutputState.EMPTY),
+        damaged=find_files(OutputState.DAMAGED),
+        empty=find_files(OutputState.EMPTY),
     )
 
 
