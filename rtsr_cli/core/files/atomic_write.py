@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import platform
+import re
 import secrets
 import time
 from collections.abc import Callable, Iterable
@@ -18,9 +19,13 @@ from pathlib import Path
 
 from rtsr_cli.core.errors import OutputBlockedError, OutputError
 from rtsr_cli.core.files.folders import describe_obstacle
+from rtsr_cli.core.visible_text import make_visible
 
 TEMPORARY_SUFFIX = ".rtsr-part"
 """Ends the name of a file that is still being written; never a finished one."""
+
+WORD_ENDS = re.compile(r"[\s'\",]")
+"""What stands beside names in a text."""
 
 NAME_BYTES, HOST_CHARACTERS, RANDOM_BYTES = 32, 24, 6
 """What a temporary name holds of the target's, of the machine's, and that nobody can guess."""
@@ -123,11 +128,20 @@ def write_text_atomically(path: Path, text: str) -> None:
     """Write a text as UTF-8, whole or not at all.
 
     Raises:
-        OutputError: it cannot be written; names the file.
+        OutputError: it cannot be written; names the file. Or a name in it is no text, as names of
+            files that are not UTF-8 are none; names that.
     """
+    try:
+        content = text.encode()
+    except UnicodeEncodeError as error:
+        around = WORD_ENDS.split(text[: error.start])[-1] + WORD_ENDS.split(text[error.start :])[0]
+        raise OutputError(
+            f"{path}: is not written: it would have to name '{make_visible(around)}', which is not "
+            "UTF-8, and no text holds such names; rename that"
+        ) from error
 
     def write(part: Path) -> None:
-        part.write_text(text, encoding="utf-8")
+        part.write_bytes(content)
 
     write_atomically(path, write)
 
