@@ -102,6 +102,17 @@ def write_stereo_parts_of_short_names(path: Path) -> None:
     )
 
 
+def write_stereo_parts_whose_names_alone_say_so(path: Path) -> None:
+    write_parts(
+        path,
+        *(
+            (f"VL.{name}.{view}", {}, values)
+            for view, color, depth in (("left", FIRST, 2.0), ("right", SECOND, 50.0))
+            for name, values in (("Combined", rgb("", color)), ("Depth", {"V": depth}))
+        ),
+    )
+
+
 def write_layers_in_parts_of_short_names(path: Path) -> None:
     write_parts(
         path,
@@ -144,6 +155,7 @@ KINDS = [
     (write_bare_and_named, "unnamed", "beauty"),
     (write_bare_and_color, "unnamed", "color"),
     (write_stereo_parts_of_short_names, "VL.left", "VL.right"),
+    (write_stereo_parts_whose_names_alone_say_so, "VL.left", "VL.right"),
     (write_layers_in_parts_of_short_names, "A", "B"),
 ]
 kinds = pytest.mark.parametrize(("make", "first", "second"), KINDS)

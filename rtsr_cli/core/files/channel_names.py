@@ -8,8 +8,8 @@ parts that each say their `view`, and whose names usually say it again.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 STEREO = ("left", "right")
 """Views that are known by their names, even where no attribute says that there are views."""
@@ -67,6 +67,23 @@ def guess_views(channels: Sequence[str]) -> tuple[str, ...]:
     if len(found) == 1 and "R" in channels:
         return (*(view for view in STEREO if view not in found), *found)
     return ("", *sorted(found)) if found else ()
+
+
+def guess_part_views(parts: Sequence[NamedPart]) -> list[NamedPart]:
+    """Add the view that a part's name ends in where its header names none, and its twin is there.
+
+    `rgba.left` beside `rgba.right` is of the left eye.
+    """
+    names = {part.name for part in parts}
+    return [replace(part, view=part.view or _guess_eye(part.name, names)) for part in parts]
+
+
+def _guess_eye(name: str, names: Collection[str]) -> str:
+    for eye, other in (STEREO, STEREO[::-1]):
+        stem = name.removesuffix(eye)
+        if stem != name and stem.endswith(tuple(SEPARATORS)) and f"{stem}{other}" in names:
+            return eye
+    return ""
 
 
 def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
