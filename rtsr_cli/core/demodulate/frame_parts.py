@@ -80,9 +80,10 @@ class FrameLayers:
             dtype = torch.float32 if full else torch.float16
             self.layers[buffer] = torch.empty(1, strip.shape[1], *self._size, dtype=dtype)
         stored = self.layers[buffer][:, :, top : top + strip.shape[2]].copy_(strip)
+        if not full and buffer in LIGHT and not fits_half(strip):
+            self._lost += measure_loss(strip)
         if not full and buffer in LIGHT:
-            self._whole += float(strip.abs().sum(dtype=torch.float64))
-            self._lost += 0.0 if fits_half(strip) else measure_loss(strip)
+            self._whole += float(strip.abs().sum())
         return strip if full else stored.float()
 
 
@@ -157,8 +158,8 @@ def recompose_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> Fr
         gbuffer[Buffer.MATERIAL],
         gbuffer.buffers.get(Buffer.EMISSION),
     )
-    check_output(radiance, f"{gbuffer.where}: lighting * material", REMEDY)
-    as_float = not full and not fits_half(radiance)
+    largest = check_output(radiance, f"{gbuffer.where}: lighting * material", REMEDY)
+    as_float = not full and not fits_half(radiance, largest)
     return FrameParts(
         channels=split_image("", radiance, "RGB", full=full or as_float), as_float=as_float
     )

@@ -82,7 +82,7 @@ class Extrapolation:
         name = f"system '{self._system.name}'"
         if made.image is None:
             raise FrameFolderError(f"{moment.source}: {name} gave no image")
-        moment.check_output(made.image, name)
+        largest = moment.check_output(made.image, name)
         stamp: dict[str, Any] = {}
         if predicted:
             past = {PAST: self._past[moment.number]}
@@ -91,7 +91,7 @@ class Extrapolation:
             path=moment.path,
             color=made.image,
             alpha=alpha,
-            as_float=not fits_half(made.image),
+            as_float=not fits_half(made.image, largest),
             attributes={**moment.attributes, **moment.provenance({**stamp, **self._tag})},
             windows=moment.windows,
             passed=moment.passed,

@@ -63,13 +63,13 @@ class Reconstruction:
         if prediction.image is None:
             raise FrameFolderError(f"{moment.source}: {self._name} gave no image")
         image = cover_image(moment, prediction.image)
-        moment.check_output(image, self._name)
+        largest = moment.check_output(image, self._name)
         known = moment.provenance({"rtsr:system": self._system.name, **self._tag})
         return OutputFrame(
             path=moment.path,
             color=image,
             alpha=enlarge_alpha(moment),
-            as_float=not fits_half(image),
+            as_float=not fits_half(image, largest),
             attributes={**moment.attributes, **known},
             windows=moment.windows,
             colorspace=self._colorspace,
