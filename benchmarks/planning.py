@@ -7,7 +7,8 @@ buffers of 32 x 32 beside them and cameras in the headers; `captures` are 32 x 3
 cameras a side-car tells. Each command is a process of its own, on one core where `taskset` is
 there; its times are those of the whole process, Python's start included, with the bytecode cached
 as an installed package has it (of two runs the second counts). How much of it is torch's import
-alone stands in the first line. On a busy machine only the processor's time says something.
+alone stands in the first line, and what processor time a command takes beside it in its own. On a
+busy machine only the processor's time says something.
 """
 
 from __future__ import annotations
@@ -37,10 +38,15 @@ COMMANDS = {
     "upscale taau": [*PAIRS, "taau"],
     "upscale fusesr-fast": [*PAIRS, "fusesr-fast"],
     "upscale nsrd": [*PAIRS, "nsrd"],
+    "upscale bicubic --frames 1-3": [*PAIRS, "bicubic", "--frames", "1-3"],
     "upscale nsrd --frames 1-3": [*PAIRS, "nsrd", "--frames", "1-3"],
     "upscale --simulate-lr taau": [*CAPTURES, "taau"],
     "upscale --simulate-lr nsrd": [*CAPTURES, "nsrd"],
     "demodulate": ["demodulate", "CAPTURES", "OUT", "--dry-run"],
+    "demodulate --frames 1-3": ["demodulate", "CAPTURES", "OUT", "--frames", "1-3", "--dry-run"],
+    "label --frames 1-3": [
+        "label", "CAPTURES", "OUT", "--kind", "vrs", "--frames", "1-3", "--dry-run",
+    ],
     "label": ["label", "CAPTURES", "OUT", "--kind", "vrs", "--dry-run"],
     "predict-vrs": ["predict-vrs", "CAPTURES", "OUT", "--dry-run"],
     "evaluate --frames 1-3": [
@@ -120,11 +126,20 @@ def seconds_of(python: list[str], scratch: Path) -> tuple[float, float]:
     return wall, sum(children) - before.children_user - before.children_system
 
 
-def show_seconds(name: str, python: list[str], scratch: Path) -> None:
-    """Run twice, print the times of the second run."""
+def show_seconds(name: str, python: list[str], scratch: Path, least: float = 0.0) -> float:
+    """Run twice, print the times of the second run; return its processor time.
+
+    Args:
+        name: of the command.
+        python: its arguments.
+        scratch: folder.
+        least: processor time of torch's import.
+    """
     seconds_of(python, scratch)
     wall, processor = seconds_of(python, scratch)
-    click.echo(f"{name:28s} {wall:7.2f} s, processor {processor:5.2f} s")
+    beside = f" (beside torch's import {processor - least:5.2f} s)" if least else ""
+    click.echo(f"{name:29s} {wall:7.2f} s, processor {processor:5.2f} s{beside}")
+    return processor
 
 
 @click.command()
@@ -137,14 +152,15 @@ def main(count: int, only: str, *, profile: bool) -> None:
         folders = {name: Path(scratch) / name.lower() for name in ("PAIRS", "CAPTURES", "OUT")}
         make_pairs(folders["PAIRS"], count)
         make_captures(folders["CAPTURES"], count)
-        show_seconds("python -c 'import torch'", ["-c", "import torch"], Path(scratch))
+        torch = ("python -c 'import torch'", ["-c", "import torch"])
+        least = show_seconds(*torch, Path(scratch))
         for name, command in COMMANDS.items():
             if only not in name:
                 continue
             named = [str(folders.get(argument, argument)) for argument in command]
             file = f"{name.replace(' ', '_')}.prof"
             profiled = ["-m", "cProfile", "-o", file] if profile else []
-            show_seconds(name, [*profiled, "-m", "rtsr_cli", *named], Path(scratch))
+            show_seconds(name, [*profiled, "-m", "rtsr_cli", *named], Path(scratch), least)
 
 
 if __name__ == "__main__":

@@ -163,7 +163,8 @@ def _list_unread_lines(frame_set: SetInspection) -> Iterator[str]:
     if frame_set.layers:
         yield _format_line("layers", f"{', '.join(frame_set.layers)} (none is read: choose one)")
         return
-    yield _format_line("layout", "not understood")
+    known = frame_set.known_layout
+    yield _format_line("layout", f"{known} (not read: see below)" if known else "not understood")
     for key, names in frame_set.channels.items():
         yield _format_line("channels", f"{key + ': ' if key else ''}{' '.join(names)}")
 

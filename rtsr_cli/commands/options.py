@@ -33,8 +33,14 @@ R = TypeVar("R")
 DOTS = re.compile(r"(?<=\d)\.\.(?=-?\d)")
 """Between the bounds of a range, as `format_ranges` writes them where one is negative."""
 
-BOUNDS = re.compile(r"(?:^|,)(-?\d{1,18})-(-?\d{1,18})(?=$|[,x:y])")
+BOUNDS = re.compile(r"(?:^|,)(-?\d{1,27})-(-?\d{1,27})(?=$|[,x:y])")
 """First and last number of each range."""
+
+PLAIN_RANGE = re.compile(r"(-?\d{1,27})(?:-(-?\d{1,27}))?")
+"""A number, or the first and the last of a range."""
+
+MOST_FRAMES = 10_000_000
+"""Numbers that `--frames` names at most, each of which takes memory; what fileseq takes."""
 
 JSON_CHOSEN = "rtsr.json"
 """Key of a context's `meta`: whether events go to stdout."""
@@ -48,18 +54,25 @@ class Frames(click.ParamType[frozenset[int]]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> frozenset[int]:
-        """Parse with fileseq; a command without ranges runs where it is not installed."""
+        """Read numbers and plain ranges; others by fileseq, which takes a while to import."""
         if isinstance(value, frozenset):
             return value
-        from fileseq.exceptions import ParseException
-        from fileseq.frameset import FrameSet as FrameRange
-
         text = DOTS.sub("-", value).replace(" ", "")
         for first, last in BOUNDS.findall(text):
             if int(first) > int(last):
                 between = ".." if last.startswith("-") else "-"
                 turned = f"{last}{between}{first}"
                 self.fail(f"{first}-{last} runs backwards; write {turned}", param, ctx)
+            if int(last) - int(first) >= MOST_FRAMES:
+                many = f"'{shorten_value(value)}' names more than {MOST_FRAMES} frames"
+                self.fail(f"{many}; name those that there are", param, ctx)
+        plain = [PLAIN_RANGE.fullmatch(part) for part in text.split(",")]
+        found = [(int(match[1]), int(match[2] or match[1])) for match in plain if match]
+        if len(found) == len(plain):
+            return frozenset(n for first, last in found for n in range(first, last + 1))
+        from fileseq.exceptions import ParseException
+        from fileseq.frameset import FrameSet as FrameRange
+
         try:
             return frozenset(int(n) for n in FrameRange(text))
         except (ParseException, ValueError):

@@ -46,7 +46,8 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
             LOG.info("    %s", plan.details[detail])
     if HELD in plan.skipped and not estimate:
         LOG.info("    frames %s: %s", plan.skipped[HELD], REASONS[HELD])
-    log_damage(plan.damaged)
+    log_files_made_again(plan.damaged, "cut or damaged after writing; made again")
+    log_files_made_again(plan.empty, "an empty file; its content is made")
     for reader in plan.readers:
         log_findings(reader)
     if estimate:
@@ -66,11 +67,11 @@ def _name_layout(reader: FrameReader) -> str:
     return f"{reader.layout.name}{layer}"
 
 
-def log_damage(damaged: Sequence[Path]) -> None:
-    """Say which files were cut or damaged after they were written."""
-    if damaged:
-        more = f" and {len(damaged) - 1} more" if len(damaged) > 1 else ""
-        LOG.warning("Warning: %s%s: cut or damaged after writing; made again", damaged[0], more)
+def log_files_made_again(paths: Sequence[Path], why: str) -> None:
+    """Say which files are there, and not as they were written."""
+    if paths:
+        more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+        LOG.warning("Warning: %s%s: %s", paths[0], more, why)
 
 
 def log_findings(reader: FrameReader) -> None:
@@ -116,7 +117,8 @@ def log_pixel_findings(done: RunDone) -> None:
         )
     if done.as_float:
         LOG.warning(
-            "Warning: numbers beyond 65504, which half cannot hold: written as float: %s",
+            "Warning: numbers beyond 65504, or so small that they would be 0, which half cannot "
+            "hold: written as float: %s",
             _list_some(done.as_float),
         )
     for shot, shares in done.no_material.items():

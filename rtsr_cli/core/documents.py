@@ -6,6 +6,7 @@ Everything that is wrong with such a file ends in one `DocumentError`.
 from __future__ import annotations
 
 import json
+import re
 import stat
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -23,6 +24,12 @@ from rtsr_cli.core.limits import (
 )
 
 TOO_DEEP = f"is nested more than {MOST_DEPTH} levels deep"
+
+UNDOTTED = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
+"""Texts in quotes, whose dots part no key."""
+
+KEY_LETTERS = re.compile(r"[^\w\-. \t]+")
+"""What stands between keys."""
 
 
 class DocumentError(ValueError):
@@ -51,7 +58,7 @@ def read_text(
     """Read a text of at most so many bytes; of a pipe only where a user may have named one.
 
     Raises:
-        DocumentError: it cannot be read, is larger, or no UTF-8.
+        DocumentError: it cannot be read, is larger, no UTF-8, or holds NUL, as no text does.
     """
     if not (pipes and path.is_fifo()):
         check_regular(path)
@@ -62,6 +69,8 @@ def read_text(
         raise DocumentError(f"cannot be read ({error.strerror or error})") from error
     if len(content) > most:
         raise DocumentError(f"is larger than {most / MIB:g} MiB, the most that is read of one")
+    if b"\0" in content:
+        raise DocumentError(f"is not valid {kind}: byte {content.index(bytes(1))} is NUL")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -81,8 +90,7 @@ def parse_json(text: str) -> Any:
     except RecursionError as error:
         raise DocumentError(TOO_DEEP) from error
     except ValueError as error:
-        why = shorten_value(str(error), 3 * MOST_LETTERS)
-        raise DocumentError(f"is not valid JSON: {why}") from error
+        raise _explain_unparsed(error, "JSON") from error
     check_content(content)
     return content
 
@@ -93,15 +101,31 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises:
         DocumentError: it is none, or nested too deeply.
     """
+    # the parser's time grows with the square of a key's parts
+    if any(_count_parts(line) > MOST_DEPTH for line in text.split("\n")):
+        raise DocumentError(TOO_DEEP)
     try:
         content = tomllib.loads(text)
     except RecursionError as error:
         raise DocumentError(TOO_DEEP) from error
     except ValueError as error:
-        why = shorten_value(str(error), 3 * MOST_LETTERS)
-        raise DocumentError(f"is not valid TOML: {why}") from error
+        raise _explain_unparsed(error, "TOML") from error
     check_content(content)
     return content
+
+
+def _count_parts(line: str) -> int:
+    """Parts of the longest dotted key of a line, 0 where it has fewer dots than would matter."""
+    if line.count(".") < MOST_DEPTH:
+        return 0
+    keys = KEY_LETTERS.split(UNDOTTED.sub("x", line))
+    return max(sum(1 for part in key.split(".") if part.strip()) for key in keys)
+
+
+def _explain_unparsed(error: ValueError, kind: str) -> DocumentError:
+    """Say why a parser gave up, without what Python advises programmers of long numbers."""
+    why = shorten_value(str(error).partition("; use sys.")[0], 3 * MOST_LETTERS)
+    return DocumentError(f"is not valid {kind}: {why}")
 
 
 def read_json(path: Path) -> Any:

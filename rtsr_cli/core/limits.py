@@ -53,8 +53,8 @@ LARGEST_FRAME = 10**27
 LARGEST_WHOLE = 10**30
 """Whole numbers of any file."""
 
-LARGEST_FACTOR = 1e12
-"""Factors and offsets of stored values go so far."""
+LARGEST_FACTOR, SMALLEST_FACTOR = 1e12, 1e-12
+"""Factors and offsets of stored values go so far; lengths, and what is divided by, so far down."""
 
 
 class _FileLimits:

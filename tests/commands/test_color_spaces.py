@@ -108,6 +108,16 @@ def test_files_whose_tags_differ_are_refused_unless_declared(rtsr: Run, tmp_path
     assert rtsr(*command).exit_code == 0
 
 
+def test_inspect_knows_the_layout_of_files_whose_tags_differ(rtsr: Run, tmp_path: Path) -> None:
+    shot = write(tmp_path / "shot", colorInteropID="lin_ap1_scene")
+    planes = {c: PICTURE[..., i].copy() for i, c in enumerate("RGB")}
+    write_exr(shot / "f.0002.exr", planes, attributes={"colorInteropID": "lin_rec2020_scene"})
+    said = rtsr("inspect", shot).output
+    assert "layout      rtsr (not read: see below)" in said
+    assert "files disagree in their colorInteropID" in " ".join(said.split())
+    assert "a known layout" not in said
+
+
 def test_chromaticities_that_contradict_are_named_and_not_obeyed(rtsr: Run, tmp_path: Path) -> None:
     test = write(tmp_path / "t", chromaticities=CHROMATICITIES[ColorSpace.AP1])
     ref = write(tmp_path / "r", chromaticities=CHROMATICITIES[ColorSpace.REC709])
@@ -120,7 +130,7 @@ def test_chromaticities_that_contradict_are_named_and_not_obeyed(rtsr: Run, tmp_
     assert "PROBLEM" not in rtsr("inspect", ref).output
 
 
-@pytest.mark.parametrize("tag", ["srgb_rec709_scene", "bogus"])
+@pytest.mark.parametrize("tag", ["srgb_rec709_scene", "bogus", "data"])
 def test_a_tag_that_is_no_linear_space_is_named_and_not_compared(
     rtsr: Run, tmp_path: Path, tag: str
 ) -> None:

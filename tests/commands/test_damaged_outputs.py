@@ -29,8 +29,8 @@ def flip(content: bytes) -> bytes:
     return content[:place] + bytes([content[place] ^ 4]) + content[place + 1 :]
 
 
-CUTS = (0, 3, 60, 700)
-"""Bytes that are left: none, of the magic number, of the header before anything tells whose."""
+CUTS = (60, 700)
+"""Bytes that are left: up to the mark, of the header."""
 
 
 @pytest.mark.parametrize(
@@ -55,6 +55,36 @@ def test_a_damaged_file_is_named_and_made_again_to_the_same_bytes(
     assert f"Warning: {out / name}: cut or damaged after writing; made again" in result.stderr
     assert "1 written, 3 kept" in result.stdout
     assert files_of(out) == whole
+
+
+@pytest.mark.parametrize("length", [1, 3, 20])
+@pytest.mark.parametrize("name", NAMES)
+def test_what_was_cut_before_its_mark_is_no_longer_rtsrs(
+    rtsr: Run, small_shot: Path, tmp_path: Path, length: int, name: str
+) -> None:
+    out = tmp_path / "out"
+    assert rtsr(*command(small_shot, out)).exit_code == 0
+    cut = (out / name).read_bytes()[:length]
+    (out / name).write_bytes(cut)
+    result = rtsr(*command(small_shot, out))
+    assert result.exit_code == 3
+    assert f"{out / name}: rtsr upscale did not write this" in result.stderr
+    assert "or its mark is cut off" in result.stderr
+    assert "--overwrite" in result.stderr
+    assert (out / name).read_bytes() == cut
+
+
+def test_an_emptied_file_is_said_to_be_empty(rtsr: Run, small_shot: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert rtsr(*command(small_shot, out)).exit_code == 0
+    whole = {name: (out / name).read_bytes() for name in NAMES}
+    for name in NAMES:
+        (out / name).write_bytes(b"")
+    plan = rtsr(*command(small_shot, out), "--dry-run", "--json").stdout.splitlines()[0]
+    assert sorted(json.loads(plan)["empty"]) == sorted(str(out / name) for name in NAMES)
+    assert json.loads(plan)["damaged"] == []
+    assert rtsr(*command(small_shot, out)).exit_code == 0
+    assert {name: (out / name).read_bytes() for name in NAMES} == whole
 
 
 def test_damage_is_told_in_the_plan(rtsr: Run, small_shot: Path, tmp_path: Path) -> None:

@@ -117,6 +117,8 @@ def test_the_script_of_a_shell_is_printed_without_torch(shell: str, sign: str) -
         ("1-2,9-4x2", "9-4 runs backwards; write 4-9"),
         ("5--3", "5--3 runs backwards; write -3..5"),
         ("1-z," * 5000, "is no frame range"),
+        ("1-99999999999999", "'1-99999999999999' names more than 10000000 frames"),
+        ("5,-9..999999999999", "names more than 10000000 frames"),
     ],
 )
 def test_a_wrong_range_of_frames_is_one_short_usage_error(rtsr: Run, given: str, said: str) -> None:

@@ -59,6 +59,31 @@ CAPTURES = [
     "[normal]\nsky = [1e300, 0.0, 0.0]",
     "[position]\nunit = 0",
     '[buffers]\nalbedo = [{channel = "R", factor = 1e300}, "G", "B"]',
+    "[motion]\nscale = 0",
+    "[motion]\nscale = true",
+    "[motion]\nscale = 1e-300",
+    "camera_cuts = [1e18]",
+    "camera_cuts = [2.0]",
+    "camera_cuts = [true]",
+    "frame_step = true",
+    "frame_step = 2.0",
+    'frame_step = "2"',
+    "scale = true",
+    "jitter_px = [true, false]",
+    'jitter_px = {period = "8"}',
+    "jitter_px = {first_frame = true}",
+    "[depth]\nunit = true",
+    "[depth]\nunit = 1e-300",
+    "[depth]\nnear = true",
+    '[buffers]\nalbedo = [{channel = "R", factor = true}, "G", "B"]',
+    f"{'.'.join('a' * 30_000)} = 1",
+    f"[{'.'.join('a' * 30_000)}]",
+    f"a = {{ {' . '.join(['a'] * 30_000)} = 1 }}",
+    f"{'.'.join([chr(34) + 'a' + chr(34)] * 30_000)} = 1",
+    f'[buffers]\nalbedo = "{" + ".join(["a.R"] * 20_000)}"',
+    f'[buffers]\nalbedo = "{" * ".join(["2"] * 20_000)} * a.R"',
+    f'[buffers]\nalbedo = "{" - ".join(["a.R"] * 20_000)}"',
+    f"[buffers]\nalbedo = [{', '.join([chr(34) + 'a + b' + chr(34)] * 20_000)}]",
     "depth = 1979-05-27",
     "\0",
     'camera = "/dev/zero"',
@@ -78,7 +103,8 @@ def test_a_hostile_capture_toml_is_one_message(
     started = time.perf_counter()
     message = refused(rtsr("upscale", shot, tmp_path / "out", *UPSCALE))
     assert "toml" in message or str(shot) in message
-    assert time.perf_counter() - started < 10.0
+    assert "sys." not in message
+    assert time.perf_counter() - started < 5.0
 
 
 def list_numbers(schema: Any) -> list[dict[str, Any]]:
@@ -125,6 +151,12 @@ CAMERAS = [
     ("csv", ",".join(f"c{i}" for i in range(100_000)) + "\n1"),
     ("csv", "frame,pre_exposure\n1,inf"),
     ("csv", "frame\n1\0"),
+    ("csv", "\0\0"),
+    ("csv", ""),
+    ("csv", "frame,cut\n"),
+    ("json", "[]"),
+    ("json", '[{"frame": true}]'),
+    ("json", '[{"frame": 1, "pre_exposure": true}]'),
     ("csv", "frame,cut\n" + "x" * 200_000),
 ]
 

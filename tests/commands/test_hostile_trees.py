@@ -82,7 +82,17 @@ def test_more_digits_than_frame_numbers_have_are_refused(rtsr: Run, tmp_path: Pa
         write_frame(tmp_path / f"in/f.{n:04d}.exr")
     result = rtsr("upscale", tmp_path / "in", tmp_path / "out", *UPSCALE)
     assert result.exit_code == 3
-    assert "more digits" in result.stderr
+    assert f"{tmp_path}/in/f.1{'0' * 100}.exr: is numbered with more digits" in result.stderr
+
+
+def test_a_frame_that_is_a_link_to_itself_is_named_as_such(rtsr: Run, tmp_path: Path) -> None:
+    write_frame(tmp_path / "in/f.0001.exr")
+    (tmp_path / "in/f.0002.exr").symlink_to("g.0002.exr")
+    (tmp_path / "in/g.0002.exr").symlink_to("f.0002.exr")
+    said = rtsr("inspect", tmp_path / "in").output
+    assert "f.0002.exr: is a link to g.0002.exr, which leads back to itself" in " ".join(
+        said.split()
+    )
 
 
 @pytest.mark.parametrize(

@@ -585,3 +585,18 @@ def test_names_that_tell_nothing_leave_a_skeleton_to_start_from(
     text = (dump / "capture.toml").read_text()
     for part in ("color (3)", "motion (2)", "zz0.K", '["mv:R", "mv:G"]'):
         assert part in text
+
+
+def test_a_truncated_hr_frame_is_no_hole_that_could_be_skipped(
+    rtsr: Run, small_shot: Path, tmp_path: Path
+) -> None:
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot, shot)
+    cut = shot / "hr" / "frame.0002.exr"
+    cut.write_bytes(cut.read_bytes()[:2000])
+    said = rtsr("inspect", shot)
+    assert said.exit_code == 3
+    assert f"{cut}: cannot be read" in " ".join(said.output.split())
+    assert "--on-missing skip" not in said.output
+    cut.unlink()
+    assert "--on-missing skip" in rtsr("inspect", shot).output

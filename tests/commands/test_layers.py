@@ -90,12 +90,49 @@ def write_stereo_parts_of_blender_5(path: Path) -> None:
     )
 
 
+def write_stereo_parts_of_short_names(path: Path) -> None:
+    """Blender's parts, whose channels leave their layer and pass to the part's name."""
+    write_parts(
+        path,
+        *(
+            (f"VL.{name}.{view}", {"view": view}, values)
+            for view, color, depth in (("left", FIRST, 2.0), ("right", SECOND, 50.0))
+            for name, values in (("Combined", rgb("", color)), ("Depth", {"V": depth}))
+        ),
+    )
+
+
+def write_stereo_parts_whose_names_alone_say_so(path: Path) -> None:
+    write_parts(
+        path,
+        *(
+            (f"VL.{name}.{view}", {}, values)
+            for view, color, depth in (("left", FIRST, 2.0), ("right", SECOND, 50.0))
+            for name, values in (("Combined", rgb("", color)), ("Depth", {"V": depth}))
+        ),
+    )
+
+
+def write_layers_in_parts_of_short_names(path: Path) -> None:
+    write_parts(
+        path,
+        ("A.Combined", {}, rgb("", FIRST)),
+        ("B.Combined", {}, rgb("", SECOND)),
+        ("A.Depth", {}, {"V": 2.0}),
+        ("B.Depth", {}, {"V": 50.0}),
+    )
+
+
 def write_groups(path: Path) -> None:
     write(path, {**rgb("rgba.", FIRST), **rgb("beauty.", SECOND), "depth.Z": 2.0})
 
 
 def write_bare_and_named(path: Path) -> None:
     write(path, {**rgb("", FIRST), **rgb("beauty.", SECOND)})
+
+
+def write_bare_and_color(path: Path) -> None:
+    write(path, {**rgb("", FIRST), **rgb("color.", SECOND)})
 
 
 def write_stereo_without_a_word(path: Path) -> None:
@@ -116,6 +153,10 @@ KINDS = [
     (write_both_views_without_a_word, "left", "right"),
     (write_groups, "rgba", "beauty"),
     (write_bare_and_named, "unnamed", "beauty"),
+    (write_bare_and_color, "unnamed", "color"),
+    (write_stereo_parts_of_short_names, "VL.left", "VL.right"),
+    (write_stereo_parts_whose_names_alone_say_so, "VL.left", "VL.right"),
+    (write_layers_in_parts_of_short_names, "A", "B"),
 ]
 kinds = pytest.mark.parametrize(("make", "first", "second"), KINDS)
 Make = Callable[[Path], None]
@@ -128,6 +169,17 @@ def upscale(rtsr: Run, tmp_path: Path) -> Run:
         return rtsr("upscale", tmp_path / "in", tmp_path / "out", *choice, *options)
 
     return run
+
+
+def test_parts_of_blender_whose_channels_have_short_names_are_read(
+    upscale: Run, rtsr: Run, tmp_path: Path
+) -> None:
+    parts = (("ViewLayer.Combined", {}, rgb("", FIRST)), ("ViewLayer.Depth", {}, {"V": 2.0}))
+    write_parts(tmp_path / "in" / "f.0001.exr", *parts)
+    facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
+    assert facts["layout"] == "blender"
+    assert upscale().exit_code == 0
+    assert float(read_channels(tmp_path / "out" / "f.0001.exr", "R")["R"].mean()) == FIRST
 
 
 @kinds

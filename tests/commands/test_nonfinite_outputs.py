@@ -103,6 +103,8 @@ def test_errors_of_tiles_that_are_not_finite_fail(
     done = next(e for e in events_of(result) if e["event"] == "done")
     assert (done["written"], done["failed"]) == (0, 4)
     assert done["nonfinite"] > 0
+    # figures of nothing say nothing
+    assert not (tmp_path / "out" / "summary.json").exists()
     assert not list((tmp_path / "out").rglob("*.exr"))
 
 

@@ -51,6 +51,7 @@ def test_an_output_holds_what_its_input_holds(rtsr: Run, tmp_path: Path) -> None
     assert first.display_window == PixelWindow(left=6, top=0, width=32, height=24)
     assert first.data_window == PixelWindow(left=14, top=4, width=16, height=12)
     assert second.data_window == second.display_window == first.display_window
+    assert "what an enlargement spreads beyond them is cut off" in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("system", ["bicubic", "demod-guided"])

@@ -67,6 +67,33 @@ def test_upscale_keeps_radiance_that_half_cannot_hold(
     assert done["as_float"] == 2
 
 
+@pytest.mark.parametrize("system", ["bicubic", "demod-bicubic", "taau"])
+def test_upscale_keeps_radiance_that_half_would_round_to_0(
+    rtsr: Run, tmp_path: Path, system: str
+) -> None:
+    shot = write_shot(tmp_path / "shot", 9e-10, 1e-7, 1e-4, 0.0)
+    result = rtsr("upscale", shot, tmp_path / "out", "--system", system, "--json")
+    assert result.exit_code == 0, result.output
+    for number, wide in ((1, True), (2, True), (3, False), (4, False)):
+        made = read_channels(tmp_path / "out" / f"f.{number:04d}.exr", "RGB")["G"]
+        if system != "taau" or number == 1:
+            assert made.dtype == np.dtype(np.float32 if wide else np.float16)
+            expected = {1: 9e-10, 2: 1e-7, 3: 1e-4, 4: 0.0}[number]
+            np.testing.assert_allclose(made.astype(np.float32), expected, rtol=1e-2)
+    assert events_of(result)[-1]["as_float"] == 2
+
+
+def test_demodulate_keeps_radiance_that_half_would_round_to_0(rtsr: Run, tmp_path: Path) -> None:
+    frame = surface() | {c: one(9e-10) for c in "RGB"}
+    write_exr(tmp_path / "in" / "f.0001.exr", frame)
+    result = rtsr("demodulate", tmp_path / "in", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    parts = read_channels(tmp_path / "out" / "f.0001.exr", ("lighting.R", "material.R"))
+    whole = parts["lighting.R"].astype(np.float64) * parts["material.R"]
+    np.testing.assert_allclose(whole, 9e-10, rtol=1e-2)
+    assert "written as float" in result.stderr
+
+
 @pytest.mark.parametrize("value", [7e4, 2e5, 1e7])
 def test_accumulated_radiance_is_what_it_was(rtsr: Run, tmp_path: Path, value: float) -> None:
     shot = write_shot(tmp_path / "shot", value, value, value)

@@ -324,3 +324,46 @@ def test_a_layout_that_does_not_exist_gets_a_suggestion(
 ) -> None:
     result = rtsr("upscale", shot, tmp_path / "out", "--layout", "extranett")
     assert "did you mean 'extranet'?" in refusal(result, USAGE)
+
+
+@pytest.mark.parametrize("kind", ["file", "loop", "dangling"])
+@pytest.mark.parametrize("command", ["evaluate", "synth", "precompute-lut", "upscale", "train"])
+def test_what_stands_where_a_folder_would_be_is_named(
+    rtsr: Run, small_capture: Path, tmp_path: Path, command: str, kind: str
+) -> None:
+    there = tmp_path / "there"
+    if kind == "file":
+        there.write_text("mine")
+    else:
+        there.symlink_to("there" if kind == "loop" else "nowhere")
+    asked = {
+        "evaluate": (
+            "evaluate", small_capture, small_capture, "--metric", "psnr",
+            "--output", there / "r.json",
+        ),
+        "synth": ("synth", there / "out", "--size", "32x32", "--frames", 1),
+        "precompute-lut": ("precompute-lut", there / "l.exr", "--size", 16),
+        "upscale": (
+            "upscale", small_capture, there / "out", "--simulate-lr", 2, "--system", "bicubic",
+        ),
+        "train": ("train", "fusesr-fast", small_capture, "--out", there / "run"),
+    }[command]  # fmt: skip
+    result = rtsr(*asked)
+    assert result.exit_code == 3, result.output
+    what = {"file": "is a file", "loop": "leads back to itself", "dangling": "what is not there"}
+    assert str(there) in result.stderr
+    assert what[kind] in result.stderr
+    assert "permission" not in result.stderr
+
+
+def test_a_name_that_is_too_long_is_refused_before_anything_is_computed(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    for path in small_capture.glob("*.exr"):
+        (tmp_path / "in").mkdir(exist_ok=True)
+        (tmp_path / "in" / path.name.replace("frame", "n" * 240)).hardlink_to(path)
+    choice = ("--estimator", "analytic", "--overlay", "--no-compare")
+    result = rtsr("predict-vrs", tmp_path / "in", tmp_path / "out", *choice)
+    assert result.exit_code == 3, result.output
+    assert "overlay.png: the name of this output is 257 bytes long" in result.stderr
+    assert not (tmp_path / "out").exists()

@@ -124,7 +124,7 @@ def test_clips_that_were_cut_are_recorded_again(rtsr: Run, captures: Path, tmp_p
     for path, content in clips.items():
         path.write_bytes(content[: len(content) // 2])
     index = next((tmp_path / "cache").glob("*.json"))
-    index.write_text("[")
+    index.write_bytes(index.read_bytes()[:40])
     assert train(rtsr, *asked).exit_code == 0
     assert {path: path.read_bytes() for path in clips} == clips
 

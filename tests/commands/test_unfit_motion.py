@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.exr import read_channels, write_exr
 
 Run = Callable[..., Result]
 HEIGHT, WIDTH, STEP = 48, 64, 5
@@ -28,6 +28,23 @@ def write_noise(folder: Path) -> None:
     picture = chooser.random((HEIGHT, WIDTH, 3))
     for number in (1, 2):
         x, y = chooser.normal(0, 3, (2, HEIGHT, WIDTH)).astype(np.float32)
+        write_frame(folder / f"f.{number:04d}.exr", picture, x, y)
+
+
+def write_noise_of_its_own(folder: Path) -> None:
+    """A picture of noise each frame, and vectors of nothing."""
+    chooser = np.random.default_rng(0)
+    for number in (1, 2, 3):
+        x, y = chooser.normal(0, 3, (2, HEIGHT, WIDTH)).astype(np.float32)
+        write_frame(folder / f"f.{number:04d}.exr", chooser.random((HEIGHT, WIDTH, 3)), x, y)
+
+
+def write_noise_over_a_still(folder: Path) -> None:
+    """A picture that rests but for a little noise, and vectors of nothing."""
+    chooser = np.random.default_rng(0)
+    for number in (1, 2, 3):
+        x, y = chooser.normal(0, 9, (2, HEIGHT, WIDTH)).astype(np.float32)
+        picture = cut_picture(1) + chooser.normal(0, 1e-3, (HEIGHT, WIDTH, 3))
         write_frame(folder / f"f.{number:04d}.exr", picture, x, y)
 
 
@@ -60,7 +77,14 @@ def write_resting_on_twos(folder: Path) -> None:
     write_on_twos(folder, rests=True)
 
 
-CASES = [write_noise, write_vectors_of_another_sequence, write_on_twos, write_resting_on_twos]
+CASES = [
+    write_noise,
+    write_noise_of_its_own,
+    write_noise_over_a_still,
+    write_vectors_of_another_sequence,
+    write_on_twos,
+    write_resting_on_twos,
+]
 
 
 @pytest.mark.parametrize("make", CASES)
@@ -88,6 +112,42 @@ def test_inspect_says_what_can_run(rtsr: Run, tmp_path: Path, make: Callable[[Pa
     said = rtsr("inspect", tmp_path / "in").output
     assert "a named layout" not in said
     assert "not read; presumed as" in said
+
+
+@pytest.mark.parametrize(
+    ("contrast", "noise"),
+    [
+        pytest.param(1.0, 0.0, id="clean"),
+        pytest.param(1e-6, 0.0, id="dark"),
+        pytest.param(0.0, 0.0, id="black"),
+        pytest.param(1.0, 0.5, id="noisy"),
+        pytest.param(1e-6, 0.5, id="dark and noisy"),
+    ],
+)
+def test_vectors_that_frames_follow_are_read(
+    rtsr: Run, tmp_path: Path, contrast: float, noise: float
+) -> None:
+    """Radiance alone, each value with noise of its own of that share."""
+    assert rtsr("synth", tmp_path / "made", "--size", "64x48", "--frames", "1-4").exit_code == 0
+    chooser = np.random.default_rng(0)
+    for path in sorted((tmp_path / "made").glob("*.exr")):
+        planes = read_channels(path, ("R", "G", "B", "motion.X", "motion.Y"))
+        picture = np.stack([planes[c] for c in "RGB"], axis=-1) * contrast
+        picture = picture * (1.0 + noise * chooser.normal(size=picture.shape))
+        write_frame(tmp_path / "in" / path.name, picture, planes["motion.X"], planes["motion.Y"])
+    facts = json.loads(rtsr("inspect", tmp_path / "in", "--json").stdout)
+    assert not facts["motion"]["undecided"]
+    assert facts["systems"]["taau"]["ready"]
+
+
+def test_declared_vectors_are_read_whatever_the_frames_say(rtsr: Run, tmp_path: Path) -> None:
+    write_noise_of_its_own(tmp_path / "in")
+    declared = 'motion = {unit = "pixels", direction = "previous-minus-current", y_axis = "down"}'
+    (tmp_path / "in" / "capture.toml").write_text(declared)
+    choice = (tmp_path / "in", tmp_path / "out", "--scale", 2, "--system", "taau")
+    result = rtsr("upscale", *choice)
+    assert result.exit_code == 0, result.output
+    assert "the frames do not follow them" in result.stderr
 
 
 @pytest.mark.parametrize("make", [write_noise, write_on_twos, write_resting_on_twos])

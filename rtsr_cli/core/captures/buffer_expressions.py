@@ -21,8 +21,8 @@ from rtsr_cli.core.documents import shorten_value
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.limits import LARGEST_FACTOR
 
-MOST_TERMS = 16
-"""Terms of one expression."""
+MOST_TERMS, MOST_OPERATORS = 16, 64
+"""Terms, and operators, of one expression."""
 
 SHORTHANDS = frozenset(
     {"RGB", "XYZ", "UVW", "RG", "XY", "UV", "rgb", "xyz", "uvw", "rg", "xy", "uv"}
@@ -87,7 +87,9 @@ def parse_expression(text: str, channels: int, *, scoped: bool = False) -> tuple
     Raises:
         ValueError: it is none; names the column.
     """
-    products = _parse_sum(list(_split_tokens(text)))
+    tokens = list(_split_tokens(text))
+    _check_length(tokens)
+    products = _parse_sum(tokens)
     constant = sum(product.factor for product in products if product.name is None)
     factors = [constant, *(product.factor for product in products)]
     if not all(abs(factor) <= LARGEST_FACTOR for factor in factors):
@@ -108,6 +110,17 @@ def parse_expression(text: str, channels: int, *, scoped: bool = False) -> tuple
         )
         for component in range(channels)
     )
+
+
+def _check_length(tokens: Sequence[_Token]) -> None:
+    """Hold an expression to a length before it is read, which takes its square in time."""
+    operators = [token.text for token in tokens if token.kind == "operator"]
+    leading = bool(tokens) and tokens[0].kind == "operator"
+    terms = 1 + sum(text in "+-" for text in operators[leading:])
+    if terms > MOST_TERMS:
+        raise ValueError(f"has {terms} terms (allowed: {MOST_TERMS} or less)")
+    if len(operators) > MOST_OPERATORS:
+        raise ValueError(f"has {len(operators)} operators (allowed: {MOST_OPERATORS} or less)")
 
 
 def explain_signs(name: str) -> str:
@@ -196,8 +209,6 @@ def _parse_sum(tokens: list[_Token]) -> list[_Product]:
             break
         operator, rest = rest[0], rest[1:]
         sign, before = (-1.0 if operator.text == "-" else 1.0), f"'{operator.text}'"
-    if len(products) > MOST_TERMS:
-        raise ValueError(f"has {len(products)} terms (allowed: {MOST_TERMS} or less)")
     return products
 
 

@@ -12,7 +12,7 @@ import torch
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 from torch import Tensor
 
-from rtsr_cli.core.captures.capture_file import FrameNumber, JitterPx
+from rtsr_cli.core.captures.capture_file import JitterPx, refuse_truth
 from rtsr_cli.core.captures.nss_cameras import INFINITE_FAR, make_perspective
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_convention import (
@@ -21,7 +21,7 @@ from rtsr_cli.core.frames.camera_convention import (
     invert_matrix,
     matrices_to_memory,
 )
-from rtsr_cli.core.limits import LARGEST_FACTOR, LARGEST_FRAME
+from rtsr_cli.core.limits import LARGEST_FACTOR, LARGEST_FRAME, SMALLEST_FACTOR
 from rtsr_cli.core.shapes import Size
 
 ROW, CELLS = 4, 16
@@ -107,11 +107,13 @@ def _read_number(cell: object, index: int, where: str) -> float:
 
 Matrix = Annotated[list[float], BeforeValidator(_check_numbers)]
 
-Degrees = Annotated[float, Field(gt=0.0, lt=180.0)]
+Degrees = Annotated[float, Field(gt=0.0, lt=180.0), BeforeValidator(refuse_truth)]
 
-Metres = Annotated[float, Field(gt=1 / LARGEST_FACTOR, le=LARGEST_FACTOR)]
+Metres = Annotated[
+    float, Field(gt=SMALLEST_FACTOR, le=LARGEST_FACTOR), BeforeValidator(refuse_truth)
+]
 
-Side = Annotated[int, Field(ge=1, le=LARGEST_FRAME)]
+Side = Annotated[int, Field(ge=1, le=LARGEST_FRAME), BeforeValidator(refuse_truth)]
 
 
 class CameraRow(BaseModel):
@@ -119,7 +121,7 @@ class CameraRow(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
-    frame: FrameNumber
+    frame: Annotated[int, Field(ge=-LARGEST_FRAME, le=LARGEST_FRAME), BeforeValidator(refuse_truth)]
     world_to_camera: Matrix | None = Field(default=None, alias="worldToCamera")
     camera_to_world: Matrix | None = Field(default=None, alias="cameraToWorld")
     world_to_ndc: Matrix | None = Field(default=None, alias="worldToNDC")
@@ -131,7 +133,9 @@ class CameraRow(BaseModel):
     width: Side | None = None
     height: Side | None = None
     jitter_px: Annotated[JitterPx, BeforeValidator(_flatten_numbers)] | None = None
-    pre_exposure: float = Field(default=1.0, gt=0.0, le=LARGEST_FACTOR)
+    pre_exposure: Annotated[float, BeforeValidator(refuse_truth)] = Field(
+        default=1.0, ge=SMALLEST_FACTOR, le=LARGEST_FACTOR
+    )
     cut: bool = False
     fault: str = ""
 

@@ -106,6 +106,8 @@ def _parse_csv_rows(text: str) -> list[dict[str, str]]:
 
 
 def _check_count(rows: object) -> None:
+    if rows == []:
+        raise ValueError("it holds no row; each frame is one, its number in the column 'frame'")
     if isinstance(rows, list | range) and len(rows) > MOST_ROWS:
         raise ValueError(f"it has more than {MOST_ROWS} rows")
 

@@ -44,7 +44,13 @@ from rtsr_cli.core.frames.conventions import (
 )
 from rtsr_cli.core.frames.motion import Axes, Jitter, MotionDirection, MotionUnit, YAxis
 from rtsr_cli.core.imaging.resampling import HALTON_BASES, radical_inverse
-from rtsr_cli.core.limits import LARGEST_FACTOR, LARGEST_FRAME, MOST_PATH_LETTERS, MOST_PROBLEMS
+from rtsr_cli.core.limits import (
+    LARGEST_FACTOR,
+    LARGEST_FRAME,
+    MOST_PATH_LETTERS,
+    MOST_PROBLEMS,
+    SMALLEST_FACTOR,
+)
 
 CAPTURE_FILE = "capture.toml"
 
@@ -64,17 +70,49 @@ def _length_in_metres(value: object) -> object:
     return UNIT_METRES[value]
 
 
-LengthUnit = Annotated[float, Field(gt=0.0, le=LARGEST_FACTOR), BeforeValidator(_length_in_metres)]
+def _refuse_other_kinds(value: object) -> object:
+    """Take whole numbers, and texts of them: keys of tables and cells of CSV are texts."""
+    if isinstance(value, bool | float):
+        raise ValueError("is not a whole number")  # noqa: TRY004 (pydantic lets others through)
+    return value
+
+
+def refuse_truth(value: object) -> object:
+    """Take numbers and texts of them, and not true for 1."""
+    if isinstance(value, bool):
+        raise ValueError("is not a number")  # noqa: TRY004
+    return value
+
+
+def _refuse_tiny(value: float) -> float:
+    """Take no 0, nor what is one as soon as it is squared."""
+    if abs(value) < SMALLEST_FACTOR:
+        raise ValueError(f"is too small (allowed: {SMALLEST_FACTOR:g} or more, to either side)")
+    return value
+
+
+Length = Annotated[
+    float, Field(gt=0.0, le=LARGEST_FACTOR, strict=True), AfterValidator(_refuse_tiny)
+]
+"""Metres, above 0."""
+
+LengthUnit = Annotated[Length, BeforeValidator(_length_in_metres)]
 """Metres in one stored unit, or the unit's name."""
 
-FrameNumber = Annotated[int, Field(ge=-LARGEST_FRAME, le=LARGEST_FRAME)]
+FrameNumber = Annotated[
+    int, Field(ge=-LARGEST_FRAME, le=LARGEST_FRAME), BeforeValidator(_refuse_other_kinds)
+]
 
-Factor = Annotated[float, Field(ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False)]
+Factor = Annotated[
+    float, Field(ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False, strict=True)
+]
 
 LARGEST_STORED = 3.5e38
 """Values that float channels hold go so far."""
 
-Stored = Annotated[float, Field(ge=-LARGEST_STORED, le=LARGEST_STORED, allow_inf_nan=False)]
+Stored = Annotated[
+    float, Field(ge=-LARGEST_STORED, le=LARGEST_STORED, allow_inf_nan=False, strict=True)
+]
 
 
 class _Strict(BaseModel):
@@ -94,9 +132,9 @@ class MotionCapture(_Strict):
     axes: Axes | None = None
     jittered: bool | None = None
     jitter_inverted: bool | None = None
-    scale: Factor | None = None
+    scale: Annotated[Factor, AfterValidator(_refuse_tiny)] | None = None
     zero: Factor | None = None
-    file_offset: int | None = Field(default=None, ge=-1, le=1)
+    file_offset: int | None = Field(default=None, ge=-1, le=1, strict=True)
 
     def decides(self) -> bool:
         """Tell whether nothing about sense and size of the vectors is left open."""
@@ -133,7 +171,7 @@ class DepthCapture(_Strict):
     unit: LengthUnit | None = None
     sky: SkyDepth | None = None
     start: DepthStart | None = Field(default=None, alias="from")
-    near: Annotated[float, Field(gt=0.0, le=LARGEST_FACTOR)] | None = None
+    near: Length | None = None
 
 
 class NormalCapture(_Strict):
@@ -161,9 +199,9 @@ class JitterSequence(_Strict):
     """`jitter_px = {pattern = "halton", period = 8}`: element 1 is that of `first_frame`."""
 
     pattern: JitterPattern = JitterPattern.HALTON
-    period: int = Field(default=8, ge=1, le=MOST_PERIOD)
+    period: int = Field(default=8, ge=1, le=MOST_PERIOD, strict=True)
     first_frame: FrameNumber = 1
-    scale: float = Field(default=1.0, ge=-MOST_JITTER, le=MOST_JITTER)
+    scale: float = Field(default=1.0, ge=-MOST_JITTER, le=MOST_JITTER, strict=True)
 
     def at(self, number: int) -> Jitter:
         """Offset of a frame: Halton(2,3) - 0.5, times `scale`."""
@@ -172,7 +210,9 @@ class JitterSequence(_Strict):
         return x, y
 
 
-Offset = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
+Offset = Annotated[
+    float, Field(ge=-1.0, le=1.0, allow_inf_nan=False), BeforeValidator(refuse_truth)
+]
 
 JitterPx = tuple[Offset, Offset]
 """(x right, y down), LR pixels."""
@@ -311,8 +351,8 @@ class CaptureDeclaration(ConventionTables):
         Annotated[float, Field(ge=0.0, le=WIDEST_FILTER_PX, allow_inf_nan=False, strict=True)]
         | None
     ) = None
-    scale: int | None = Field(default=None, ge=1, le=MOST_SCALE)
-    frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME)
+    scale: int | None = Field(default=None, ge=1, le=MOST_SCALE, strict=True)
+    frame_step: int = Field(default=1, ge=1, le=LARGEST_FRAME, strict=True)
     camera_cuts: frozenset[FrameNumber] = frozenset()
     camera: CameraTable = CameraCapture()
     licence: str | None = Field(default=None, min_length=1, max_length=MOST_LICENCE_LETTERS)

@@ -51,8 +51,12 @@ class ChannelSpec(BaseModel):
 
     channel: str = Field(min_length=1)
     file: str = Field(default="*", min_length=1)
-    factor: float = Field(default=1.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False)
-    zero: float = Field(default=0.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False)
+    factor: float = Field(
+        default=1.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False, strict=True
+    )
+    zero: float = Field(
+        default=0.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False, strict=True
+    )
 
     @model_validator(mode="before")
     @classmethod

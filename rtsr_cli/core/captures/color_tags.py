@@ -13,7 +13,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import COLOR_TAG, SCENE_SUFFIX
 from rtsr_cli.core.frames.conventions import ColorSpace
 
-SILENT_TAGS = frozenset({"", "unknown", "data"})
+SILENT_TAGS = frozenset({"", "unknown"})
 """Tags that say nothing of primaries."""
 
 _D65, _D60 = (0.3127, 0.3290), (0.32168, 0.33767)

@@ -96,7 +96,7 @@ def group_sequences(content: FolderContent, prefix: str = "") -> dict[str, FileS
             continue
         base = start.rstrip("._- ")
         key = f"{prefix}{base}{mask}"
-        files, number = files_by_key.setdefault(key, {}), _read_number(digits, folder)
+        files, number = files_by_key.setdefault(key, {}), _read_number(digits, folder / name)
         other = files.setdefault(number, name)
         if other != name:
             raise FrameFolderError(
@@ -114,12 +114,12 @@ def group_sequences(content: FolderContent, prefix: str = "") -> dict[str, FileS
     }
 
 
-def _read_number(digits: str, folder: Path) -> int:
+def _read_number(digits: str, path: Path) -> int:
     number = int(digits)
     if abs(number) > LARGEST_FRAME:
         raise FrameFolderError(
-            f"{folder}: a file is numbered with more digits than frame numbers have; rename it, or "
-            "move it out of the folder"
+            f"{path}: is numbered with more digits than frame numbers have; rename it, or move it "
+            "out of the folder"
         )
     return number
 

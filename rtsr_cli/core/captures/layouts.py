@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from fnmatch import fnmatchcase
+from functools import cached_property
 
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
@@ -93,7 +94,14 @@ class Component:
 
     def sum_of(self, turn: int) -> ChannelSum:
         """Return the sum of a turn; the last one stands for those that are not there."""
-        place = self.places[min(turn, len(self.places) - 1)]
+        return self._sums[min(turn, len(self.places) - 1)]
+
+    @cached_property
+    def _sums(self) -> tuple[ChannelSum, ...]:
+        """The sum of every turn, made once: files are held against every layout."""
+        return tuple(map(self._make_sum, self.places))
+
+    def _make_sum(self, place: ChannelPlace | ChannelSum) -> ChannelSum:
         if isinstance(place, ChannelSum):
             return place
         return ChannelSum(terms=(Term(place=place, factor=self.factor, offset=self.offset),))
@@ -211,7 +219,7 @@ class Layout:
         names += [channel for channels in streams.values() for channel in channels]
         return {n: u for u in self.unread for n in names if fnmatchcase(n, u.name)}
 
-    @property
+    @cached_property
     def places(self) -> tuple[ChannelPlace, ...]:
         """Where any channel of any buffer can be."""
         components = (c for components in self.buffers.values() for c in components)

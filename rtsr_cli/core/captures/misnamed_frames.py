@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from rtsr_cli.core.captures.shots import FrameSet
-from rtsr_cli.core.files.folders import is_file, is_folder
+from rtsr_cli.core.files.folders import is_file, is_folder, is_loop
 
 FRAME_NAME = re.compile(r"\d(\.RGBA)?\.exr$", re.IGNORECASE)
 """Ends the name of a numbered frame."""
@@ -36,6 +36,11 @@ def _describe(path: Path) -> str:
         return f"{path}: is a folder that is named like a frame; rename it, or put the frame there"
     if not path.is_symlink():
         return f"{path}: is no file, though it is named like a frame; rename or remove it"
+    if is_loop(path):
+        return (
+            f"{path}: is a link to {path.readlink()}, which leads back to itself; make it anew, or "
+            "remove it"
+        )
     return (
         f"{path}: is a link to {path.readlink()}, which is not there; mount or copy what it leads "
         "to, or remove the link"

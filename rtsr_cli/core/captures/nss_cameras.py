@@ -71,16 +71,16 @@ class _Liberal(BaseModel):
 class NssOffset(_Liberal):
     """A pair of numbers."""
 
-    x: float = Field(alias="X", allow_inf_nan=False)
-    y: float = Field(alias="Y", allow_inf_nan=False)
+    x: float = Field(alias="X", allow_inf_nan=False, strict=True)
+    y: float = Field(alias="Y", allow_inf_nan=False, strict=True)
 
 
 class NssFrame(_Liberal):
     """One frame of a clip."""
 
-    frame: int = Field(validation_alias=AliasChoices("Frame", "FrameNumber"))
-    fov_x: float = Field(alias="FovX", gt=0.0, lt=math.pi)
-    fov_y: float = Field(alias="FovY", gt=0.0, lt=math.pi)
+    frame: int = Field(strict=True, validation_alias=AliasChoices("Frame", "FrameNumber"))
+    fov_x: float = Field(alias="FovX", gt=0.0, lt=math.pi, strict=True)
+    fov_y: float = Field(alias="FovY", gt=0.0, lt=math.pi, strict=True)
     near: float = Field(alias="CameraNearPlane", gt=1 / LARGEST_FACTOR, le=LARGEST_FACTOR)
     far: float = Field(
         default=INFINITE_FAR, alias="CameraFarPlane", ge=INFINITE_FAR, le=LARGEST_FACTOR

@@ -19,7 +19,9 @@ RTSR = Layout(
         # own names first, then other renderers' spellings of the same thing: V-Ray writes
         # components out, 3ds Max has bare ones, OIDN's splitter accepts the rest
         Buffer.COLOR: join_places(
-            name_components(Buffer.COLOR, "", "rgba", "beauty", "Beauty", "Composite.Combined"),
+            name_components(
+                Buffer.COLOR, "", "rgba", "beauty", "Beauty", "color", "Color", "Composite.Combined"
+            ),
             # luminance alone is grey
             (Component(places=(ChannelPlace(channel="Y", alone=True),)),) * 3,
         ),

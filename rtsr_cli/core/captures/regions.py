@@ -123,6 +123,18 @@ def find_region(files: Iterable[FilePlaces], root: str, rule: RegionRule | None)
     return next(iter(regions))
 
 
+def describe_crop(files: Iterable[FilePlaces], region: PixelWindow) -> tuple[str, ...]:
+    """Say that frames hold less than what is read, if one does: outputs hold no more than they."""
+    for file in files:
+        held = _join(file, None)
+        if held != region:
+            return (
+                f"{file.describe()}: outputs hold those pixels, enlarged; what an enlargement "
+                "spreads beyond them is cut off",
+            )
+    return ()
+
+
 def _join(file: FilePlaces, plane: PixelWindow | None) -> PixelWindow:
     """Smallest rectangle around a file's pixels, and the image plane if it is given."""
     places = [*file.places, *([] if plane is None else [plane])]

@@ -25,7 +25,7 @@ from rtsr_cli.core.captures.layers import (
 )
 from rtsr_cli.core.captures.layouts import Layout
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.captures.regions import find_region, list_places
+from rtsr_cli.core.captures.regions import describe_crop, find_region, list_places
 from rtsr_cli.core.captures.sample_channels import describe_use, join_samples_into
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.captures.surveyed_cameras import CameraSource
@@ -133,6 +133,7 @@ def open_frames(
             *found.notes,
             *describe_use(samples),
             *_list_notes(first),
+            *describe_crop(places, region),
             *_list_unread(bound.layout, binding, first),
         ),
         lacking=found.lacking,

@@ -13,7 +13,14 @@ import torch
 from rtsr_cli.core.choices import DemodulationMode
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.frames.storage import MAX_HALF, largest_magnitude, split_buffer, split_image
+from rtsr_cli.core.frames.storage import (
+    MOST_LOST,
+    fits_half,
+    largest_magnitude,
+    measure_loss,
+    split_buffer,
+    split_image,
+)
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.derivation import (
     STRIP_PIXELS,
@@ -46,6 +53,10 @@ class FrameParts:
     as_float: bool = False
 
 
+LIGHT = frozenset({Buffer.LIGHTING, Buffer.EMISSION})
+"""Layers whose sum is the radiance."""
+
+
 class FrameLayers:
     """The layers of one frame as its file holds them, laid down in strips of rows."""
 
@@ -54,11 +65,13 @@ class FrameLayers:
         self.layers: dict[Buffer, torch.Tensor] = {}
         self._size = size
         self._full = full
+        self._whole, self._lost = 0.0, 0.0
 
     @property
-    def finite(self) -> bool:
-        """Tell whether no layer holds NaN or Inf; in half, that is what is too large for it."""
-        return all(math.isfinite(largest_magnitude(image)) for image in self.layers.values())
+    def holds(self) -> bool:
+        """Tell whether the layers hold the frame: nothing was too large, or too small, for half."""
+        finite = all(math.isfinite(largest_magnitude(image)) for image in self.layers.values())
+        return finite and self._lost <= MOST_LOST * self._whole
 
     def put(self, top: int, buffer: Buffer, strip: Image) -> Image:
         """Lay a strip down where it belongs; return it as it is stored."""
@@ -67,6 +80,10 @@ class FrameLayers:
             dtype = torch.float32 if full else torch.float16
             self.layers[buffer] = torch.empty(1, strip.shape[1], *self._size, dtype=dtype)
         stored = self.layers[buffer][:, :, top : top + strip.shape[2]].copy_(strip)
+        if not full and buffer in LIGHT and not fits_half(strip):
+            self._lost += measure_loss(strip)
+        if not full and buffer in LIGHT:
+            self._whole += float(strip.abs().sum())
         return strip if full else stored.float()
 
 
@@ -89,7 +106,7 @@ def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> F
         error = max(error, dm.recomposition_error(strip.gbuffer[Buffer.COLOR], product))
         count += float(parts.mask.sum(dtype=torch.float64))
         put(Buffer.LIGHTING_MASK, parts.mask)
-    if not full and not sheet.finite:
+    if not full and not sheet.holds:
         return replace(demodulate_frame(frame, config, full=True), as_float=True)
     channels: dict[str, Any] = {}
     for buffer, image in sheet.layers.items():
@@ -142,7 +159,7 @@ def recompose_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> Fr
         gbuffer.buffers.get(Buffer.EMISSION),
     )
     largest = check_output(radiance, f"{gbuffer.where}: lighting * material", REMEDY)
-    as_float = not full and largest > MAX_HALF
+    as_float = not full and not fits_half(radiance, largest)
     return FrameParts(
         channels=split_image("", radiance, "RGB", full=full or as_float), as_float=as_float
     )

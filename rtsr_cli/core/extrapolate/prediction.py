@@ -9,7 +9,7 @@ from typing import Any
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import PAST, PREDICTED, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.frames.storage import fits_half
 from rtsr_cli.core.imaging.coverage import CoveredColor
 from rtsr_cli.core.imaging.frame_motion import chain_motion
 from rtsr_cli.core.imaging.warping import backward_warp
@@ -91,7 +91,7 @@ class Extrapolation:
             path=moment.path,
             color=made.image,
             alpha=alpha,
-            as_float=largest > MAX_HALF,
+            as_float=not fits_half(made.image, largest),
             attributes={**moment.attributes, **moment.provenance({**stamp, **self._tag})},
             windows=moment.windows,
             passed=moment.passed,

@@ -9,17 +9,23 @@ from __future__ import annotations
 import errno
 import os
 import platform
+import re
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 from rtsr_cli.core.errors import OutputBlockedError, OutputError
+from rtsr_cli.core.files.folders import describe_obstacle
+from rtsr_cli.core.visible_text import make_visible
 
 TEMPORARY_SUFFIX = ".rtsr-part"
 """Ends the name of a file that is still being written; never a finished one."""
+
+WORD_ENDS = re.compile(r"[\s'\",]")
+"""What stands beside names in a text."""
 
 NAME_BYTES, HOST_CHARACTERS, RANDOM_BYTES = 32, 24, 6
 """What a temporary name holds of the target's, of the machine's, and that nobody can guess."""
@@ -122,11 +128,20 @@ def write_text_atomically(path: Path, text: str) -> None:
     """Write a text as UTF-8, whole or not at all.
 
     Raises:
-        OutputError: it cannot be written; names the file.
+        OutputError: it cannot be written; names the file. Or a name in it is no text, as names of
+            files that are not UTF-8 are none; names that.
     """
+    try:
+        content = text.encode()
+    except UnicodeEncodeError as error:
+        around = WORD_ENDS.split(text[: error.start])[-1] + WORD_ENDS.split(text[error.start :])[0]
+        raise OutputError(
+            f"{path}: is not written: it would have to name '{make_visible(around)}', which is not "
+            "UTF-8, and no text holds such names; rename that"
+        ) from error
 
     def write(part: Path) -> None:
-        part.write_text(text, encoding="utf-8")
+        part.write_bytes(content)
 
     write_atomically(path, write)
 
@@ -139,6 +154,32 @@ def _make_refusal(path: Path, error: Exception) -> OutputError:
     return kind(f"{path}: cannot be written ({why}); {remedy}")
 
 
+MOST_NAME_BYTES = 255
+"""Of a name, where the file system does not say."""
+
+
+def check_names(paths: Iterable[Path]) -> None:
+    """Raise before anything is computed if the name of an output is longer than names can be.
+
+    Raises:
+        OutputError: names the longest.
+    """
+    longest = max(paths, key=lambda path: len(os.fsencode(path.name)), default=None)
+    if longest is None:
+        return
+    there = next((folder for folder in longest.parents if folder.is_dir()), longest.parent)
+    try:
+        most = os.pathconf(there, "PC_NAME_MAX")
+    except (AttributeError, OSError, ValueError):
+        most = MOST_NAME_BYTES
+    size = len(os.fsencode(longest.name))
+    if size > most:
+        raise OutputError(
+            f"{longest}: the name of this output is {size} bytes long, and no name can have more "
+            f"than {most}; give the frames shorter names"
+        )
+
+
 def check_writable(folder: Path) -> None:
     """Raise if a folder cannot be made or written to, before anything is computed.
 
@@ -147,6 +188,12 @@ def check_writable(folder: Path) -> None:
     Raises:
         OutputError: names the folder.
     """
+    obstacle = describe_obstacle(folder)
+    if obstacle:
+        raise OutputError(
+            f"{folder}: cannot write here: {obstacle}; choose another output folder, or move that "
+            "away"
+        )
     probe = name_temporary(folder / "probe")
     try:
         folder.mkdir(parents=True, exist_ok=True)

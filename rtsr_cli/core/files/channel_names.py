@@ -8,8 +8,8 @@ parts that each say their `view`, and whose names usually say it again.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 STEREO = ("left", "right")
 """Views that are known by their names, even where no attribute says that there are views."""
@@ -69,11 +69,29 @@ def guess_views(channels: Sequence[str]) -> tuple[str, ...]:
     return ("", *sorted(found)) if found else ()
 
 
+def guess_part_views(parts: Sequence[NamedPart]) -> list[NamedPart]:
+    """Add the view that a part's name ends in where its header names none, and its twin is there.
+
+    `rgba.left` beside `rgba.right` is of the left eye.
+    """
+    names = {part.name for part in parts}
+    return [replace(part, view=part.view or _guess_eye(part.name, names)) for part in parts]
+
+
+def _guess_eye(name: str, names: Collection[str]) -> str:
+    for eye, other in (STEREO, STEREO[::-1]):
+        stem = name.removesuffix(eye)
+        if stem != name and stem.endswith(tuple(SEPARATORS)) and f"{stem}{other}" in names:
+            return eye
+    return ""
+
+
 def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
     """For each part, channel name in the file -> name for the user.
 
-    The first part, and one without a name, keeps its channels' names, unless it is one of several
-    samples (`color.0` beside `color.1`). In the others `X` of the
+    The first part, and one without a name, keeps its channels' names, unless its own name tells it
+    from its like: one of several samples (`color.0` beside `color.1`), or a pass of a layer
+    (`ViewLayer.Combined` beside `ViewLayer.Depth` or `Other.Combined`). In the others `X` of the
     part `normal` is `normal.X`, unless it is called so already. Where parts are of several views,
     the view stands before the last component: `normal.left.X`. Names that are then there twice
     take the name of their part in any case.
@@ -81,7 +99,8 @@ def name_channels(parts: Sequence[NamedPart]) -> list[dict[str, str]]:
     if len(parts) < 2:
         return [{channel: channel for channel in part.channels} for part in parts]
     several = len({part.view for part in parts if part.view}) > 1
-    first = "" if _holds_sample(parts[0], parts[1:]) else parts[0].base
+    told = _holds_sample(parts[0], parts[1:]) or _is_of_layer(parts[0], parts[1:])
+    first = "" if told else parts[0].base
     named = [
         {
             c: _insert_view(_name_in_part(part, c, first), part.view if several else "")
@@ -105,6 +124,14 @@ def _holds_sample(part: NamedPart, others: Sequence[NamedPart]) -> bool:
     rest = [other.base.rpartition(".") for other in others]
     beside = any(s == stem and n.isdecimal() for s, _, n in rest)
     return bool(stem) and number.isdecimal() and beside
+
+
+def _is_of_layer(part: NamedPart, others: Sequence[NamedPart]) -> bool:
+    """Tell whether a part is called `layer.pass`, as another one of its layer, or pass, is."""
+    layer, _, of_layer = part.base.rpartition(".")
+    rest = [other.base.rpartition(".") for other in others if other.base != part.base]
+    like = (other == layer or name == of_layer for other, _, name in rest if other)
+    return bool(layer) and any(like)
 
 
 def _name_in_part(part: NamedPart, channel: str, first: str) -> str:

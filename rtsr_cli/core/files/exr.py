@@ -19,9 +19,15 @@ from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_atomically
-from rtsr_cli.core.files.channel_names import NamedPart, find_views, guess_views, name_channels
+from rtsr_cli.core.files.channel_names import (
+    NamedPart,
+    find_views,
+    guess_part_views,
+    guess_views,
+    name_channels,
+)
 from rtsr_cli.core.files.exr_checksum import BLANK, CHECKSUM, seal
-from rtsr_cli.core.files.exr_chunks import MAGIC, ends_too_early
+from rtsr_cli.core.files.exr_chunks import MAGIC, ends_too_early, put_first
 from rtsr_cli.core.files.exr_limits import (
     find_false_promise,
     find_header_excess,
@@ -29,6 +35,8 @@ from rtsr_cli.core.files.exr_limits import (
 )
 from rtsr_cli.core.files.library_output import silence_library
 from rtsr_cli.core.files.pixel_window import PixelWindow
+from rtsr_cli.core.files.provenance import STAMP
+from rtsr_cli.core.marks import MARK
 
 T = TypeVar("T")
 
@@ -179,7 +187,8 @@ def read_header(path: Path) -> ExrHeader:
     _check_parts(path, headers)
     data_windows, display_window = _check_windows(path, headers)
     try:
-        parts = [_name_part(h, [c.name for c in h["channels"]]) for h in headers]
+        named = [_name_part(h, [c.name for c in h["channels"]]) for h in headers]
+        parts = guess_part_views(named)
     except UnicodeDecodeError as error:
         raise _make_unreadable_error(path, "the name of a channel is not UTF-8") from error
     chunks = _count_all_chunks(headers)
@@ -316,7 +325,8 @@ def read_pixels(path: Path, wanted: Collection[str]) -> tuple[dict[str, Plane], 
         parts = [(part.header, dict(file.channels(i))) for i, part in enumerate(file.parts)]
     except (RuntimeError, ValueError, TypeError, MemoryError) as error:
         raise _make_unreadable_error(path, str(error).strip() or type(error).__name__) from error
-    renamed = name_channels([_name_part(header, list(channels)) for header, channels in parts])
+    named = [_name_part(header, list(channels)) for header, channels in parts]
+    renamed = name_channels(guess_part_views(named))
     planes = {
         user: np.asarray(channels[stored].pixels)
         for names, (_, channels) in zip(renamed, parts, strict=True)
@@ -370,6 +380,8 @@ def write_exr(
         # compressed in memory first: Python then says by number why a disk refuses the file
         encoded = io.BytesIO()
         OpenEXR.File(header, contiguous).write(encoded)
+        # what is cut later tells by its first bytes whose it is
+        put_first(encoded, (MARK, STAMP))
         content = encoded.getbuffer()
         seal(content)
         part.write_bytes(content)

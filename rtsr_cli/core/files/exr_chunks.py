@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Sequence
 from io import FileIO
 from pathlib import Path
 from typing import NamedTuple
@@ -95,7 +96,7 @@ def ends_too_early(path: Path, chunks: int) -> bool:
 
 
 def ends_in_header(content: bytes) -> bool:
-    """Tell whether a file is the beginning of an OpenEXR file, or empty, and holds no pixel.
+    """Tell whether a file is the beginning of an OpenEXR file, and holds no pixel.
 
     Args:
         content: all of the file.
@@ -136,6 +137,25 @@ def list_headers(path: Path) -> list[dict[bytes, bytes]]:
             if not content.flags & MULTIPART:
                 return headers
             position = end
+
+
+def put_first(content: io.BytesIO, names: Sequence[str]) -> None:
+    """Let attributes of a file's first header stand before the others, in place.
+
+    The library sorts them by name; readers take any order [OpenEXR file layout].
+    """
+    file = FileBytes(content)
+    attributes, end = list_attributes(file, FIXED_BYTES)
+    if end is None:
+        return
+    wanted = [name.encode() for name in names]
+    # stable, so that the others keep their order
+    attributes.sort(key=lambda a: wanted.index(a.name) if a.name in wanted else len(wanted))
+    header = b"".join(
+        b"%b\0%b\0" % (a.name, a.kind) + file.at(a.position - SIZE_BYTES, SIZE_BYTES + a.size)
+        for a in attributes
+    )
+    content.getbuffer()[FIXED_BYTES : FIXED_BYTES + len(header)] = header
 
 
 def list_attributes(file: FileBytes, position: int) -> tuple[list[RawAttribute], int | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,27 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:
         return False
+
+
+def is_loop(path: Path) -> bool:
+    """Tell whether a path is a link that leads back to itself."""
+    try:
+        path.stat()
+    except OSError as error:
+        return error.errno == errno.ELOOP
+    return False
+
+
+def describe_obstacle(folder: Path) -> str:
+    """Say what stands where a folder or one above it would be; empty where nothing does."""
+    there = next((path for path in (folder, *folder.parents) if os.path.lexists(path)), None)
+    if there is None or is_folder(there):
+        return ""
+    if is_loop(there):
+        return f"{there} is a link that leads back to itself"
+    if there.is_symlink() and not there.exists():
+        return f"{there} is a link to what is not there"
+    return f"{there} is a file, no folder"
 
 
 def find_real_path(path: Path) -> Path:

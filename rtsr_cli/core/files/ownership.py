@@ -1,6 +1,8 @@
 """Which files rtsr wrote, by their marks, and the refusal to replace others; needs no EXR library.
 
-One that was cut is still rtsr's as long as it holds its mark.
+One rule for files of every kind. What bears the mark is rtsr's, also where it was cut behind it:
+marks stand in the first bytes of a file. An empty file holds nothing that could be lost, and may be
+replaced. Everything else is another's: what was cut before its mark, and a link, wherever it leads.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import stat
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -25,6 +28,11 @@ HEAD_BYTES = 1 << 16
 
 JSON_MARK = re.compile(rb'\s*\{\s*"rtsr:version":\s*"')
 """How documents of rtsr's begin; it tells those that were cut."""
+
+TENSORS_MARK = re.compile(
+    rb'.{8}\{"__metadata__":\{"(?:rtsr"|format":"rtsr-|format":"pt","rtsr")', re.DOTALL
+)
+"""How files of tensors of rtsr's begin; it tells those that were cut in their header."""
 
 PAGE_MARK = re.compile(rb'<meta name="rtsr:version" content="[^"<>]*">')
 
@@ -72,9 +80,11 @@ def _is_own_toml(path: Path) -> bool:
 
 def is_own_tensors(path: Path) -> bool:
     """Tell whether rtsr wrote a file of tensors, whatever its suffix."""
-    known = read_metadata(path) if path.is_file() else None
-    if known is None:
+    if not path.is_file():
         return False
+    known = read_metadata(path)
+    if known is None:
+        return TENSORS_MARK.match(_read_head(path)) is not None
     return TENSORS_KEY in known or str(known.get("format", "")).startswith(TENSORS_FORMAT)
 
 
@@ -91,13 +101,30 @@ RECOGNISERS: Mapping[str, Callable[[Path], bool]] = {
     ".toml": _is_own_toml,
     ".md": _is_own_markdown,
     ".safetensors": is_own_tensors,
+    ".rtsr-clips": is_own_tensors,
 }
 """What tells by a suffix whether a file is rtsr's."""
 
 
+def is_empty_file(path: Path) -> bool:
+    """Tell whether a path is a file, no link, of no bytes."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISREG(status.st_mode) and status.st_size == 0
+
+
+def may_be_replaced(path: Path, recognise: Callable[[Path], bool] = is_own) -> bool:
+    """Tell whether what a path is taken by, if anything, may be replaced without being asked."""
+    if not os.path.lexists(path) or is_empty_file(path):
+        return True
+    return not path.is_symlink() and recognise(path)
+
+
 def list_foreign(paths: Iterable[Path], recognise: Callable[[Path], bool] = is_own) -> list[Path]:
-    """Return those paths that are taken by something that rtsr did not write."""
-    return [path for path in paths if os.path.lexists(path) and not recognise(path)]
+    """Return those paths that are taken by what rtsr did not write, or cannot tell for its own."""
+    return [path for path in paths if not may_be_replaced(path, recognise)]
 
 
 def refuse_foreign(paths: Sequence[Path], command: str) -> None:
@@ -110,6 +137,13 @@ def refuse_foreign(paths: Sequence[Path], command: str) -> None:
         return
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
     raise OutputError(
-        f"{paths[0]}{more}: {command} did not write this from these inputs and settings; "
-        "choose another folder, or replace with --overwrite"
+        f"{paths[0]}{more}: {explain_foreign(paths[0], command)}; choose another folder, or "
+        "replace with --overwrite"
     )
+
+
+def explain_foreign(path: Path, command: str) -> str:
+    """Say why a file is not replaced."""
+    if path.is_symlink():
+        return "is a link, which is neither followed nor replaced"
+    return f"{command} did not write this from these inputs and settings, or its mark is cut off"

@@ -6,7 +6,6 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from rtsr_cli.core.errors import OutputError
@@ -20,6 +19,9 @@ def encode_picture(rgb: NDArray[np.uint8], kind: str) -> bytes:
     Raises:
         OutputError: the picture cannot be encoded.
     """
+    # what plans a report writes none yet
+    import OpenImageIO as oiio  # noqa: N813
+
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"picture.{kind}"
         spec = oiio.ImageSpec(rgb.shape[1], rgb.shape[0], rgb.shape[2], "uint8")

@@ -20,9 +20,6 @@ from rtsr_cli.core.marks import MARKED
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 """First bytes of every PNG."""
 
-LONGEST_HEAD = 1 << 10
-"""Bytes before the pixels of a picture of rtsr's, generously."""
-
 COLOR_TYPES = {1: 0, 3: 2}
 """PNG's code for grey and for RGB, by the number of channels."""
 
@@ -103,12 +100,6 @@ def is_whole_png(content: bytes) -> bool:
     """Tell whether the bytes of a PNG are all there: every chunk with its checksum, up to IEND."""
     kinds = list(_list_whole_chunks(content)) if content.startswith(SIGNATURE) else []
     return kinds[-1:] == [b"IEND"]
-
-
-def ends_before_pixels(content: bytes) -> bool:
-    """Tell whether a file is the beginning of a PNG, or empty, and holds no pixel."""
-    begins = content[: len(SIGNATURE)] == SIGNATURE[: len(content)]
-    return begins and len(content) < LONGEST_HEAD and b"IDAT" not in content
 
 
 def _list_whole_chunks(content: bytes) -> Iterator[bytes]:

@@ -24,6 +24,15 @@ from rtsr_cli.core.shapes import Image
 MAX_HALF = 65504.0
 """The largest finite half: no radiance in a half file is above it."""
 
+MOST_LOST = 0.01
+"""Share of a frame's radiance that half may round away; of numbers from 6e-5 on it is 0.0005."""
+
+HALF_STEP = 2.0**-24
+"""Between the smallest halves: what is below half of it becomes 0."""
+
+FEW_STEP = 61
+"""One of so many pixels is looked at first."""
+
 FLOAT_BUFFERS = frozenset({Buffer.DEPTH, Buffer.MOTION, Buffer.FORWARD, Buffer.POSITION})
 """Buffers that half precision would spoil; the others are colours and shares."""
 
@@ -85,6 +94,31 @@ def largest_magnitude(image: Tensor) -> float:
     """Largest |value|, NaN where one is NaN; above `MAX_HALF` no half file can hold it."""
     low, high = (float(bound) for bound in torch.aminmax(image))
     return high if math.isnan(high) else max(abs(low), abs(high))
+
+
+def fits_half(image: Tensor, largest: float | None = None) -> bool:
+    """Tell whether half holds an image: no value beyond its range, and hardly any radiance lost.
+
+    sum |x - half(x)| <= MOST_LOST sum |x|, which is so wherever mean |x| >= HALF_STEP / MOST_LOST,
+    as no value loses more than 2^-11 of itself, or half a step. A few pixels tell that of most.
+
+    Args:
+        image: of any shape.
+        largest: `largest_magnitude` of it, where that is known.
+    """
+    if (largest_magnitude(image) if largest is None else largest) > MAX_HALF:
+        return False
+    enough = image.numel() * HALF_STEP / MOST_LOST
+    few = image.flatten()[::FEW_STEP]
+    if float(few.abs().sum(dtype=torch.float64)) >= enough:
+        return True
+    whole = float(image.abs().sum(dtype=torch.float64))
+    return whole >= enough or measure_loss(image) <= MOST_LOST * whole
+
+
+def measure_loss(image: Tensor) -> float:
+    """sum |x - half(x)|: what half rounds away."""
+    return float((image - round_to_half(image).to(image.dtype)).abs().sum(dtype=torch.float64))
 
 
 def round_to_half(values: Tensor) -> Tensor:

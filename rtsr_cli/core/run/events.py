@@ -38,6 +38,7 @@ class ShotPlanned:
         selected: numbers of the outputs that are asked for.
         pending: how many of them are not done.
         damaged: files that were cut or damaged after they were written, and are made again.
+        empty: files that hold nothing, and are made.
         skipped: reason -> ranges of frames that are not written, or are not themselves.
         read_bytes: size of the files that the run will read.
         write_bytes_at_most: what it will write, without compression.
@@ -50,6 +51,7 @@ class ShotPlanned:
     selected: tuple[int, ...]
     pending: int
     damaged: tuple[Path, ...] = ()
+    empty: tuple[Path, ...] = ()
     skipped: Mapping[str, str]
     read_bytes: int
     write_bytes_at_most: int
@@ -65,6 +67,7 @@ class ShotPlanned:
             "frames": len(self.selected),
             "pending": self.pending,
             "damaged": [str(path) for path in self.damaged],
+            "empty": [str(path) for path in self.empty],
             "skipped": dict(self.skipped),
             "warnings": [text for reader in self.readers for text in reader.warnings],
             "notes": [text for reader in self.readers for text in reader.notes],

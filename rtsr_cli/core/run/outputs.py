@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -22,9 +22,9 @@ from rtsr_cli.core.errors import FrameFolderError, NonfiniteError, OutputError
 from rtsr_cli.core.files.exr import Plane, read_channels, read_header, write_exr
 from rtsr_cli.core.files.exr_checksum import is_unchanged
 from rtsr_cli.core.files.exr_chunks import ends_in_header
-from rtsr_cli.core.files.ownership import is_own
+from rtsr_cli.core.files.ownership import is_empty_file, is_own
 from rtsr_cli.core.files.pixel_window import PixelWindow
-from rtsr_cli.core.files.png import ends_before_pixels, is_whole_png, write_png
+from rtsr_cli.core.files.png import is_whole_png, write_png
 from rtsr_cli.core.files.provenance import holds_stamp
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.storage import MAX_HALF, largest_magnitude, split_image
@@ -44,6 +44,7 @@ class OutputState(StrEnum):
     """What is there before a frame is computed."""
 
     ABSENT = "absent"
+    EMPTY = "empty"
     DONE = "done"
     DAMAGED = "damaged"
     FOREIGN = "foreign"
@@ -98,29 +99,30 @@ def name_debug_file(path: Path) -> Path:
 
 def read_output_state(path: Path, stamp: str) -> OutputState:
     """Tell whether a file is there, whole, and the one that would be written."""
-    if not os.path.lexists(path):
-        return OutputState.ABSENT
-    content = _read_content(path)
-    if not holds_stamp(content, stamp):
-        # what was cut before its first pixel tells no longer who wrote it, and holds nothing
-        cut = path.is_file() and ends_in_header(content)
-        return OutputState.DAMAGED if cut else OutputState.FOREIGN
-    unchanged = is_unchanged(content)
-    if unchanged is None:
-        # of a version that wrote no checksum
-        unchanged = _can_be_decoded(path)
-    return OutputState.DONE if unchanged else OutputState.DAMAGED
+
+    def judge(content: bytes) -> OutputState:
+        if not holds_stamp(content, stamp):
+            # what was cut behind its mark and before its stamp holds no pixel of other settings
+            cut = ends_in_header(content) and is_own(path)
+            return OutputState.DAMAGED if cut else OutputState.FOREIGN
+        unchanged = is_unchanged(content)
+        if unchanged is None:
+            # of a version that wrote no checksum
+            unchanged = _can_be_decoded(path)
+        return OutputState.DONE if unchanged else OutputState.DAMAGED
+
+    return _judge_file(path, judge)
 
 
 def read_picture_state(path: Path) -> OutputState:
     """Tell whether a PNG is there, whole, and rtsr's."""
-    if not os.path.lexists(path):
-        return OutputState.ABSENT
-    content = _read_content(path)
-    if not is_own(path):
-        cut = path.is_file() and ends_before_pixels(content)
-        return OutputState.DAMAGED if cut else OutputState.FOREIGN
-    return OutputState.DONE if is_whole_png(content) else OutputState.DAMAGED
+
+    def judge(content: bytes) -> OutputState:
+        if not is_own(path):
+            return OutputState.FOREIGN
+        return OutputState.DONE if is_whole_png(content) else OutputState.DAMAGED
+
+    return _judge_file(path, judge)
 
 
 def read_debug_state(path: Path, stamp: str) -> OutputState:
@@ -129,7 +131,20 @@ def read_debug_state(path: Path, stamp: str) -> OutputState:
     One that rtsr wrote from other inputs may be replaced, as the output that it belongs to may.
     """
     state = read_output_state(path, stamp)
-    return OutputState.ABSENT if state is OutputState.FOREIGN and is_own(path) else state
+    stale = state is OutputState.FOREIGN and is_own(path) and not path.is_symlink()
+    return OutputState.ABSENT if stale else state
+
+
+def _judge_file(path: Path, judge: Callable[[bytes], OutputState]) -> OutputState:
+    """Judge a file that is there by its bytes; a link may stay, and is never replaced."""
+    if not os.path.lexists(path):
+        return OutputState.ABSENT
+    if is_empty_file(path):
+        return OutputState.EMPTY
+    state = judge(_read_content(path))
+    if path.is_symlink() and state is not OutputState.DONE:
+        return OutputState.FOREIGN
+    return state
 
 
 def _can_be_decoded(path: Path) -> bool:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.atomic_write import check_names
 from rtsr_cli.core.files.ownership import refuse_foreign
 from rtsr_cli.core.files.provenance import FileDigests, digest_config
 from rtsr_cli.core.frames.selection import Selection, format_ranges
@@ -61,6 +62,7 @@ class ShotPlan:
         selected: numbers whose outputs are asked for.
         pending: those that are not done yet.
         damaged: files of theirs that were cut or damaged after they were written.
+        empty: files in their places that hold nothing.
         order: numbers to process: pending ones, and the history they need.
         paths: number -> the output that is asked for.
         stamps: of the outputs.
@@ -72,6 +74,7 @@ class ShotPlan:
     selected: tuple[int, ...]
     pending: frozenset[int]
     damaged: tuple[Path, ...] = ()
+    empty: tuple[Path, ...] = ()
     order: tuple[int, ...]
     paths: Mapping[int, Path]
     stamps: Stamps
@@ -96,6 +99,7 @@ class ShotPlan:
             selected=self.selected,
             pending=len(self.pending),
             damaged=self.damaged,
+            empty=self.empty,
             skipped=describe_skipped(self.inputs.reader, self.selected, self.pending),
             read_bytes=self.digests.bytes_of(read),
             write_bytes_at_most=len(self.pending) * self.outputs.frame_bytes,
@@ -151,28 +155,41 @@ def plan_shot(
     refuse_inputs(list(plan.paths.values()), inputs.readers)
     if outputs.debug:
         refuse_inputs([name_debug_file(path) for path in plan.paths.values()], inputs.readers)
-    pending, damaged = _find_pending(plan, overwrite=overwrite)
-    order = _order_numbers(sequence, stamps.starts, pending)
-    plan = replace(plan, pending=pending, damaged=damaged, order=order)
+    check_names(path for n in plan.selected for path in _list_files(plan, n))
+    plan = _find_pending(plan, overwrite=overwrite)
+    plan = replace(plan, order=_order_numbers(sequence, stamps.starts, plan.pending))
     for number in plan.order:
         plan.digests.note(inputs.files(number))
     return plan
 
 
-def _find_pending(plan: ShotPlan, *, overwrite: bool) -> tuple[frozenset[int], tuple[Path, ...]]:
-    """Frames that are not done, and damaged files among theirs.
+def _list_files(plan: ShotPlan, number: int) -> tuple[Path, ...]:
+    """Files that a run writes of a frame, those of its debug folder left out."""
+    path = plan.paths[number]
+    return (path, *(path.with_suffix(suffix) for suffix in plan.outputs.pictures))
+
+
+def _find_pending(plan: ShotPlan, *, overwrite: bool) -> ShotPlan:
+    """Add the frames that are not done, and the damaged and the empty files among theirs.
 
     Raises:
         OutputError: files of others are there, unless they may be replaced.
     """
     states = {n: _read_states(plan, n) for n in plan.selected}
-    of_files = [pair for frame in states.values() for pair in frame.items()]
+
+    def find_files(wanted: OutputState) -> tuple[Path, ...]:
+        pairs = (pair for frame in states.values() for pair in frame.items())
+        return tuple(path for path, state in pairs if state is wanted)
+
     if not overwrite:
-        foreign = [path for path, state in of_files if state is OutputState.FOREIGN]
-        refuse_foreign(foreign, f"rtsr {plan.outputs.command}")
-    damaged = tuple(path for path, state in of_files if state is OutputState.DAMAGED)
+        refuse_foreign(find_files(OutputState.FOREIGN), f"rtsr {plan.outputs.command}")
     unfinished = {n for n, frame in states.items() if {*frame.values()} != {OutputState.DONE}}
-    return frozenset(unfinished), damaged
+    return replace(
+        plan,
+        pending=frozenset(unfinished),
+        damaged=find_files(OutputState.DAMAGED),
+        empty=find_files(OutputState.EMPTY),
+    )
 
 
 def _read_states(plan: ShotPlan, number: int) -> dict[Path, OutputState]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -13,7 +12,7 @@ from rtsr_cli.core.captures.capture_file import CAPTURE_FILE
 from rtsr_cli.core.captures.layout_writer import FrameRole as Resolution
 from rtsr_cli.core.captures.layout_writer import list_frame_files, name_side_car
 from rtsr_cli.core.errors import OutputError
-from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
+from rtsr_cli.core.files.ownership import list_foreign, may_be_replaced, refuse_foreign
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.run.outputs import OutputState, read_output_state
@@ -146,11 +145,16 @@ def _list_files(plan: SynthPlan) -> list[tuple[int, FileRole]]:
 
 def _has_other_declaration(plan: SynthPlan) -> bool:
     """Tell whether another capture.toml lies where this shot's goes."""
-    path = plan.folder / CAPTURE_FILE
+    return not may_be_replaced(
+        plan.folder / CAPTURE_FILE, lambda path: _holds_text(path, plan.capture)
+    )
+
+
+def _holds_text(path: Path, text: str) -> bool:
     try:
-        return os.path.lexists(path) and path.read_text(encoding="utf-8") != plan.capture
+        return path.is_file() and path.read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):
-        return True
+        return False
 
 
 def check_size(options: SynthOptions) -> None:

@@ -13,6 +13,7 @@ from torch import Tensor
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.choices import DemodulationMode, NonfinitePolicy
 from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.files.provenance import FileDigests, digest_config, digest_values
 from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
 from rtsr_cli.core.frames.buffers import Buffer
@@ -166,6 +167,7 @@ def record_clips_of(
     *,
     cache: Path,
     policy: NonfinitePolicy,
+    overwrite: bool = False,
 ) -> Generator[str, None, list[Path]]:
     """Return the files of clips of a shot, made now or before; yields what is recorded, before.
 
@@ -174,9 +176,11 @@ def record_clips_of(
         wanted: from `list_recorded_inputs`.
         cache: folder of recordings.
         policy: for NaN and Inf.
+        overwrite: replace files of others where recordings go.
 
     Raises:
-        RtsrError: a buffer is missing, a file cannot be read or written.
+        RtsrError: a file of others is in the way, a buffer is missing, a file cannot be read or
+            written.
     """
     source = shot.source
     root = source.reader.frames.root
@@ -191,9 +195,11 @@ def record_clips_of(
             "lists them)"
         )
     key = _hash_recording(shot, wanted, policy)
-    paths = []
-    for i, (numbers, targets) in enumerate(_cut_parts(source, wanted)):
-        path = cache / f"{key}-{i:04d}{SUFFIX}"
+    parts = list(_cut_parts(source, wanted))
+    paths = [cache / f"{key}-{i:04d}{SUFFIX}" for i in range(len(parts))]
+    if not overwrite:
+        refuse_foreign(list_foreign(paths), "rtsr train")
+    for path, (numbers, targets) in zip(paths, parts, strict=True):
         if not is_whole_tensor_file(path):
             also = "".join(f", {part.name}" for part in shot.beside)
             yield f"recording {root}, frames {format_ranges(numbers)}{also}"
@@ -201,7 +207,6 @@ def record_clips_of(
             doubts = list_doubts(clip)
             about = {"frames": format_ranges(numbers)} | ({DOUBTS: doubts} if doubts else {})
             write_clips(path, [clip], about)
-        paths.append(path)
     return paths
 
 

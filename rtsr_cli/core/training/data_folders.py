@@ -18,10 +18,12 @@ from rtsr_cli.core.documents import DocumentError, read_json
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.atomic_write import write_text_atomically
 from rtsr_cli.core.files.folders import is_file, is_folder
+from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.marks import MARKED
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
 from rtsr_cli.core.pairs.opening import (
     OpenedShot,
@@ -64,6 +66,7 @@ class ClipSources:
         policy: for NaN and Inf.
         data: which shots.
         samples_per_pixel: K of captures, whose sizes have to be multiples of K S.
+        overwrite: replace files of others in the cache.
     """
 
     wanted: RecordedInputs
@@ -72,6 +75,7 @@ class ClipSources:
     policy: NonfinitePolicy
     data: DataConfig
     samples_per_pixel: int = 1
+    overwrite: bool = False
 
 
 def gather_clips(folders: Sequence[Path], how: ClipSources) -> Generator[str, None, list[Clip]]:
@@ -229,6 +233,8 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     if recorded is not None:
         yield from recorded.remarks
         return recorded.paths
+    if not how.overwrite:
+        refuse_foreign(list_foreign([index]), "rtsr train")
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
     source = open_pair(
@@ -248,8 +254,10 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
             f"{shot.root}: HR is {source.scale} times the size of LR; training.scale is "
             f"{how.wanted.scale}; set that, or name a folder of frames of one size"
         )
-    paths = yield from record_clips_of(captured, how.wanted, cache=how.cache, policy=how.policy)
-    content = {"files": [path.name for path in paths], "remarks": remarks}
+    paths = yield from record_clips_of(
+        captured, how.wanted, cache=how.cache, policy=how.policy, overwrite=how.overwrite
+    )
+    content = {**MARKED, "files": [path.name for path in paths], "remarks": remarks}
     write_text_atomically(index, json.dumps(content))
     return paths
 

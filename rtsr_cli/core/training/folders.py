@@ -51,6 +51,7 @@ def record_folders(
         ),
         policy=request.on_nonfinite,
         data=data,
+        overwrite=request.overwrite,
     )
     if ranks.count > 1:
         for number, shot in enumerate(choose_shots(folders, how)):

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from rtsr_cli.core.documents import DocumentError, check_regular, read_json
 from rtsr_cli.core.errors import CheckpointError
 from rtsr_cli.core.files.atomic_write import remove_leftovers, write_text_atomically
-from rtsr_cli.core.files.ownership import is_own
+from rtsr_cli.core.files.ownership import may_be_replaced
 from rtsr_cli.core.files.tensor_file import write_tensors
 from rtsr_cli.core.files.tensor_values import check_finite
 from rtsr_cli.core.marks import MARKED
@@ -67,7 +67,7 @@ def save_state(
     text = json.dumps({**MARKED, "step": step, "tensors": path.name, **facts}, indent=1)
     write_text_atomically(folder / STATE_FILE, text)
     for old in folder.glob(TENSOR_FILES):
-        if old != path and is_own(old):
+        if old != path and may_be_replaced(old):
             with suppress(OSError):
                 old.unlink()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.provenance import name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.storage import MAX_HALF
+from rtsr_cli.core.frames.storage import fits_half
 from rtsr_cli.core.imaging.coverage import multiply_coverage
 from rtsr_cli.core.imaging.resampling import upsample_bicubic
 from rtsr_cli.core.lighting.radiance import measure_undivided
@@ -69,7 +69,7 @@ class Reconstruction:
             path=moment.path,
             color=image,
             alpha=enlarge_alpha(moment),
-            as_float=largest > MAX_HALF,
+            as_float=not fits_half(image, largest),
             attributes={**moment.attributes, **known},
             windows=moment.windows,
             colorspace=self._colorspace,

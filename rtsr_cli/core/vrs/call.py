@@ -96,7 +96,7 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
         yield job.plan.announcement(_describe_details(options, rates))
     if not request.dry_run:
         yield from run_shots(jobs, request)
-        yield write_summary(request.out_folder, [job.plan for job in jobs], options)
+        yield from write_summary(request.out_folder, [job.plan for job in jobs], options)
 
 
 def find_captured(source: PairSource, request: PredictVrsRequest) -> tuple[AuxiliaryRadiance, ...]:
@@ -214,12 +214,15 @@ def _describe_details(options: VrsOptions, captured: Sequence[AuxiliaryRadiance]
     }
 
 
-def write_summary(folder: Path, plans: Sequence[ShotPlan], options: VrsOptions) -> RatesSummary:
-    """Write summary.json over every frame that is done, now or before.
+def write_summary(
+    folder: Path, plans: Sequence[ShotPlan], options: VrsOptions
+) -> Iterator[RatesSummary]:
+    """Write summary.json over every frame that is done, now or before; none over none.
 
     Raises:
         OutputError: it cannot be written.
     """
-    path = folder / SUMMARY
-    total = write_figures(path, asdict(options), gather_figures(plans, FACTS), summarise_figures)
-    return RatesSummary(path=path, options=options, total=total)
+    path, shots = folder / SUMMARY, gather_figures(plans, FACTS)
+    if any(shots.values()):
+        total = write_figures(path, asdict(options), shots, summarise_figures)
+        yield RatesSummary(path=path, options=options, total=total)

@@ -194,3 +194,27 @@ def test_a_part_of_a_number_that_is_anothers_by_now_goes_after_a_day(tmp_path: P
     os.utime(part, (0, 0))
     atomic_write.remove_leftovers(tmp_path)
     assert not part.exists()
+
+
+def test_a_name_that_is_not_utf8_is_named_where_a_text_would_hold_it(tmp_path: Path) -> None:
+    name = os.fsdecode(b"/in/n\xff\xe9")
+    with pytest.raises(OutputError, match=r"j\.json: is not written: .*/in/n\\xff\\xe9', which"):
+        atomic_write.write_text_atomically(tmp_path / "j.json", f'["upscale", "{name}", "zz"]')
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["file", "loop", "dangling"])
+def test_what_stands_where_a_folder_would_be_is_named(tmp_path: Path, kind: str) -> None:
+    there = tmp_path / "there"
+    if kind == "file":
+        there.touch()
+    else:
+        there.symlink_to("there" if kind == "loop" else "nowhere")
+    with pytest.raises(OutputError, match=f"{there} is a"):
+        atomic_write.check_writable(there / "below")
+
+
+def test_a_name_that_no_folder_takes_is_refused(tmp_path: Path) -> None:
+    atomic_write.check_names([tmp_path / "none" / ("n" * 255)])
+    with pytest.raises(OutputError, match="256 bytes long"):
+        atomic_write.check_names([tmp_path / "a", tmp_path / ("n" * 256)])

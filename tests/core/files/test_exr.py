@@ -101,6 +101,27 @@ def test_parts_after_the_first_lead_their_channels_names(tmp_path: Path) -> None
     assert float(found["normal.Z"][0, 1]) == 3.0
 
 
+@pytest.mark.parametrize(
+    ("bases", "names"),
+    [
+        (
+            ("ViewLayer.Combined", "ViewLayer.Depth"),
+            {"ViewLayer.Combined.R", "ViewLayer.Depth.R"},
+        ),
+        (("A.Combined", "B.Combined"), {"A.Combined.R", "B.Combined.R"}),
+        (("rgba.main", "depth"), {"R", "depth.R"}),
+        (("rgba", "ViewLayer.Depth"), {"R", "ViewLayer.Depth.R"}),
+    ],
+)
+def test_a_first_part_that_is_called_as_a_pass_of_a_layer_leads_its_names(
+    tmp_path: Path, bases: tuple[str, str], names: set[str]
+) -> None:
+    planes = {"R": np.zeros((4, 6), np.float16)}
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, planes, name) for name in bases]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    assert read_header(tmp_path / "a.exr").channels == names
+
+
 def test_a_name_that_is_then_there_twice_takes_the_name_of_its_part(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     write_parts(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from rtsr_cli.core.files.exr import write_exr
+from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.files.ownership import is_own, is_own_tensors, list_foreign
 from rtsr_cli.core.files.png import write_png
 from rtsr_cli.core.files.tensor_file import write_tensors
@@ -38,6 +38,7 @@ def test_what_rtsr_wrote_is_told_from_what_it_did_not(tmp_path: Path, suffix: st
     own = tmp_path / f"own{suffix}"
     OWN[suffix](own)
     assert is_own(own)
+    assert not is_own(tmp_path / "none")
     for content in (b"", b"mine", MARK.encode(), own.read_bytes().replace(b"rtsr", b"mine")):
         other = tmp_path / f"other{suffix}"
         other.write_bytes(content)
@@ -71,6 +72,35 @@ def test_a_file_that_was_cut_is_still_own(tmp_path: Path) -> None:
         OWN[suffix](path)
         path.write_bytes(path.read_bytes()[:-20])
         assert is_own(path)
+
+
+@pytest.mark.parametrize("suffix", OWN)
+def test_the_mark_stands_in_the_first_bytes(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    OWN[suffix](path)
+    content = path.read_bytes()
+    path.write_bytes(content[:80])
+    assert is_own(path)
+
+
+def test_the_mark_of_a_large_header_is_its_first_attribute(tmp_path: Path) -> None:
+    path, plane = tmp_path / "a.exr", {"Y": np.arange(6, dtype=np.float16).reshape(2, 3)}
+    known = {"aaa": "x" * 100_000, **MARKED, "rtsr:stamp": "s" * 32, "zzz": "z"}
+    write_exr(path, plane, attributes=known)
+    head = b"v/1\x01\x02\0\0\0rtsr:version\0string\0"
+    assert path.read_bytes().startswith(head)
+    assert path.read_bytes().index(b"rtsr:stamp") < 80
+    held = read_header(path).attributes
+    assert {name: held[name] for name in known} == known
+    np.testing.assert_array_equal(read_channels(path, "Y")["Y"], plane["Y"])
+
+
+def test_links_are_not_replaced_and_empty_files_are(tmp_path: Path) -> None:
+    own, link, empty = (tmp_path / f"{name}.json" for name in ("own", "link", "empty"))
+    OWN[".json"](own)
+    link.symlink_to(own)
+    empty.touch()
+    assert list_foreign([own, link, empty]) == [link]
 
 
 def test_a_document_that_was_cut_is_still_rtsrs(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from rtsr_cli.core.errors import (
     CheckpointError,
     MetricError,
     MetricUnavailableError,
+    OutputError,
     ShapeMismatchError,
 )
 from rtsr_cli.core.metrics import lpips_weights
@@ -233,6 +234,18 @@ def test_converted_weights_are_found_and_hold_the_published_values(
         assert torch.equal(again[name], tensor.cpu())
     first = path.read_bytes()
     assert convert_lpips_weights().read_bytes() == first
+
+
+def test_no_file_of_others_is_replaced_by_converted_weights(tmp_path: Path, lpips: Lpips) -> None:
+    del lpips
+    path = tmp_path / "lpips.safetensors"
+    save_file({"mine": torch.zeros(2)}, path)
+    mine = path.read_bytes()
+    with pytest.raises(OutputError, match=r"lpips\.safetensors: .*did not write this"):
+        convert_lpips_weights(None, path)
+    assert path.read_bytes() == mine
+    convert_lpips_weights(None, path, overwrite=True)
+    assert path.read_bytes() != mine
 
 
 def test_the_unpickler_refuses_all_but_arrays_even_of_the_right_hash(tmp_path: Path) -> None:

@@ -21,7 +21,11 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
     take_measurement,
 )
 from rtsr_cli.core.captures.measuring.measurement import measure_storage
-from rtsr_cli.core.captures.measuring.motion_choices import describe_repeated, describe_undecided
+from rtsr_cli.core.captures.measuring.motion_choices import (
+    describe_repeated,
+    describe_undecided,
+    describe_unfit,
+)
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
@@ -158,21 +162,32 @@ UNFIT = 1.5
 
 
 def _check_plausible(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
-    """Warn of buffers that hold nothing of the frames, and of vectors that fit no frame at all."""
-    del capture
+    """Warn of buffers that hold nothing of the frames, and of vectors that fit no frame at all.
+
+    What reads such vectors is refused, unless it is declared how they are to be read.
+    """
     for fault in settled.measured.faults:
         settled = add_warning(settled, fault.text)
-    finding = settled.measured.motion
-    if finding is None:
+    if settled.measured.motion is None or not _fits_nothing(settled):
         return settled
-    best = finding.candidates[0].error if finding.candidates else 0.0
-    if best > UNFIT * finding.unmoved_error + WIDE_MARGIN:
-        return add_warning(
-            settled,
-            "the motion vectors say that things move, the frames do not follow them: the same "
-            "frame several times, or vectors of another sequence?",
-        )
-    return settled
+    settled = add_warning(
+        settled,
+        "the motion vectors say that things move, the frames do not follow them: the same "
+        "frame several times, or vectors of another sequence?",
+    )
+    if capture.motion.decides():
+        return settled
+    return replace(settled, motion_undecided=describe_unfit(settled.reader))
+
+
+def _fits_nothing(settled: MeasuredReader) -> bool:
+    """Tell whether vectors are far worse than none, or as good as those of unrelated frames."""
+    finding = settled.measured.motion
+    if finding is None or not finding.candidates or settled.measured.by_geometry is not None:
+        return False
+    best, presumed = finding.candidates[0], finding.of(settled.reader.conventions.motion)
+    nowhere = best.leads_nowhere and (presumed is None or presumed.leads_nowhere)
+    return nowhere or best.error > UNFIT * finding.unmoved_error + WIDE_MARGIN
 
 
 def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:

@@ -39,6 +39,15 @@ def describe_undecided(reader: FrameReader, finding: MotionFinding | None) -> st
     return f"{text} at the head of capture.toml{example}:{lines}"
 
 
+def describe_unfit(reader: FrameReader) -> str:
+    """Say that the frames do not follow their vectors, however these are read."""
+    return (
+        "no reading of the motion vectors fits the frames better than unrelated frames would be "
+        "fitted; render them with their frames, or declare how they are stored at the head of "
+        "capture.toml, for example:\n    " + _format_declaration(reader.conventions.motion)
+    )
+
+
 def describe_repeated(reader: FrameReader) -> str:
     """Say that frames which repeat do not tell how vectors are read."""
     return (

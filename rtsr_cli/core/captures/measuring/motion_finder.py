@@ -57,6 +57,12 @@ BLOCKS = 8
 
 LEAST_BLOCK_PIXELS = 8
 
+LEAST_BLOCKS = 8
+"""Of fewer blocks chance is not told from what is not."""
+
+LEAST_UNRELATED = 0.1
+"""Pictures whose pixels differ less from each other, of 1 for chance, hold nothing to follow."""
+
 SAME_VECTORS_PX = 0.2
 """Vectors of neighbouring files that are this close do not tell which file is meant: interpolation
 alone makes such a difference."""
@@ -137,30 +143,36 @@ def _measure_screening_errors(tried: Sequence[MotionConvention], triple: FrameTr
 
 @dataclass(frozen=True)
 class _TrialErrors:
-    """Errors of one hypothesis on the pixels of one triple, as it is and with its best offset."""
+    """Errors of one hypothesis on the pixels of one triple, as it is and with its best offset.
+
+    `elsewhere` are those of fetching along the same vectors from where other pixels are.
+    """
 
     plain: Tensor
     moved: Tensor
     inside: Tensor
     offset: Jitter
+    elsewhere: Tensor
 
 
 def _try_convention(triple: FrameTriple, convention: MotionConvention) -> _TrialErrors:
     other, shift = triple.shift(convention, FINAL_PIXELS)
     plain, inside = sample_differences(triple.samples, other, shift)
+    # the order of the samples is random
+    elsewhere, _ = sample_differences(triple.samples.turned(), other, shift)
     few = triple.samples.first(OFFSET_PIXELS)
     offset = fit_offset(few, other, shift[:, :OFFSET_PIXELS])
     moved, inside_moved = sample_differences(triple.samples, other, shift + offset[:, None])
     if float(moved.mean()) < (1.0 - OFFSET_GAIN) * float(plain.mean()):
         at = (float(offset[0]), float(offset[1]))
-        return _TrialErrors(plain, moved, inside & inside_moved, at)
-    return _TrialErrors(plain, plain, inside, (0.0, 0.0))
+        return _TrialErrors(plain, moved, inside & inside_moved, at, elsewhere)
+    return _TrialErrors(plain, plain, inside, (0.0, 0.0), elsewhere)
 
 
 def _block_means(
     triple: FrameTriple, trials: Sequence[_TrialErrors], unmoved: Tensor
 ) -> tuple[Tensor, ...]:
-    """Mean errors a block, plain and with offsets, of each hypothesis and of standing still.
+    """Mean errors a block of each hypothesis and of standing still: plain, with offsets, elsewhere.
 
     Only pixels count at which all hypotheses stay inside, but for those that hardly do anywhere.
     """
@@ -177,7 +189,8 @@ def _block_means(
         sums = torch.zeros(len(stacked), BLOCKS * BLOCKS).index_add_(1, block, stacked)
         return (sums / count)[:, count >= LEAST_BLOCK_PIXELS]
 
-    return means([t.plain for t in trials]), means([t.moved for t in trials])
+    kinds = ([getattr(t, kind) for t in trials] for kind in ("plain", "moved", "elsewhere"))
+    return tuple(map(means, kinds))
 
 
 def find_motion(
@@ -226,7 +239,7 @@ def _judge_finalists(
     moving: float,
 ) -> MotionFinding:
     blocks, offsets = zip(*each(partial(_measure_final_errors, finalists), triples), strict=True)
-    plain, moved = (torch.cat(parts, dim=1) for parts in zip(*blocks, strict=True))
+    plain, moved, elsewhere = (torch.cat(parts, dim=1) for parts in zip(*blocks, strict=True))
     if moved.shape[1] == 0:
         return MotionFinding(candidates=(), unmoved_error=1.0, moving=moving, triples=())
     best = int(moved[:-1].mean(1).argmin())
@@ -242,6 +255,8 @@ def _judge_finalists(
             significance=_significance(errors[i] - errors[best]),
             offsets_px=tuple(by_triple[i] for by_triple in offsets),
             same_vectors=i != best and _are_same_vectors(triples, convention, finalists[best]),
+            gain=_measure_gain(errors[i], elsewhere[i]),
+            gain_significance=_significance(elsewhere[i] - errors[i]),
         )
         for i, convention in enumerate(finalists)
     ]
@@ -251,6 +266,17 @@ def _judge_finalists(
         moving=moving,
         triples=tuple(t.number for t in triples),
     )
+
+
+def _measure_gain(errors: Tensor, elsewhere: Tensor) -> float | None:
+    """1 - error along vectors / error elsewhere, by blocks; None where that is chance.
+
+    Pictures without detail are alike everywhere.
+    """
+    unrelated = float(elsewhere.mean())
+    if len(errors) < LEAST_BLOCKS or unrelated < LEAST_UNRELATED:
+        return None
+    return 1.0 - float(errors.mean()) / unrelated
 
 
 def _measure_final_errors(

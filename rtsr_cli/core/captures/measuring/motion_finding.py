@@ -13,6 +13,11 @@ SIGNIFICANT_T = 3.0
 """Standard errors by which a hypothesis must lie behind to be ruled out."""
 
 
+LEAST_GAIN = 0.05
+"""Vectors that lead to pixels which are less than this share more alike than any two, by less than
+`SIGNIFICANT_T` standard errors, lead nowhere."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class MotionCandidate:
     """One hypothesis and what speaks for it.
@@ -24,6 +29,9 @@ class MotionCandidate:
         significance: that difference in standard errors.
         offsets_px: constant offset that fits best, for each triple.
         same_vectors: the winner's vectors as good as equal, out of another file.
+        gain: 1 - error / that of fetching from elsewhere in the picture; None where pictures or
+            pixels are too few to tell.
+        gain_significance: that difference in standard errors.
     """
 
     convention: MotionConvention
@@ -32,6 +40,15 @@ class MotionCandidate:
     significance: float
     offsets_px: tuple[Jitter, ...]
     same_vectors: bool = False
+    gain: float | None = None
+    gain_significance: float = 0.0
+
+    @property
+    def leads_nowhere(self) -> bool:
+        """Tell whether the vectors fit no better than they would fit unrelated frames."""
+        if self.gain is None:
+            return False
+        return self.gain < LEAST_GAIN and self.gain_significance < SIGNIFICANT_T
 
     @property
     def tied(self) -> bool:

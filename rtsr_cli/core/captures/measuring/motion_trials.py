@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -77,6 +77,10 @@ class PixelSamples:
         """Return the first `count` of them."""
         ids = None if self.ids is None else self.ids[:count]
         return PixelSamples(self.x[:count], self.y[:count], self.rows[:count], ids)
+
+    def turned(self) -> PixelSamples:
+        """Return each sample's picture at the place of the one after it."""
+        return replace(self, x=self.x.roll(1), y=self.y.roll(1))
 
 
 def _fetch(picture: FetchPicture, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
