@@ -31,7 +31,12 @@ from rtsr_cli.core.lighting.lighting_history import (
 )
 from rtsr_cli.models.gather.config import GatherConfig
 from rtsr_cli.models.gather.inputs import FASTEST_PX, LEAST_SHOWN_WORTH, ROUGHNESS
-from rtsr_cli.models.gather.network import MOST_EMPHASIS, MOST_LOGIT, MOST_WORTH
+from rtsr_cli.models.gather.network import (
+    MOST_EMPHASIS,
+    MOST_KEPT,
+    MOST_LOGIT,
+    MOST_WORTH,
+)
 
 SAMPLES = (
     *UNBOUNDED_LIGHTING,
@@ -96,12 +101,13 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
         name="gather",
         when="after",
         formula="all r are 0 where a pixel filter went over radiance; w as in the guided base, "
-        "its terms times f1..f3; d = guided enlargement of the change; "
+        "its terms times f1..f3, for e alone; d = guided enlargement of the change, f = 1; "
         f"t = clamp(3 |d|^2 / max(E, {LEAST_SQUARE:g}) - 2, 0, 1), E = guided enlargement of "
         f"|change|^2, d and E over that of seen, d 0 where that is not above "
-        f"{LEAST_KNOWN_SHARE:g}, squares as means of three; d1, t1 those of "
-        f"f = 1; c' = {config.age:g} c exp(r4) / (1 + (1 + {config.change_agreed:g} t1) |d1|^2 / "
-        f"{config.change_spread:g}^2); b = sigmoid(logit({config.change:g}) + r5) "
+        f"{LEAST_KNOWN_SHARE:g}, squares as means of three; "
+        f"c' = min({config.age:g} c exp(r4) / (1 + (1 + {config.change_agreed:g} t) |d|^2 / "
+        f"{config.change_spread:g}^2), {MOST_KEPT:g} c); "
+        f"b = sigmoid(logit({config.change:g}) + r5) "
         f"min(1, fit / {config.change_fit:g}) max(min(1, {config.change_worth:g} / c'), t); "
         f"h' = h + b d; n = fit^{config.fit_power:g}; e = (c' h' + n g) / (c' + n), g = guided "
         f"enlargement of e; worth = c' + n, at most {MOST_WORTH:g}",

@@ -5,13 +5,16 @@ pixel and its eight neighbours, and the trunk's features of the sample that the 
 belongs to. Both are the same at every scale: where a pixel lies in its block is among what it sees.
 
     f = exp(r_1..3)           factors of distance, normal and depth in log w: `guided_kernel`
-    c' = a c e^r_4 / (...),   b' = sigmoid(logit(b) + r_5), the rest of `lighting_history`
+    c' = min(a c e^r_4 / (...), z c),   b' = sigmoid(logit(b) + r_5), the rest of `lighting_history`
 
 r is 0 before any training: the network is `demod-temporal` then. It is 0, too, where a pixel filter
 went over radiance: parting what it mixed takes away whatever r changes, and training on that lets r
-grow beyond all bounds. History of another surface is
-worth nothing whatever r_4 is. In training, history is what the network itself made of the frames
-before; no gradient flows back through it.
+grow beyond all bounds. History of another surface is worth nothing whatever r_4 is.
+
+Change d is enlarged with factors of 1, as in `demod-temporal`: what it adds to history comes back
+in the change of frames to come, and wider kernels let that grow. For the same reason worth fades
+whatever r_4 is (z): a run forgets how it began. In training, history is what the network itself
+made of the frames before; no gradient flows back through it.
 """
 
 from __future__ import annotations
@@ -37,8 +40,6 @@ from rtsr_cli.core.lighting.lighting_history import (
     describe_samples,
     enlarge_frame,
     keep_history,
-    split_enlarged,
-    stack_samples,
 )
 from rtsr_cli.core.network.blocks import ResidualBlock, make_conv3
 from rtsr_cli.core.network.graphs import is_exporting
@@ -67,6 +68,9 @@ LEAST_SHARE = 1e-6
 
 MOST_WORTH = 16.0
 """Samples that history is worth at most."""
+
+MOST_KEPT = 0.95
+"""z, share of history's worth that a frame leaves of it at most."""
 
 STRIP_ROWS = 16
 """LR rows that the head sees at once, so that its features stay small."""
@@ -174,9 +178,9 @@ class GatherNetwork(nn.Module):
         """e' and c."""
         images = {name: getattr(frame, name) for name in FRAME_PLANES} | {"given": given}
         if self.config.kernel:
-            samples = describe_samples(inputs, stack_samples(inputs, carried))
             emphasis = given[:, :3].clamp(-MOST_EMPHASIS, MOST_EMPHASIS).exp()
-            images["enlarged"] = upsample_emphasised(samples, emphasis)
+            samples = describe_samples(inputs, inputs["encoded"])
+            images["encoded"] = upsample_emphasised(samples, emphasis)
         if carried is not None:
             images |= {"history": carried.encoded, "worth": carried.worth}
         if self.training:
@@ -191,17 +195,17 @@ class GatherNetwork(nn.Module):
         config, given = self.config, images["given"]
         worth_logit, share_logit = given[:, 3:4], given[:, 4:5]
         frame = EnlargedLighting(**{name: images[name] for name in FRAME_PLANES})
-        shown = split_enlarged(images["enlarged"], frame.fit) if config.kernel else frame
         worth = fresh = frame.fit.pow(config.fit_power)
-        encoded = shown.encoded
+        encoded = frame.encoded
         if "history" in images:
             aged = age_worth(images["worth"], frame, config)
             share: Tensor | float = config.change
             if config.history:
                 aged = aged * worth_logit.clamp(-MOST_LOGIT, MOST_LOGIT).exp()
+                aged = torch.minimum(aged, MOST_KEPT * images["worth"])
                 share = torch.sigmoid(share_logit + find_logit(config.change))
             known = CarriedLighting(encoded=images["history"], worth=aged)
-            encoded = blend_history(shown, known, fresh=fresh, share=share, weights=config)
+            encoded = blend_history(frame, known, fresh=fresh, share=share, weights=config)
             worth = fresh + aged
         if config.residual:
             encoded = (encoded + given[:, 5:]).clamp(min=0.0)

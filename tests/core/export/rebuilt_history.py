@@ -149,12 +149,10 @@ def guided(
     return total / weight, fit
 
 
-def enlarge_change(
-    g: Guides, change: Array, seen: Array, factors: Array | None
-) -> tuple[Array, Array]:
+def enlarge_change(g: Guides, change: Array, seen: Array) -> tuple[Array, Array]:
     """d and t."""
     stacked = np.concatenate([seen[None], change, (change**2).mean(0, keepdims=True)])
-    enlarged, _ = guided(g, stacked, np.zeros((5, *g.depth.shape)), factors)
+    enlarged, _ = guided(g, stacked, np.zeros((5, *g.depth.shape)))
     known = enlarged[0]
     d = np.where(known > C["KNOWN_SHARE"], enlarged[1:4] / np.maximum(known, 1e-9), 0)
     every = enlarged[4] / np.maximum(known, C["KNOWN_SHARE"])
@@ -217,10 +215,10 @@ def gather_frame(  # noqa: PLR0915  # one step after the other, as the page has 
         at = np.s_[..., scale // 2 :: scale, scale // 2 :: scale]
         seen = (divided & (c[at] > C["COMPARED_WORTH"])).astype(float)
         change = np.where(seen > 0, e - h[at], 0)
-        d, t = enlarge_change(g, change, seen, factors)
-        d1, t1 = enlarge_change(g, change, seen, None)
+        d, t = enlarge_change(g, change, seen)
         c2 = AGE * c * np.exp(clamp(r[3], -C["MOST_LOGIT"], C["MOST_LOGIT"]))
-        c2 = c2 / (1 + (1 + CHANGE_AGREED * t1) * (d1**2).mean(0) / CHANGE_SPREAD**2)
+        c2 = c2 / (1 + (1 + CHANGE_AGREED * t) * (d**2).mean(0) / CHANGE_SPREAD**2)
+        c2 = np.minimum(c2, C["GATHER_MOST_KEPT"] * c)
         share = 1 / (1 + np.exp(-(np.log(CHANGE / (1 - CHANGE)) + r[4])))
         b = share * np.minimum(1, fit / CHANGE_FIT)
         b = b * np.maximum(np.minimum(1, CHANGE_WORTH / np.maximum(c2, 1e-9)), t)

@@ -110,6 +110,7 @@ CONSTANTS = {
     "LEAST_WORTH": lighting_history.LEAST_WORTH,
     "MOST_EMPHASIS": gather_network.MOST_EMPHASIS,
     "MOST_LOGIT": gather_network.MOST_LOGIT,
+    "GATHER_MOST_KEPT": gather_network.MOST_KEPT,
     "GATHER_MOST_WORTH": gather_network.MOST_WORTH,
     "SAMPLE_SIGMA": cgts_inputs.SAMPLE_SIGMA_PX,
     "SPLAT_A": cgts_inputs.INTERPOLATION_A,
