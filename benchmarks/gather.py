@@ -37,6 +37,8 @@ def gain_in(region: str, ours: dict[str, Any], theirs: dict[str, Any]) -> float:
         if frame["counted"]
         and (mine := frame["regions"][region])
         and (other := theirs["frames"][number]["regions"][region])
+        # null where nothing differs, or nothing is left of the region within the border
+        and None not in (mine["psnr"], other["psnr"])
     ]
     return statistics.mean(gains)
 

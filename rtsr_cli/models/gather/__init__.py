@@ -28,7 +28,7 @@ from rtsr_cli.models.gather.inputs import prepare
 from rtsr_cli.models.gather.loss import goal, loss
 from rtsr_cli.models.gather.network import GatherNetwork
 
-PREROLL_FRAMES = 24
+PREROLL_FRAMES = 32
 """Frames that a shard replays."""
 
 
