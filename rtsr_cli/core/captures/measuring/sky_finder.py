@@ -136,6 +136,27 @@ def mark_sky(frame: Stored, conventions: Conventions) -> Mask | None:
     return None if normal is None else _is_zero(normal)
 
 
+NO_SURFACE = (Buffer.OBJECT_ID, Buffer.ALPHA, Buffer.POSITION)
+"""Buffers that are 0 where there is no surface, unless they are 0 nearly everywhere."""
+
+VECTORS = (Buffer.NORMAL, Buffer.GEONORMAL)
+
+
+def leave_out_sky(frame: Stored, conventions: Conventions) -> Stored:
+    """Return a frame whose normals are NaN where there is no surface: there they say nothing.
+
+    What a renderer clears them to, (0, 0, 1) say, is a direction like any other.
+    """
+    normals = {b: frame[b].float() for b in VECTORS if b in frame}
+    sky = mark_sky(frame, conventions) if normals else None
+    if sky is None:
+        return frame
+    for marked in (_is_zero(frame[b]) for b in NO_SURFACE if b in frame):
+        if _share([marked]) <= EVERYTHING:
+            sky = sky | marked
+    return {**frame, **{b: n.masked_fill(sky, torch.nan) for b, n in normals.items()}}
+
+
 def _is_marker(normal: Tensor, marker: tuple[float, float, float]) -> Mask:
     own = torch.tensor(marker).view(1, 3, 1, 1)
     return normal.sub(own).abs().lt(1e-3).all(1, keepdim=True)
