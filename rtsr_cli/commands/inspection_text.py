@@ -332,7 +332,10 @@ def _list_roughness_lines(
 def _doubt_roughness(frame_set: SetInspection, reader: FrameReader) -> str:
     """Say how roughness is read that nobody declares, and what speaks against it."""
     kind = reader.conventions.roughness
-    names = " ".join(c.channel + c.stream for c in reader.binding[Buffer.ROUGHNESS]).lower()
+    bound = reader.binding[Buffer.ROUGHNESS]
+    names = " ".join(c.channel + c.stream for c in bound).lower()
+    if bound.is_inverted and kind != "smoothness":
+        return f"taken as {kind}, made of smoothness by what is declared under [buffers]"
     if kind != "smoothness" and any(word in names for word in ("smooth", "gloss")):
         return f'taken as {kind}, but its name says smoothness: roughness = "smoothness"?'
     low = frame_set.statistics[Buffer.ROUGHNESS].median < 0.05

@@ -88,6 +88,7 @@ def test_inspect_says_the_share_of_the_sky_and_its_rule(
     assert found["impossible"] == 0.0
     text = rtsr("inspect", shot).output
     assert f"of the pixels, by {rule}" in text
+    assert f"sky measured: {rule.removesuffix(', measured')} (" in " ".join(text.split())
     assert "NaN or Inf" not in text
 
 

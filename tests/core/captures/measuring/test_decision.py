@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rtsr_cli.core.captures.bound_channels import BoundBuffer, BoundChannel, BoundSum
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import OpenMotion
 from rtsr_cli.core.captures.measuring import decision
@@ -31,6 +32,8 @@ from rtsr_cli.core.frames.conventions import (
     DepthConvention,
     DepthKind,
     NormalSpace,
+    RoughnessKind,
+    SkyRule,
 )
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
 
@@ -459,3 +462,34 @@ def test_a_declared_unit_that_makes_kilometres_is_warned_about_and_obeyed(settle
     )
     assert bound.reader.conventions.depth.unit_m == 1.0
     assert "7 km at 1 m a unit" in bound.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor", "twice"),
+    [
+        (RoughnessKind.SMOOTHNESS, -1.0, True),
+        (RoughnessKind.SMOOTHNESS, 1.0, False),
+        (RoughnessKind.PERCEPTUAL, -1.0, False),
+    ],
+)
+def test_roughness_that_is_inverted_twice_is_warned_of(
+    kind: RoughnessKind, factor: float, twice: bool, tmp_path: Path
+) -> None:
+    term = BoundChannel(stream="", channel="smooth.R", factor=factor)
+    bound = BoundBuffer((BoundSum(terms=(term,), constant=0.5 - factor / 2),))
+    reader = reader_of(tmp_path)
+    reader = replace(
+        reader,
+        binding={**reader.binding, Buffer.ROUGHNESS: bound},
+        conventions=replace(reader.conventions, roughness=kind),
+    )
+    warnings = measure_and_decide(reader, CaptureDeclaration(), named=True).warnings
+    assert any("roughness is inverted twice" in text for text in warnings) == twice
+
+
+def test_sky_marked_by_what_is_not_there_is_warned_of(tmp_path: Path) -> None:
+    reader = reader_of(tmp_path)
+    depth = DepthConvention(sky=SkyRule.ALPHA)
+    reader = replace(reader, conventions=replace(reader.conventions, depth=depth))
+    warnings = measure_and_decide(reader, CaptureDeclaration(), named=True).warnings
+    assert any('sky = "alpha" is declared, but there is no alpha' in text for text in warnings)
