@@ -186,9 +186,10 @@ def _try_readings(
         # a frame's vectors from the one before are those to it under the next frame's matrices
         alone = closely and not reading.of_neighbour
         errors = evidence.measure(reading.cameras, closely=alone)
-        common = errors.keys() & own.keys()
+        # the vectors may be about the next frame in one reading, and about the one before in another
+        common = (errors.keys() & own.keys() or errors.keys() | own.keys()) if errors else ()
         if common:
-            pairs[index] = tuple(mean_error(e[n] for n in common) for e in (errors, own))
+            pairs[index] = tuple(mean_error(e[n] for n in common if n in e) for e in (errors, own))
     return _Trial(evidence=evidence, own=mean, pairs=pairs)  # type: ignore[arg-type]
 
 
@@ -320,10 +321,13 @@ def _describe_unfit(
     first = f"the camera matrices of frame {number} are not used{said}: "
     found = ": ".join((*looks, fault or proof))
     remedy = OTHER_WORLD if reading is not None and reading.mirrors_world else OWN
+    remedy = OTHER_FRAME if reading is not None and reading.of_neighbour else remedy
     return f"{first}{found}; {remedy}{_word_declaration(reading, convention)}"
 
 
 OWN = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
+
+OTHER_FRAME = "write each frame's own"
 
 OTHER_WORLD = "write matrices of the world that positions and normals are in (docs/frames.md)"
 

@@ -14,6 +14,7 @@ from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import Layout, OpenMotion
 from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
 from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
+from rtsr_cli.core.captures.measuring.geometry_finder import MOTION, POSITION, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import (
     MeasuredReader,
@@ -367,6 +368,9 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
     presumed = settled.reader.conventions.depth
     against = finding.of(presumed)
     best = finding.best
+    poor = _describe_poor_fit(finding)
+    if poor:
+        settled = replace(settled, notes=(*settled.notes, poor))
     if best is None or against is None or best.convention == against.convention:
         return settled
     if best.error > (1.0 - WIDE_DEPTH_MARGIN) * against.error:
@@ -418,6 +422,25 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
     rule = finding.rule.removesuffix(", measured")
     note = f"sky measured: {rule} ({finding.share:.1%} of the pixels)"
     return take_measurement(settled, "sky", note, depth=depth)
+
+
+POOR_FIT = {MOTION: 0.02, POSITION: 0.005}
+"""Errors of depth from which the best reading fits poorly, if the next one is hardly worse."""
+
+
+def _describe_poor_fit(finding: DepthFinding) -> str:
+    """Say that no reading of depth fits as a right one does; empty if one does."""
+    best = finding.best
+    clear = finding.margin >= WIDE_DEPTH_MARGIN
+    few = len(finding.candidates) < 2
+    if best is None or few or clear or best.error <= POOR_FIT.get(finding.measure, math.inf):
+        return ""
+    return (
+        f"no reading of depth fits the camera well: the best one, {best.convention.kind}, "
+        f"{best.convention.unit_m:g} m a unit, is off by {best.error:.2g} {finding.measure}, the "
+        f"next one by {finding.candidates[1].error:.2g}; are the matrices' near plane, or the unit "
+        "and start of ray distances, the renderer's ([depth] kind, unit, from, near)?"
+    )
 
 
 def _check_sky_marker(settled: MeasuredReader) -> MeasuredReader:

@@ -22,6 +22,7 @@ from rtsr_cli.core.captures.measuring.camera_evidence import (
     list_units,
 )
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
+from rtsr_cli.core.captures.measuring.camera_measurement import are_of_camera
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry
 from rtsr_cli.core.frames.camera import CameraMetadata, View
@@ -234,6 +235,55 @@ def test_the_other_sense_of_vectors_is_tried_with_the_cameras_of_neighbours(room
     evidence = (TwoReadings(room.cameras),)
     found = check_cameras(room.cameras, evidence, step=1, convention=CameraConvention())
     assert found.likenesses == "those of a neighbouring frame"
+
+
+class OneFrameEach:
+    """Vectors that fit the given matrices in one frame, badly, and a neighbour's in another."""
+
+    name = "motion with depth"
+    unit = "px of motion"
+    tells_world, tells_step = False, True
+    slack, factor, limit, sure = 0.02, 4.0, 0.1, 0.025
+
+    def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
+        del closely
+        return {max(cameras): 0.0} if min(cameras) > 1 else {min(cameras): 1.5}
+
+
+def test_readings_that_share_no_frame_are_compared_all_the_same(room: Room) -> None:
+    given = {n: camera for n, camera in room.cameras.items() if n in (1, 2, 3)}
+    found = check_cameras(given, (OneFrameEach(),), step=1, convention=CameraConvention())
+    assert "each frame's own are in the frame before it" in found.unfit
+    assert "write each frame's own" in found.unfit
+
+
+class FewWays:
+    """Normals that fit the camera's axes better than the matrices' world, as another does."""
+
+    limit, slack = 70.0, 8.0
+
+    def __init__(self, given: Cameras, best: float) -> None:
+        self.given, self.best = given, best
+
+    def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
+        del closely
+        if cameras is self.given:
+            return {1: 82.0}
+        mirrored = np.diag([1.0, 1.0, -1.0, 1.0]) @ self.given[1].view
+        return {1: self.best if np.allclose(cameras[1].view, mirrored) else 99.0}
+
+    def measure_in_camera(self, cameras: Cameras) -> float:
+        del cameras
+        return 66.0
+
+
+@pytest.mark.parametrize(("best", "of_camera"), [(38.0, False), (66.0, True), (90.0, True)])
+def test_normals_of_another_world_are_not_taken_for_the_camera_s(
+    room: Room, best: float, of_camera: bool
+) -> None:
+    given = {1: room.cameras[min(room.cameras)]}
+    evidence: Any = FewWays(given, best)
+    assert are_of_camera(evidence, given) == of_camera
 
 
 @pytest.mark.parametrize("kinds", [("positions",), ("motion", "normals"), ("normals",)])

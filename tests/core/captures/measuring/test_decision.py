@@ -493,3 +493,18 @@ def test_sky_marked_by_what_is_not_there_is_warned_of(tmp_path: Path) -> None:
     reader = replace(reader, conventions=replace(reader.conventions, depth=depth))
     warnings = measure_and_decide(reader, CaptureDeclaration(), named=True).warnings
     assert any('sky = "alpha" is declared, but there is no alpha' in text for text in warnings)
+
+
+@pytest.mark.parametrize(
+    ("best", "second", "said"), [(0.079, 0.097, True), (0.0008, 0.097, False), (0.01, 0.011, False)]
+)
+def test_a_depth_that_fits_poorly_is_said(
+    settled: Settle, best: float, second: float, said: bool
+) -> None:
+    readings = (DepthConvention(), DepthConvention(kind=DepthKind.RAY))
+    candidates = tuple(
+        DepthCandidate(convention=c, error=e) for c, e in zip(readings, (best, second), strict=True)
+    )
+    finding = DepthFinding(candidates=candidates, measure="px of motion")
+    notes = settled(StorageMeasurement(depth=finding)).notes
+    assert any("no reading of depth fits the camera well" in text for text in notes) == said
