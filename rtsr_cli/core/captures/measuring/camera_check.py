@@ -186,7 +186,7 @@ def _try_readings(
         # a frame's vectors from the one before are those to it under the next frame's matrices
         alone = closely and not reading.of_neighbour
         errors = evidence.measure(reading.cameras, closely=alone)
-        # the vectors may be about the next frame in one reading, and about the one before in another
+        # vectors may be about the next frame in one reading, about the one before in another
         common = (errors.keys() & own.keys() or errors.keys() | own.keys()) if errors else ()
         if common:
             pairs[index] = tuple(mean_error(e[n] for n in common if n in e) for e in (errors, own))
@@ -296,8 +296,8 @@ def _describe_doubt(trials: Sequence[_Trial], *, mirrored: bool, resting: bool) 
         yield f"{UNVERIFIED}: nothing in these frames moves or turns so that it could tell."
     else:
         yield (
-            f"{UNVERIFIED}: the files hold nothing that could tell (world positions, motion with "
-            "depth, or normals with depth)."
+            f"{UNVERIFIED}: nothing in the files can tell: that takes world positions, depth with "
+            "motion that is read, or depth with normals of the world that face several ways."
         )
     if mirrored:
         yield "They mirror: world and camera space are of different handedness."
