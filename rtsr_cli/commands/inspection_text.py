@@ -247,7 +247,13 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
         return "unverified"
     but = f"; not told from {found.likenesses}" if found.undecided else ""
     apart = "; single frames are in doubt: see the problems" if found.strays else ""
-    return f"verified by {', '.join(found.proofs)}{but}{apart}"
+    unread = settled is not None and bool(settled.reader.motion_undecided)
+    how = f" ({ANY_READING})" if unread and any("motion" in name for name in found.proofs) else ""
+    return f"verified by {', '.join(found.proofs)}{how}{but}{apart}"
+
+
+ANY_READING = "in one of the readings that motion leaves open"
+"""Said of cameras that agree with vectors which are not read."""
 
 
 def _list_convention_lines(settled: MeasuredReader) -> Iterator[str]:

@@ -585,3 +585,12 @@ def test_names_that_tell_nothing_leave_a_skeleton_to_start_from(
     text = (dump / "capture.toml").read_text()
     for part in ("color (3)", "motion (2)", "zz0.K", '["mv:R", "mv:G"]'):
         assert part in text
+
+
+def test_ids_that_are_all_0_are_said(rtsr: Run, small_capture: Path, changed: Changed) -> None:
+    def unnumber(planes: Planes, _: int) -> None:
+        planes["objectid"][:] = 0
+
+    said = "'object_id' is 0 in every pixel"
+    assert said in rtsr("inspect", changed(small_capture, unnumber)).output
+    assert said not in rtsr("inspect", small_capture).output

@@ -329,7 +329,10 @@ OWN = "write row vectors of a camera with x right, y up that looks along -z (doc
 
 OTHER_FRAME = "write each frame's own"
 
-OTHER_WORLD = "write matrices of the world that positions and normals are in (docs/frames.md)"
+OTHER_WORLD = (
+    "write matrices of the world that positions and normals are in (docs/frames.md), or, if it is "
+    "their channels that are mixed up, name those in the order x, y, z ([buffers] normal, position)"
+)
 
 
 def _word_likeness(text: str) -> str:

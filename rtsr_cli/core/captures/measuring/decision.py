@@ -214,6 +214,9 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
             return add_warning(settled, text)
         note = f"motion measured: {chosen} (without measurement: {presumed})"
         return take_measurement(settled, "motion", note, motion=chosen)
+    tie = _describe_open_tie(settled, best, capture)
+    if tie:
+        settled = replace(settled, notes=(*settled.notes, tie))
     if agreed or not _is_unproven(settled, capture):
         doubt = "" if agreed else _describe_doubt(against, best, capture)
         return add_warning(settled, doubt) if doubt else settled
@@ -270,6 +273,22 @@ def _add_resting(settled: MeasuredReader) -> MeasuredReader:
         settled,
         f"frames {format_ranges(measured.resting)} show the picture of the frame before them "
         "(animation on twos?), so that little of the motion can be measured",
+    )
+
+
+def _describe_open_tie(
+    settled: MeasuredReader, best: MotionCandidate | None, capture: CaptureDeclaration
+) -> str:
+    """Say that a declaration is all that tells vectors apart from other readings; may be empty."""
+    finding = settled.measured.motion
+    if finding is None or best is not None or not capture.motion.decides():
+        return ""
+    others = len(finding.ties) - 1
+    if others < 1:
+        return ""
+    return (
+        f"motion is read as declared; the frames fit {others} other reading"
+        f"{'s' if others > 1 else ''} as well, so that nothing but the declaration tells"
     )
 
 

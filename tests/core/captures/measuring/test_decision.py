@@ -508,3 +508,14 @@ def test_a_depth_that_fits_poorly_is_said(
     finding = DepthFinding(candidates=candidates, measure="px of motion")
     notes = settled(StorageMeasurement(depth=finding)).notes
     assert any("no reading of depth fits the camera well" in text for text in notes) == said
+
+
+def test_a_declaration_that_leaves_a_tie_open_is_said(settled: Settle) -> None:
+    finding = tied(MotionConvention(), NEGATED)
+    declared = capture(
+        motion={"unit": "pixels", "direction": "previous-minus-current", "y_axis": "down"}
+    )
+    notes = settled(StorageMeasurement(motion=finding), declared).notes
+    assert any("the frames fit 1 other reading as well" in text for text in notes)
+    notes = settled(StorageMeasurement(motion=finding)).notes
+    assert not any("other reading" in text for text in notes)
