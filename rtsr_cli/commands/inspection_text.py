@@ -153,6 +153,7 @@ def _list_set_lines(frame_set: SetInspection, declared: CaptureDeclaration) -> I
     if frame_set.settled is not None:
         yield from _list_convention_lines(frame_set.settled)
         yield from _list_roughness_lines(frame_set, reader, declared)
+        yield from _list_id_lines(frame_set)
         for note in frame_set.settled.notes:
             yield _format_line("note", note)
     yield from _list_problem_lines(frame_set)
@@ -333,6 +334,17 @@ def _list_roughness_lines(
         kind = reader.conventions.roughness
         known = f"{kind}, declared" if declared.roughness == kind else ""
         yield _format_line("roughness", known or _doubt_roughness(frame_set, reader))
+
+
+def _list_id_lines(frame_set: SetInspection) -> Iterator[str]:
+    """Say of ids that are all 0 where they come from; nothing needs them."""
+    ids = frame_set.statistics.get(Buffer.OBJECT_ID)
+    if ids is not None and ids.low == ids.high == 0.0:
+        yield _format_line(
+            "ids",
+            "0 in every pixel: no object was given a number (Blender: Pass Index under Object, "
+            "Relations); objects are not told apart by them",
+        )
 
 
 def _doubt_roughness(frame_set: SetInspection, reader: FrameReader) -> str:

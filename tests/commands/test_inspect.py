@@ -591,6 +591,6 @@ def test_ids_that_are_all_0_are_said(rtsr: Run, small_capture: Path, changed: Ch
     def unnumber(planes: Planes, _: int) -> None:
         planes["objectid"][:] = 0
 
-    said = "'object_id' is 0 in every pixel"
+    said = "0 in every pixel: no object was given a number"
     assert said in rtsr("inspect", changed(small_capture, unnumber)).output
     assert said not in rtsr("inspect", small_capture).output

@@ -190,13 +190,8 @@ def _doubt_zeros(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
 
 
 def _doubt_ids(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
-    """Ids that tell no objects apart: all 0, or averaged by a pixel filter."""
+    """Ids between two whole numbers are of no object: a pixel filter has averaged them."""
     ids = statistics.get(Buffer.OBJECT_ID)
-    if ids is not None and ids.low == ids.high == 0.0:
-        return [
-            "'object_id' is 0 in every pixel: no object was given a number (Blender: Pass Index "
-            "under Object, Relations); regions by object and what tells objects apart do without"
-        ]
     if ids is None or not ids.fractional:
         return []
     return [

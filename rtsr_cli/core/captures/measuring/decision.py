@@ -89,6 +89,7 @@ def measure_and_decide(
         if motion or step not in {_decide_motion, _check_repeats}:
             settled = step(settled, capture)
     settled = _add_resting(settled)
+    settled = _add_distrust(settled, capture) if motion else settled
     text = settled.motion_undecided
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
@@ -214,9 +215,6 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
             return add_warning(settled, text)
         note = f"motion measured: {chosen} (without measurement: {presumed})"
         return take_measurement(settled, "motion", note, motion=chosen)
-    tie = _describe_open_tie(settled, best, capture)
-    if tie:
-        settled = replace(settled, notes=(*settled.notes, tie))
     if agreed or not _is_unproven(settled, capture):
         doubt = "" if agreed else _describe_doubt(against, best, capture)
         return add_warning(settled, doubt) if doubt else settled
@@ -276,20 +274,22 @@ def _add_resting(settled: MeasuredReader) -> MeasuredReader:
     )
 
 
-def _describe_open_tie(
-    settled: MeasuredReader, best: MotionCandidate | None, capture: CaptureDeclaration
-) -> str:
-    """Say that a declaration is all that tells vectors apart from other readings; may be empty."""
+def _add_distrust(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Say why vectors that are declared are not relied upon where no system is named."""
     finding = settled.measured.motion
-    if finding is None or best is not None or not capture.motion.decides():
-        return ""
-    others = len(finding.ties) - 1
-    if others < 1:
-        return ""
-    return (
-        f"motion is read as declared; the frames fit {others} other reading"
-        f"{'s' if others > 1 else ''} as well, so that nothing but the declaration tells"
+    unsaid = (
+        finding is not None
+        and finding.moving > 0.0
+        and not _is_contradicted(finding.of(_is_plain(settled.reader.conventions.motion)))
     )
+    declared = capture.motion.decides() and Buffer.MOTION in settled.reader.stored
+    if not declared or not unsaid or is_motion_trusted(settled, capture):
+        return settled
+    note = (
+        "motion is read as declared, but these frames do not show that it is right: systems that "
+        "rely on it have to be named (--system)"
+    )
+    return replace(settled, notes=(*settled.notes, note))
 
 
 def _describe_doubt(

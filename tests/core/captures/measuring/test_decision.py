@@ -510,12 +510,14 @@ def test_a_depth_that_fits_poorly_is_said(
     assert any("no reading of depth fits the camera well" in text for text in notes) == said
 
 
-def test_a_declaration_that_leaves_a_tie_open_is_said(settled: Settle) -> None:
-    finding = tied(MotionConvention(), NEGATED)
-    declared = capture(
-        motion={"unit": "pixels", "direction": "previous-minus-current", "y_axis": "down"}
-    )
-    notes = settled(StorageMeasurement(motion=finding), declared).notes
-    assert any("the frames fit 1 other reading as well" in text for text in notes)
-    notes = settled(StorageMeasurement(motion=finding)).notes
-    assert not any("other reading" in text for text in notes)
+def test_declared_vectors_that_are_not_relied_upon_are_said(settled: Settle) -> None:
+    sense = {"unit": "pixels", "y_axis": "down", "direction": "previous-minus-current"}
+    declared = capture(motion=sense)
+    said = "systems that rely on it have to be named"
+    still = MotionFinding(candidates=(), unmoved_error=0.4, moving=0.5, triples=(2,))
+    notes = settled(StorageMeasurement(motion=still), declared).notes
+    assert any(said in text for text in notes)
+    for finding in (clear(MotionConvention(), NEGATED), tied(MotionConvention(), NEGATED)):
+        notes = settled(StorageMeasurement(motion=finding), declared).notes
+        assert not any(said in text for text in notes)
+    assert not any(said in text for text in settled(StorageMeasurement(motion=still)).notes)
