@@ -468,3 +468,15 @@ def test_normals_cannot_tell_whether_one_camera_in_all_frames_is_right(room: Roo
     normals = dict.fromkeys(room.cameras, room.normals[1])
     found = check(Room(still, frames, normals), still, "normals")
     assert found.likenesses == "those of a neighbouring frame"
+
+
+def test_what_could_tell_is_named_where_nothing_does(room: Room) -> None:
+    doubt = check(room, room.cameras).doubt
+    assert "depth with normals of the world that face several ways" in doubt
+    assert "the files hold nothing" not in doubt
+
+
+def test_of_normals_in_another_order_their_channels_are_named_too(room: Room) -> None:
+    turn = np.diag([1.0, -1.0, 1.0, 1.0])
+    given = {n: CameraMatrices(turn @ m.view, turn @ m.ndc) for n, m in room.cameras.items()}
+    assert "order x, y, z ([buffers] normal, position)" in check(room, given, "normals").unfit
