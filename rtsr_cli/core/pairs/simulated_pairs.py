@@ -13,8 +13,6 @@ from rtsr_cli.core.captures.regions import OutputWindows, place_output
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
-from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.pairs.dark_material import leave_outshining
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
 from rtsr_cli.core.pairs.sources import (
@@ -120,20 +118,13 @@ class SimulatedPairs:
         full = self.capture.read(number, reads.lr.stored | reads.hr.stored)
         small = decimate_frame(full, reads.lr.stored, self.simulation)
         checked = check_frame(small, inputs)
-        divides = Buffer.LIGHTING in reads.lr.used and Buffer.MATERIAL in reads.hr.used
-        divisor = {Buffer.MATERIAL} if divides else set()
-        built = replace(reads.lr, used=tuple(dict.fromkeys((*reads.lr.used, *divisor))))
-        lr = build_lr(checked.frame, built, derivation)
+        lr = build_lr(checked.frame, reads.lr, derivation)
         pair = FramePair(lr, None, checked.fixed, checked.negative, checked.covered)
         if not reads.hr.used:
             return pair
         hr, fixed_hr = apply_policy(select_hr(full, reads.hr), inputs.on_nonfinite)
         hr = build_hr(hr, reads.hr, derivation, self.simulation.samples_per_pixel)
-        if divides:
-            lr, hr = leave_outshining(lr, hr, self.simulation.scale)
-        unwanted = divisor - set(reads.lr.used)
-        lr = replace(lr, gbuffer=lr.gbuffer.only(lr.gbuffer.keys() - unwanted))
-        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)
+        return replace(pair, hr=hr, fixed=pair.fixed + fixed_hr)
 
 
 def open_simulated_pairs(capture: FrameReader, simulation: Simulation) -> SimulatedPairs:
