@@ -153,6 +153,7 @@ def _list_set_lines(frame_set: SetInspection, declared: CaptureDeclaration) -> I
     if frame_set.settled is not None:
         yield from _list_convention_lines(frame_set.settled)
         yield from _list_roughness_lines(frame_set, reader, declared)
+        yield from _list_id_lines(frame_set)
         for note in frame_set.settled.notes:
             yield _format_line("note", note)
     yield from _list_problem_lines(frame_set)
@@ -248,7 +249,13 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
         return "unverified"
     but = f"; not told from {found.likenesses}" if found.undecided else ""
     apart = "; single frames are in doubt: see the problems" if found.strays else ""
-    return f"verified by {', '.join(found.proofs)}{but}{apart}"
+    unread = settled is not None and bool(settled.reader.motion_undecided)
+    how = f" ({ANY_READING})" if unread and any("motion" in name for name in found.proofs) else ""
+    return f"verified by {', '.join(found.proofs)}{how}{but}{apart}"
+
+
+ANY_READING = "in one of the readings that motion leaves open"
+"""Said of cameras that agree with vectors which are not read."""
 
 
 def _list_convention_lines(settled: MeasuredReader) -> Iterator[str]:
@@ -330,10 +337,24 @@ def _list_roughness_lines(
         yield _format_line("roughness", known or _doubt_roughness(frame_set, reader))
 
 
+def _list_id_lines(frame_set: SetInspection) -> Iterator[str]:
+    """Say of ids that are all 0 where they come from; nothing needs them."""
+    ids = frame_set.statistics.get(Buffer.OBJECT_ID)
+    if ids is not None and ids.low == ids.high == 0.0:
+        yield _format_line(
+            "ids",
+            "0 in every pixel: no object was given a number (Blender: Pass Index under Object, "
+            "Relations); objects are not told apart by them",
+        )
+
+
 def _doubt_roughness(frame_set: SetInspection, reader: FrameReader) -> str:
     """Say how roughness is read that nobody declares, and what speaks against it."""
     kind = reader.conventions.roughness
-    names = " ".join(c.channel + c.stream for c in reader.binding[Buffer.ROUGHNESS]).lower()
+    bound = reader.binding[Buffer.ROUGHNESS]
+    names = " ".join(c.channel + c.stream for c in bound).lower()
+    if bound.is_inverted and kind != "smoothness":
+        return f"taken as {kind}, made of smoothness by what is declared under [buffers]"
     if kind != "smoothness" and any(word in names for word in ("smooth", "gloss")):
         return f'taken as {kind}, but its name says smoothness: roughness = "smoothness"?'
     low = frame_set.statistics[Buffer.ROUGHNESS].median < 0.05

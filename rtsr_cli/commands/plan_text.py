@@ -123,8 +123,9 @@ def log_pixel_findings(done: RunDone) -> None:
         )
     for shot, shares in done.no_material.items():
         LOG.info(
-            "%s: %s of the pixels of frames %s are surfaces whose material is 0, or another one at "
-            "LR than at HR: their radiance is enlarged as it is",
+            "%s: %s of the pixels of frames %s are surfaces whose material is 0, another one at "
+            "LR than at HR, or far too dark for their radiance: their radiance is enlarged as it "
+            "is",
             shot if shot != "." else done.folder,
             _name_share(shares.values()),
             format_ranges(shares),

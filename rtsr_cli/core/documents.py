@@ -173,6 +173,8 @@ def describe_value(value: object) -> str:
     """Write a value for a message, in short; numbers of any length, lists of any size."""
     if isinstance(value, str):
         return shorten_value(repr(value[: MOST_LETTERS + 1]))
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, int) and abs(value) >= 10**MOST_LETTERS:
         return "a number of very many digits"
     if isinstance(value, list | tuple):

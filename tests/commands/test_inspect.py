@@ -600,3 +600,12 @@ def test_a_truncated_hr_frame_is_no_hole_that_could_be_skipped(
     assert "--on-missing skip" not in said.output
     cut.unlink()
     assert "--on-missing skip" in rtsr("inspect", shot).output
+
+
+def test_ids_that_are_all_0_are_said(rtsr: Run, small_capture: Path, changed: Changed) -> None:
+    def unnumber(planes: Planes, _: int) -> None:
+        planes["objectid"][:] = 0
+
+    said = "0 in every pixel: no object was given a number"
+    assert said in rtsr("inspect", changed(small_capture, unnumber)).output
+    assert said not in rtsr("inspect", small_capture).output

@@ -88,6 +88,7 @@ def test_inspect_says_the_share_of_the_sky_and_its_rule(
     assert found["impossible"] == 0.0
     text = rtsr("inspect", shot).output
     assert f"of the pixels, by {rule}" in text
+    assert f"sky measured: {rule.removesuffix(', measured')} (" in " ".join(text.split())
     assert "NaN or Inf" not in text
 
 
@@ -221,3 +222,58 @@ def test_base_colour_of_one_size_alone_is_never_worse_than_bicubic(
         for out in outs.values()
     )
     assert ours <= 1.001 * plain
+
+
+@pytest.mark.parametrize("declared", ["", '[normal]\nspace = "world"\npacked = false'])
+def test_normals_that_the_sky_was_cleared_to_tell_no_space(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, declared: str
+) -> None:
+    def change(planes: dict[str, Plane], number: int) -> None:
+        sky = planes["depth.Z"] >= 65504.0
+        sky[: sky.shape[0] // 2] = True
+        planes["depth.Z"][sky] = 65504.0
+        for name, value in zip("XYZ", (0.0, 0.0, 1.0), strict=True):
+            planes[f"normal.{name}"][sky] = value
+
+    shot = make_shot(small_shot, tmp_path / "shot", changed, change, declared)
+    facts = json.loads(rtsr("inspect", shot, "--json").output)
+    text = rtsr("inspect", shot).output
+    assert "view space" not in text, text
+    assert facts["sky"]["share"] > 0.0
+
+
+@pytest.mark.parametrize("left", [0.0, 0.006])
+@pytest.mark.parametrize("system", ["demod-guided", "gather", "fusesr-fast", "nsrd"])
+def test_metal_without_base_colour_is_never_worse_than_bicubic(
+    rtsr: Run,
+    small_shot: Path,
+    changed: Copy,
+    tmp_path: Path,
+    load_rgb: Load,
+    system: str,
+    left: float,
+) -> None:
+    """Its divisor is the remainder of the specular term: 0 in places, a tenth at the edges."""
+
+    def take_colour(planes: dict[str, Plane], number: int) -> None:
+        del number
+        side = planes["metallic"].shape[1] // 2
+        for name in COLOUR:
+            planes[name][:, :side] = left
+        planes["metallic"][:, :side] = 1.0
+        planes["roughness"][:, :side] = 0.4
+
+    shot = make_shot(small_shot, tmp_path / "shot", changed, take_colour, "")
+    outs = {name: tmp_path / f"out-{name}" for name in ("bicubic", system)}
+    for name, out in outs.items():
+        result = rtsr("upscale", shot, out, "--system", name, "--frames", "2")
+        assert result.exit_code == 0, result.output
+    said = " ".join(result.output.split())
+    assert "or far too dark for their radiance: their radiance is enlarged as it is" in said
+    wanted = load_rgb(small_shot / "reference" / "frame.0002.exr")
+    side = wanted.shape[2] // 2
+    plain, ours = (
+        float(np.mean((load_rgb(out / "frame.0002.exr") - wanted)[..., :side] ** 2))
+        for out in outs.values()
+    )
+    assert ours <= 1.02 * plain

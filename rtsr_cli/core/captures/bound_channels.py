@@ -64,6 +64,11 @@ class BoundBuffer:
         """Tell whether it is more than channels of files, one a component."""
         return not all(component.is_one_channel for component in self.components)
 
+    @property
+    def is_inverted(self) -> bool:
+        """Tell whether a channel is taken from something: `1 - x`."""
+        return any(channel.factor < 0.0 for channel in self)
+
     def renamed(self, names: Mapping[tuple[str, str], str]) -> BoundBuffer:
         """Return the same of channels that are called otherwise.
 

@@ -134,6 +134,24 @@ def explain_signs(name: str) -> str:
     return ""
 
 
+def explain_quotes(name: str, channels: Sequence[str]) -> str:
+    """What to say of a name that is a part of one in which an operator stands; may be empty."""
+    words = name.split()
+    for channel in channels:
+        known = [channel.split()[i : i + len(words)] for i in range(len(channel.split()))]
+        if is_expression(channel) and words in known:
+            return f"; of '{channel}' the whole name stands in single quotes: \"'{channel}'\""
+    return ""
+
+
+def explain_letters(name: str, channels: int) -> str:
+    """What to say of a name whose last letters are too many or too few; empty if they are none."""
+    last = name.rpartition(".")[2]
+    if last == name or not any(alphabet.issuperset(last) for alphabet in ALPHABETS):
+        return ""
+    return f"; '.{last}' is {len(last)}: end the name in {channels} (.{'RGB'[:channels]})"
+
+
 def name_sums(buffer: Buffer, *expressions: str) -> tuple[Component, ...]:
     """Components of a buffer that is computed, by the expressions that are tried in order."""
     turns = [parse_expression(text, BUFFER_SPECS[buffer].channels) for text in expressions]

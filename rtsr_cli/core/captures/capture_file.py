@@ -22,6 +22,8 @@ from pydantic import (
     Tag,
     TypeAdapter,
     ValidationError,
+    ValidationInfo,
+    field_validator,
     model_serializer,
 )
 
@@ -115,8 +117,27 @@ Stored = Annotated[
 ]
 
 
+NO_SWITCH = "true and false are no numbers and no words"
+
+
+def _holds_boolean(value: object) -> bool:
+    """Tell whether a value, or an entry of a list, is true or false; tables see to their own."""
+    if isinstance(value, list | tuple):
+        return any(_holds_boolean(entry) for entry in value)
+    return isinstance(value, bool)
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _refuse_booleans(cls, value: object, info: ValidationInfo) -> object:
+        """Let true and false be values of switches alone: elsewhere they would be 1 and 0."""
+        annotation = cls.model_fields[str(info.field_name)].annotation
+        if bool in (annotation, *get_args(annotation)) or not _holds_boolean(value):
+            return value
+        raise ValueError(NO_SWITCH)
 
     def declared(self) -> dict[str, Any]:
         """Return the fields that the user gave."""
@@ -391,10 +412,11 @@ def validate_content(kind: type[T], content: object, path: Path) -> T:
     try:
         return TypeAdapter(kind).validate_python(content)
     except ValidationError as error:
-        lines = dict.fromkeys(
-            _describe_error(item, kind)
-            for item in islice(error.errors(include_url=False), MOST_PROBLEMS)
-        )
+        items = error.errors(include_url=False)
+        # of a table's key that is none, nothing else is said
+        unknown = {item["loc"][:-1] for item in items if item["loc"][-1:] == ("[key]",)}
+        told = (item for item in items if item["loc"] not in unknown)
+        lines = dict.fromkeys(_describe_error(item, kind) for item in islice(told, MOST_PROBLEMS))
         more = error.error_count() - MOST_PROBLEMS
         rest = f"; and {more} more" if more > 0 else ""
         raise ConfigError(f"{path}: " + "; ".join(lines) + rest) from error

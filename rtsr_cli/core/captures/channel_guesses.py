@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 
 KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
-    Buffer.MOTION: ("motion", "vel", "mvec", "mv", "mo", "vector", "flow", "backward"),
+    Buffer.MOTION: ("motion", "speed", "vel", "mvec", "mv", "mo", "vector", "flow", "backward"),
     Buffer.FORWARD: ("forward",),
     Buffer.ALBEDO: ("albedo", "basecolor", "base_color", "base", "diffcol", "diffuse"),
     Buffer.NORMAL: ("normal", "nrm", "nml", "norm"),
@@ -43,6 +43,12 @@ OF_LIGHT = ("light", "direct", "illum", "irrad", "shad", "bounce")
 OF_LOBES = ("glossy",)
 """In names of channels that hold the light or the colour of mirrors, no glossiness."""
 
+OF_COATS = ("coat", "sheen", "clear")
+"""In names of channels that describe what lies over a surface, not the surface."""
+
+OF_LENSES = ("depthoffield", "depth_of_field", "dof")
+"""In names of channels that hold what a lens does, no depth."""
+
 OF_DENOISERS = ("denois",)
 """In names of what guides a denoiser: through mirrors, surfaces are those that they show."""
 
@@ -58,6 +64,9 @@ WHOLE, BEGINNING = 2, 3
 WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 """A part of a name: sceneDepth, scene_depth and SceneDepth have two."""
 
+
+SPACE_CHANNELS = 3
+"""No buffer has more."""
 
 Place = tuple[str, str]
 """A file sequence, and a channel of it."""
@@ -98,6 +107,16 @@ def guess_buffers(
             chosen = places[: BUFFER_SPECS[buffer].channels]
             suggestions[buffer] = tuple(_write_place(p, several=len(channels) > 1) for p in chosen)
     return suggestions
+
+
+def list_named(channels: Mapping[str, Collection[str]]) -> frozenset[Buffer]:
+    """Buffers that some channel's name speaks for, whatever it holds.
+
+    Args:
+        channels: as `guess_buffers` takes them.
+    """
+    names = {name for held in channels.values() for name in held}
+    return frozenset(b for name in names for b in _list_candidates(name, SPACE_CHANNELS))
 
 
 def _choose_candidate(
@@ -175,10 +194,10 @@ def _strip_component(channel: str) -> str:
 def _list_candidates(name: str, count: int) -> Iterator[Buffer]:
     """Buffers whose keyword the name contains and that need no more channels, the likely first."""
     parts = [part.lower() for part in WORD.findall(name)]
-    if _has_any(OF_DENOISERS, name):
+    if _has_any(OF_DENOISERS, name) or _has_any(OF_LENSES, name):
         return
     for buffer, words in KEYWORDS.items():
-        lit = buffer in SURFACE and _has_any(OF_LIGHT, name)
+        lit = buffer in SURFACE and _has_any((*OF_LIGHT, *OF_COATS), name)
         shared = buffer in NUMBERS and _has_any(OF_LOBES, name)
         enough = count >= BUFFER_SPECS[buffer].channels and not lit and not shared
         if enough and any(_contains_keyword(word, name.lower(), parts) for word in words):

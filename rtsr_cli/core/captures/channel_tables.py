@@ -10,6 +10,7 @@ metallic = 0.0                            # a constant; [0.8, 0.8, 0.8] of three
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
@@ -28,6 +29,7 @@ from pydantic import (
 from pydantic.json_schema import SkipJsonSchema
 
 from rtsr_cli.core.captures.buffer_expressions import (
+    explain_letters,
     explain_signs,
     is_expression,
     list_letters,
@@ -37,11 +39,17 @@ from rtsr_cli.core.captures.buffer_expressions import (
 )
 from rtsr_cli.core.captures.layouts import ChannelPlace, ChannelSum, Component
 from rtsr_cli.core.documents import describe_value
-from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, CONSTANTS, Buffer
 from rtsr_cli.core.limits import LARGEST_FACTOR
 
 MADE_OF_LIGHT = (Buffer.COLOR, Buffer.LIGHTING)
 """What a renderer computed: a constant would be a picture of nothing."""
+
+
+Factor = Annotated[
+    float,
+    Field(ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False, strict=True),
+]
 
 
 class ChannelSpec(BaseModel):
@@ -51,12 +59,8 @@ class ChannelSpec(BaseModel):
 
     channel: str = Field(min_length=1)
     file: str = Field(default="*", min_length=1)
-    factor: float = Field(
-        default=1.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False, strict=True
-    )
-    zero: float = Field(
-        default=0.0, ge=-LARGEST_FACTOR, le=LARGEST_FACTOR, allow_inf_nan=False, strict=True
-    )
+    factor: Factor = 1.0
+    zero: Factor = 0.0
 
     @model_validator(mode="before")
     @classmethod
@@ -132,6 +136,10 @@ def _list_components(written: object) -> object:
     if not isinstance(written, _Written):
         return written
     value, channels = written.value, written.channels
+    if isinstance(value, bool) or (
+        isinstance(value, list) and any(v is True or v is False for v in value)
+    ):
+        raise ValueError("true and false are no channels and no numbers")
     if isinstance(value, str):
         return _list_of_text(value, channels)
     if isinstance(value, list):
@@ -203,9 +211,10 @@ def _add_channel_counts(table: object) -> object:
     }
 
 
-def _explain_names(specs: list[ComponentSpec]) -> str:
-    names = (spec.channel for spec in specs if isinstance(spec, ChannelSpec))
-    return next(filter(None, map(explain_signs, names)), "")
+def _explain_names(specs: list[ComponentSpec], channels: int) -> str:
+    names = [spec.channel for spec in specs if isinstance(spec, ChannelSpec)]
+    counted = (explain_letters(name, channels) for name in names[:1] if len(specs) == 1)
+    return next(filter(None, (*map(explain_signs, names), *counted)), "")
 
 
 def _check_channel_counts(
@@ -214,7 +223,7 @@ def _check_channel_counts(
     """Hold every buffer to its number of channels, and radiance to be in files."""
     wrong = [
         f"{buffer} needs {BUFFER_SPECS[buffer].channels} channels, not {len(specs)}"
-        f"{_explain_names(specs)}"
+        f"{_explain_names(specs, BUFFER_SPECS[buffer].channels)}"
         for buffer, specs in table.items()
         if len(specs) != BUFFER_SPECS[buffer].channels
     ]
@@ -223,11 +232,23 @@ def _check_channel_counts(
         for buffer in MADE_OF_LIGHT
         if buffer in table and all(spec.is_constant for spec in table[buffer])
     ]
+    wrong += [text for buffer, specs in table.items() if (text := _check_constants(buffer, specs))]
     if Buffer.SKY in table:
         wrong.append("sky is not read: it follows from depth and normals")
     if wrong:
         raise ValueError("; ".join(wrong))
     return table
+
+
+def _check_constants(buffer: Buffer, specs: list[ComponentSpec]) -> str:
+    """Say of a constant that the buffer never has its value; empty where it may."""
+    least, largest = CONSTANTS.get(buffer, (-math.inf, math.inf))
+    values = [s.sum.constant for s in specs if isinstance(s, SumSpec) and s.is_constant]
+    wrong = [value for value in values if not least <= value <= largest]
+    if not wrong:
+        return ""
+    allowed = f"{least:g} or more" if largest == math.inf else f"{least:g} to {largest:g}"
+    return f"{buffer} = {wrong[0]:g} is out of range (allowed: {allowed})"
 
 
 BufferTable = Annotated[

@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import Field
 
 from rtsr_cli.core.captures.bound_channels import Binding
-from rtsr_cli.core.captures.buffer_expressions import explain_signs
+from rtsr_cli.core.captures.buffer_expressions import explain_quotes, explain_signs
 from rtsr_cli.core.captures.capture_file import (
     CAPTURE_FILE,
     CaptureDeclaration,
@@ -211,7 +211,7 @@ def _describe_absence(buffer: Buffer, term: Term, sets: Sequence[Streams], sourc
     column = f"column {term.column}" if term.column else ""
     written = ", ".join(filter(None, (source, column)))
     stands = f"; it stands in {written}" if written else ""
-    strange = explain_signs(place.channel)
+    strange = explain_signs(place.channel) or explain_quotes(place.channel, channels)
     return (
         f"buffer '{buffer}': no channel is called '{spec}'"
         f"{did_you_mean(place.channel, channels)}{strange}{stands}; "

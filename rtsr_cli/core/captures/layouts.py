@@ -144,6 +144,10 @@ class FolderTree:
     side_car: str | None = None
 
 
+def _rank_channel(name: str) -> tuple[str, int, str]:
+    return name[:-1], "RGBAXYZW".find(name[-1:]), name
+
+
 @dataclass(frozen=True, kw_only=True)
 class UnreadPass:
     """What a layout knows and does not read.
@@ -216,7 +220,8 @@ class Layout:
     def list_unread(self, streams: Mapping[str, Collection[str]]) -> dict[str, UnreadPass]:
         """What is known and not read of file sequences and their channels, by name."""
         names = [*streams, *(stream.rpartition("/")[0] for stream in streams)]
-        names += [channel for channels in streams.values() for channel in channels]
+        # channels come in any order; red, or x, is named first
+        names += [c for channels in streams.values() for c in sorted(channels, key=_rank_channel)]
         return {n: u for u in self.unread for n in names if fnmatchcase(n, u.name)}
 
     @cached_property

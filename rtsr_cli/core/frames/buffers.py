@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -111,6 +112,17 @@ BUFFER_SPECS: Mapping[Buffer, BufferSpec] = MappingProxyType(
         Buffer.REACTIVE: BufferSpec(channels=1, unit="0..1, 1 = history is not to be trusted"),
     }
 )
+
+CONSTANTS: Mapping[Buffer, tuple[float, float]] = MappingProxyType(
+    dict.fromkeys(
+        (Buffer.ROUGHNESS, Buffer.METALLIC, Buffer.NOV, Buffer.ALPHA, Buffer.REACTIVE), (0.0, 1.0)
+    )
+    | dict.fromkeys((Buffer.ALBEDO, Buffer.SPECULAR, Buffer.MATERIAL), (0.0, 2.0))
+    | dict.fromkeys((Buffer.EMISSION, Buffer.DEPTH, Buffer.OBJECT_ID), (0.0, math.inf))
+    | dict.fromkeys((Buffer.NORMAL, Buffer.GEONORMAL), (-1.0, 1.0))
+)
+"""Least and largest value that may be declared for all pixels; colours of surfaces go a little
+beyond 1."""
 
 VECTOR_BUFFERS = (Buffer.MOTION, Buffer.FORWARD)
 """Buffers measured in pixels of their own resolution: they change value when it changes."""

@@ -25,6 +25,7 @@ CONSTANTS: Mapping[Buffer, tuple[float, str]] = {
 """Buffers that may be one number for a whole scene: one to begin with, and when it is right."""
 
 MATERIAL_NOTE = "all that radiance is divided by"
+BASE_COLOUR_NOTE = "base colour alone: what is without any (metal, glass) is enlarged as radiance"
 CAMERA_NOTE = "a row a frame: frame, worldToCamera, worldToNDC; see docs/frames.md"
 
 
@@ -53,14 +54,19 @@ class Hints:
         guessed: buffer -> channels that may be it, by name and by what they hold.
         layers: to choose from.
         layout: that the frames look like, where it has to be named; else empty.
+        named: buffers that the names of unknown channels speak for; no constant stands for those.
         material: how channels add up to what radiance is divided by; empty if they do not.
+        base_colour: what base colour is made of, where nothing else of the material is there, nor a
+            camera that it would take; else empty.
         camera: convention by which matrices that are there would be right; empty if none is known.
     """
 
     guessed: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
     layout: str = ""
+    named: frozenset[Buffer] = frozenset()
     material: str = ""
+    base_colour: str = ""
     camera: str = ""
 
 
@@ -140,7 +146,10 @@ def _list_buffer_fixes(buffer: Buffer, hints: Hints) -> Iterator[Fix]:
         yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=MATERIAL_NOTE)
     elif buffer in hints.guessed:
         yield _declare_guess(buffer, hints)
-    elif buffer in CONSTANTS:
+    elif hints.base_colour and buffer in PARTS:
+        line = f"material = {write_toml_value(hints.base_colour)}"
+        yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=BASE_COLOUR_NOTE)
+    elif buffer in CONSTANTS and buffer not in hints.named:
         value, note = CONSTANTS[buffer]
         line = f"{buffer} = {write_toml_value(value)}"
         yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=note)

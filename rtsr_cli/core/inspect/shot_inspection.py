@@ -10,7 +10,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.channel_guesses import GuessCheck, guess_buffers, guess_material
+from rtsr_cli.core.captures.channel_guesses import (
+    GuessCheck,
+    guess_buffers,
+    guess_material,
+    list_named,
+)
 from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.frame_numbers import list_missing_frames
 from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
@@ -247,7 +252,26 @@ def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
     layout = settled.reader.layout.name if settled is not None and settled.undecided else ""
     found = (one.settled.measured.camera for one in sets if one.settled is not None)
     camera = next((one.declared for one in found if one is not None and one.declared), "")
-    return Hints(guessed=guessed, layers=layers, layout=layout, material=material, camera=camera)
+    return Hints(
+        guessed=guessed,
+        layers=layers,
+        layout=layout,
+        named=frozenset(b for one in sets for b in list_named(one.unknown)),
+        material=material,
+        base_colour=_describe_base_colour(settled, main),
+        camera=camera,
+    )
+
+
+def _describe_base_colour(settled: MeasuredReader | None, main: SetInspection) -> str:
+    """What base colour is made of, where it is all that is known of material; else empty."""
+    if settled is None or settled.measured.camera is not None:
+        return ""
+    reader = settled.reader
+    others = {Buffer.MATERIAL, Buffer.METALLIC, Buffer.SPECULAR}
+    if Buffer.ALBEDO not in reader.stored or others & (reader.stored | main.guessed.keys()):
+        return ""
+    return reader.binding[Buffer.ALBEDO].describe(streams=len(main.channels) > 1)
 
 
 def inspect_refused_folder(

@@ -97,11 +97,19 @@ def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]
     around = upsample_nearest(_share_around(contradicts, LOST_REACH) > 0, scale)
     bare = hr.gbuffer[Buffer.MATERIAL].masked_fill(around, 0.0)
     hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
-    return _leave_undivided(lr, contradicts), hr
+    return leave_undivided(lr, contradicts), hr
 
 
-def _leave_undivided(lr: Frame, where: Mask) -> Frame:
-    """Take material and lighting out of LR samples."""
+def leave_undivided(lr: Frame, where: Mask) -> Frame:
+    """Take material and lighting out of LR samples.
+
+    Args:
+        lr: with material, and lighting with its mask where it was divided.
+        where: True at samples that are to be undivided.
+
+    Returns:
+        The frame, with the lighting scale of what is left.
+    """
     material = lr.gbuffer[Buffer.MATERIAL]
     changed = {Buffer.MATERIAL: material.masked_fill(where, 0.0)}
     if Buffer.LIGHTING not in lr.gbuffer:

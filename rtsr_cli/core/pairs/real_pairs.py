@@ -16,6 +16,7 @@ from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.pairs import pixel_filter
+from rtsr_cli.core.pairs.dark_material import leave_outshining
 from rtsr_cli.core.pairs.material_agreement import leave_contradicting
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.sources import (
@@ -151,6 +152,8 @@ class RealPairs:
         hr = build_hr(hr, reads.hr, inputs.derivation)
         if Buffer.MATERIAL in lr.gbuffer and Buffer.MATERIAL in hr.gbuffer:
             lr, hr = leave_contradicting(lr, hr, self.scale)
+        if divides and Buffer.MATERIAL in hr.gbuffer:
+            lr, hr = leave_outshining(lr, hr, self.scale)
         unwanted = set(divisor) - set(reads.lr.used)
         lr = replace(lr, gbuffer=lr.gbuffer.only(lr.gbuffer.keys() - unwanted))
         return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from rtsr_cli.core.captures.channel_guesses import guess_buffers
+from rtsr_cli.core.captures.channel_guesses import guess_buffers, list_named
 from rtsr_cli.core.frames.buffers import Buffer
 
 
@@ -68,3 +68,21 @@ def test_the_name_of_the_files_tells_what_their_plain_channels_are() -> None:
     assert found[Buffer.COLOR] == ("beauty:R", "beauty:G", "beauty:B")
     assert found[Buffer.MOTION] == ("mv:R", "mv:G")
     assert found[Buffer.DEPTH] == ("zdepth:R",)
+
+
+@pytest.mark.parametrize(
+    "names", [["coat_roughness"], ["sheen.roughness"], ["depthOfField"], ["lens.DOF"]]
+)
+def test_coats_and_lenses_are_no_surface_and_no_depth(names: list[str]) -> None:
+    assert guess_buffers({"shot": names}) == {}
+
+
+def test_speed_is_motion() -> None:
+    found = guess_buffers({"shot": ["speed.X", "speed.Y"]})
+    assert found == {Buffer.MOTION: ("speed.X", "speed.Y")}
+
+
+def test_names_speak_for_buffers_whatever_they_hold() -> None:
+    named = list_named({"shot": ["metalness.R", "metalness.G", "metalness.B", "coat_roughness"]})
+    assert Buffer.METALLIC in named
+    assert Buffer.ROUGHNESS not in named

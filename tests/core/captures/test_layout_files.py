@@ -235,7 +235,7 @@ def test_a_channel_needs_to_be_in_one_of_the_two_resolutions_only(tmp_path: Path
         ('[buffers]\ncolor = "max(a.RGB, 0)"', "not 1; column 4: there are no parentheses"),
         ('[buffers]\ndepth = ["a", "b"]', "buffers: depth needs 1 channels, not 2"),
         ('[buffers]\nsky = "s"', "buffers: sky is not read"),
-        ("[buffers]\ndepth = true", "buffers.depth: True is not a list"),
+        ("[buffers]\ndepth = true", "buffers.depth: true and false are no channels"),
         ("[buffers]\ndepth = 1e13", "buffers.depth: is out of range"),
         ('[buffers]\ndepth = "1 - "', "buffers.depth: column 4: a channel or a number is missing"),
         ('[buffers]\nmotion = ["a.X", "b *"]', "buffers.motion: entry 2: column 4: a channel or"),

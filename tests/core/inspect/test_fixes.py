@@ -73,3 +73,14 @@ def test_guesses_are_offered_where_nothing_can_be_read() -> None:
 def test_one_line_provides_all_that_it_can() -> None:
     missing = ("lr camera", "lr camera for depth (ray distance)", "hr camera of frame 3")
     assert lines(missing) == ['camera = "camera.csv"']
+
+
+def test_no_constant_stands_for_a_channel_that_is_named_like_the_buffer() -> None:
+    named = frozenset({Buffer.METALLIC})
+    assert lines(("metallic", "roughness"), Hints(named=named)) == ["roughness = 0.5"]
+
+
+def test_base_colour_alone_is_offered_as_material_once() -> None:
+    hints = Hints(base_colour="albedo.RGB")
+    found = lines(("metallic", "roughness", "camera"), hints)
+    assert found == ['material = "albedo.RGB"', 'camera = "camera.csv"']

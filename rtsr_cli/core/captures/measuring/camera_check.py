@@ -186,9 +186,10 @@ def _try_readings(
         # a frame's vectors from the one before are those to it under the next frame's matrices
         alone = closely and not reading.of_neighbour
         errors = evidence.measure(reading.cameras, closely=alone)
-        common = errors.keys() & own.keys()
+        # vectors may be about the next frame in one reading, about the one before in another
+        common = (errors.keys() & own.keys() or errors.keys() | own.keys()) if errors else ()
         if common:
-            pairs[index] = tuple(mean_error(e[n] for n in common) for e in (errors, own))
+            pairs[index] = tuple(mean_error(e[n] for n in common if n in e) for e in (errors, own))
     return _Trial(evidence=evidence, own=mean, pairs=pairs)  # type: ignore[arg-type]
 
 
@@ -295,8 +296,8 @@ def _describe_doubt(trials: Sequence[_Trial], *, mirrored: bool, resting: bool) 
         yield f"{UNVERIFIED}: nothing in these frames moves or turns so that it could tell."
     else:
         yield (
-            f"{UNVERIFIED}: the files hold nothing that could tell (world positions, motion with "
-            "depth, or normals with depth)."
+            f"{UNVERIFIED}: nothing in the files can tell: that takes world positions, depth with "
+            "motion that is read, or depth with normals of the world that face several ways."
         )
     if mirrored:
         yield "They mirror: world and camera space are of different handedness."
@@ -320,12 +321,18 @@ def _describe_unfit(
     first = f"the camera matrices of frame {number} are not used{said}: "
     found = ": ".join((*looks, fault or proof))
     remedy = OTHER_WORLD if reading is not None and reading.mirrors_world else OWN
+    remedy = OTHER_FRAME if reading is not None and reading.of_neighbour else remedy
     return f"{first}{found}; {remedy}{_word_declaration(reading, convention)}"
 
 
 OWN = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
 
-OTHER_WORLD = "write matrices of the world that positions and normals are in (docs/frames.md)"
+OTHER_FRAME = "write each frame's own"
+
+OTHER_WORLD = (
+    "write matrices of the world that positions and normals are in (docs/frames.md), or, if it is "
+    "their channels that are mixed up, name those in the order x, y, z ([buffers] normal, position)"
+)
 
 
 def _word_likeness(text: str) -> str:

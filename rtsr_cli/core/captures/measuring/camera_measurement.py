@@ -19,7 +19,7 @@ from rtsr_cli.core.captures.measuring.camera_evidence import (
     mean_error,
     thin,
 )
-from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
+from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras, list_worlds
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry, ThinnedFrame
 from rtsr_cli.core.captures.measuring.normal_finder import unpack_normals
@@ -160,11 +160,25 @@ def _gather_normals(
         normals[number] = ThinnedFrame(thinning).image(unit)
     depths = list_likely_depths(presumed.depth)[:5]
     evidence = NormalEvidence(frames=frames, normals=normals, depths=depths)
+    return [] if are_of_camera(evidence, given) else [evidence.hold(given)]
+
+
+def are_of_camera(evidence: NormalEvidence, given: Cameras) -> bool:
+    """Tell whether normals are in the camera's own axes.
+
+    Args:
+        evidence: the normals with their depths.
+        given: cameras, by frame.
+
+    Where surfaces face few ways they fit the camera's axes by chance, though they are of the world:
+    there another world than the matrices' fits them better.
+    """
     in_world = mean_error(evidence.measure(given, closely=False).values())
     in_camera = evidence.measure_in_camera(given)
-    if in_camera <= evidence.limit and in_camera < in_world - evidence.slack:
-        return []
-    return [evidence.hold(given)]
+    if in_camera > evidence.limit or in_camera >= in_world - evidence.slack:
+        return False
+    worlds = (evidence.measure(world.cameras, closely=False) for world in list_worlds(given))
+    return min(mean_error(errors.values()) for errors in worlds) >= in_camera - evidence.slack
 
 
 def drop_matrices(camera: CameraMetadata) -> CameraMetadata:

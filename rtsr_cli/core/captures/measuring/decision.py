@@ -14,6 +14,7 @@ from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import Layout, OpenMotion
 from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
 from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
+from rtsr_cli.core.captures.measuring.geometry_finder import MOTION, POSITION, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import (
     MeasuredReader,
@@ -31,8 +32,14 @@ from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.conventions import DepthKind, NormalConvention
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.conventions import (
+    SKY_MARKERS,
+    DepthKind,
+    NormalConvention,
+    RoughnessKind,
+    SkyRule,
+)
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection
 from rtsr_cli.core.frames.selection import format_ranges
 
@@ -81,10 +88,12 @@ def measure_and_decide(
         _decide_sky,
         check_position,
         _decide_normal,
+        _check_roughness,
     ):
         if motion or step not in {_decide_motion, _check_repeats}:
             settled = step(settled, capture)
     settled = _add_resting(settled)
+    settled = _add_distrust(settled, capture) if motion else settled
     text = settled.motion_undecided
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
@@ -280,6 +289,24 @@ def _add_resting(settled: MeasuredReader) -> MeasuredReader:
     )
 
 
+def _add_distrust(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Say why vectors that are declared are not relied upon where no system is named."""
+    finding = settled.measured.motion
+    unsaid = (
+        finding is not None
+        and finding.moving > 0.0
+        and not _is_contradicted(finding.of(_is_plain(settled.reader.conventions.motion)))
+    )
+    declared = capture.motion.decides() and Buffer.MOTION in settled.reader.stored
+    if not declared or not unsaid or is_motion_trusted(settled, capture):
+        return settled
+    note = (
+        "motion is read as declared, but these frames do not show that it is right: systems that "
+        "rely on it have to be named (--system)"
+    )
+    return replace(settled, notes=(*settled.notes, note))
+
+
 def _describe_doubt(
     presumed: MotionCandidate | None, best: MotionCandidate | None, capture: CaptureDeclaration
 ) -> str:
@@ -375,6 +402,9 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
     presumed = settled.reader.conventions.depth
     against = finding.of(presumed)
     best = finding.best
+    poor = _describe_poor_fit(finding)
+    if poor:
+        settled = replace(settled, notes=(*settled.notes, poor))
     if best is None or against is None or best.convention == against.convention:
         return settled
     if best.error > (1.0 - WIDE_DEPTH_MARGIN) * against.error:
@@ -402,6 +432,7 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
 def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
     """Take the measured rule of the sky for all frames, and say what no rule explains."""
     finding, presumed = settled.measured.sky, settled.reader.conventions
+    settled = _check_sky_marker(settled)
     if finding is None or capture.depth.sky is not None or presumed.normal.sky is not None:
         return settled
     if finding.impossible >= DOUBTFUL:
@@ -411,11 +442,56 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
             "surface has, and do not look like sky; if they are, declare it (capture.toml: "
             '[depth] sky = 0.0, or "nan", "normal", "object_id", "alpha"; else sky = "none")',
         )
+    if finding.sky is None and finding.unmarked is not None:
+        share, value = finding.unmarked
+        settled = add_warning(
+            settled,
+            f"{share:.1%} of the pixels share the largest depth, {value:g}, far beyond all others: "
+            f"if that is the sky, declare it (capture.toml: [depth] sky = {value:g}); it is read "
+            'as surfaces (sky = "far" says that it is some)',
+        )
     if finding.sky is None or presumed.depth.kind is DepthKind.DEVICE:
         return settled
     depth = replace(presumed.depth, sky=finding.sky)
-    note = f"sky measured: {finding.rule} ({finding.share:.1%} of the pixels)"
+    rule = finding.rule.removesuffix(", measured")
+    note = f"sky measured: {rule} ({finding.share:.1%} of the pixels)"
     return take_measurement(settled, "sky", note, depth=depth)
+
+
+POOR_FIT = {MOTION: 0.02, POSITION: 0.005}
+"""Errors of depth from which the best reading fits poorly, if the next one is hardly worse."""
+
+
+def _describe_poor_fit(finding: DepthFinding) -> str:
+    """Say that no reading of depth fits as a right one does; empty if one does."""
+    best = finding.best
+    clear = finding.margin >= WIDE_DEPTH_MARGIN
+    few = len(finding.candidates) < 2
+    if best is None or few or clear or best.error <= POOR_FIT.get(finding.measure, math.inf):
+        return ""
+    return (
+        f"no reading of depth fits the camera well: the best one, {best.convention.kind}, "
+        f"{best.convention.unit_m:g} m a unit, is off by {best.error:.2g} {finding.measure}, the "
+        f"next one by {finding.candidates[1].error:.2g}; are the matrices' near plane, or the unit "
+        "and start of ray distances, the renderer's ([depth] kind, unit, from, near)?"
+    )
+
+
+def _check_sky_marker(settled: MeasuredReader) -> MeasuredReader:
+    """Say that what is declared to mark the sky is not there."""
+    reader, finding = settled.reader, settled.measured.sky
+    rule = reader.conventions.depth.sky
+    marker = SKY_MARKERS.get(rule) if isinstance(rule, SkyRule) else None
+    if marker is None or marker in reader.stored:
+        return settled
+    impossible = "" if finding is None else f"; {finding.impossible:.1%} of the depth values are "
+    impossible += "0, negative or no number, and count as surfaces" if impossible else ""
+    return add_warning(
+        settled,
+        f'[depth] sky = "{rule}" is declared, but there is no {marker}: only depth of '
+        f"{SKY_DEPTH_M:g} or more is sky{impossible}; name its channel under [buffers], or leave "
+        "the line out and what is sky is measured",
+    )
 
 
 def check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
@@ -453,6 +529,22 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
             "the declaration is obeyed",
         )
     return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
+
+
+def _check_roughness(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Say that roughness is turned over twice: by its expression, and by its kind."""
+    del capture
+    reader = settled.reader
+    bound = reader.binding.get(Buffer.ROUGHNESS)
+    turned = reader.conventions.roughness is RoughnessKind.SMOOTHNESS
+    if bound is None or not bound.is_inverted or not turned:
+        return settled
+    return add_warning(
+        settled,
+        f"roughness is inverted twice: it is made as {bound.describe(streams=False)}, and read as "
+        'smoothness; declare one of both: [buffers] roughness, or roughness = "smoothness" (then '
+        "[buffers] names the channel alone)",
+    )
 
 
 def _bind_forward_motion(reader: FrameReader) -> FrameReader:

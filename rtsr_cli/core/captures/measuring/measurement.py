@@ -28,7 +28,12 @@ from rtsr_cli.core.captures.measuring.motion_finder import STILL_PX, find_motion
 from rtsr_cli.core.captures.measuring.motion_finding import MotionFinding
 from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, normalise_picture
 from rtsr_cli.core.captures.measuring.normal_finder import find_normals
-from rtsr_cli.core.captures.measuring.sky_finder import SKY_BUFFERS, SkyFinding, find_sky
+from rtsr_cli.core.captures.measuring.sky_finder import (
+    SKY_BUFFERS,
+    SkyFinding,
+    find_sky,
+    leave_out_sky,
+)
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
@@ -149,8 +154,10 @@ def _measure_group(
     measured = StorageMeasurement(frames=tuple(stored))
     if reader.stored & {Buffer.DEPTH, Buffer.NORMAL}:
         measured = replace(measured, sky=find_sky(list(stored.values()), presumed))
+    known = _with_sky(presumed, measured)
+    surfaces = {n: leave_out_sky(buffers, known) for n, buffers in stored.items()}
     if Buffer.POSITION in reader.stored:
-        measured = _place_by_positions(reader, stored, presumed, measured)
+        measured = _place_by_positions(reader, surfaces, presumed, measured)
     proven = _prove_motion(reader, stored, presumed, measured) if motion else None
     if motion and len(stored) > 1 and _has_pictures(next(iter(stored.values()))):
         finding = _find_motion(reader, stored, [m for m in (presumed.motion, proven) if m])
@@ -165,7 +172,8 @@ def _measure_group(
         )
     placed = measured.camera
     if placed is None or not (placed.fits or placed.unfit):
-        placed = check_reader_cameras(reader, stored, presumed, _list_motions(measured, presumed))
+        motions = _list_motions(measured, presumed)
+        placed = check_reader_cameras(reader, surfaces, presumed, motions)
         measured = replace(measured, camera=placed)
     last = max(stored)
     if Buffer.DEPTH in reader.stored:
@@ -174,10 +182,17 @@ def _measure_group(
         # by a camera that nothing proves, world space would be told from view space at random
         certain = placed is not None and placed.certain
         camera = reader.cameras[last] if certain else drop_matrices(reader.cameras[last])
-        normal = find_normals(stored[last][Buffer.NORMAL], camera, reader.view)
+        normal = find_normals(surfaces[last][Buffer.NORMAL], camera, reader.view)
         measured = replace(measured, normal=normal)
     measured = replace(measured, faults=_find_faults(reader, stored, presumed, measured))
     return add_geometry(reader, stored, presumed, measured)
+
+
+def _with_sky(presumed: Conventions, measured: StorageMeasurement) -> Conventions:
+    """Conventions with the rule of the sky that was measured, if one was."""
+    if measured.sky is None or measured.sky.sky is None:
+        return presumed
+    return replace(presumed, depth=replace(presumed.depth, sky=measured.sky.sky))
 
 
 def _find_faults(
@@ -187,9 +202,7 @@ def _find_faults(
     measured: StorageMeasurement,
 ) -> tuple[BufferFault, ...]:
     """Look for passes that are not there; what is declared as a constant is meant."""
-    sky, normal = measured.sky, measured.normal
-    if sky is not None and sky.sky is not None:
-        presumed = replace(presumed, depth=replace(presumed.depth, sky=sky.sky))
+    normal, presumed = measured.normal, _with_sky(presumed, measured)
     if normal is not None and normal.packed is not None:
         presumed = replace(presumed, normal=replace(presumed.normal, packed=normal.packed))
     frames = {

@@ -10,7 +10,7 @@ are.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
@@ -44,6 +44,12 @@ LEAST_PIXELS = 16
 LEAST_SHARE = 0.002
 """Of pixels that share the largest depth, so that it may be the far plane's."""
 
+BEYOND = 2.0
+"""The far plane is so many times as far as the farthest surface where nothing marks it."""
+
+LARGE_SHARE = 0.02
+"""Of pixels that share the largest depth and that nothing marks, from which they are said."""
+
 EVERYTHING = 0.95
 """A value of so many pixels is a pass that is not there, or depth of another sign."""
 
@@ -60,12 +66,15 @@ class SkyFinding:
         rule: what it was found by, for the user.
         sky: what depth is to be read with, None where that is as presumed.
         impossible: share of pixels whose depth is 0, negative or no number, and no sky.
+        unmarked: share and depth of pixels that look like the far plane's, though nothing else says
+            so; None if there are none.
     """
 
     share: float
     rule: str
     sky: float | SkyRule | None = None
     impossible: float = 0.0
+    unmarked: tuple[float, float] | None = None
 
 
 def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
@@ -86,6 +95,13 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
     known = _find_by_rule(frames, depths, convention)
     if convention.sky is not None or convention.kind is DepthKind.DEVICE:
         return known
+    return _measure_sky(frames, depths, convention) or _add_far_plane(known, depths, convention)
+
+
+def _measure_sky(
+    frames: Sequence[Stored], depths: Sequence[Plane], convention: DepthConvention
+) -> SkyFinding | None:
+    """Find the value that is sky's, of those that no surface has and of the largest."""
     beyond = [~(d > 0) & ~torch.isinf(d) for d in depths]
     for where, value, suffices in (
         (beyond, _most_common(beyond, depths), True),
@@ -96,16 +112,23 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
         chosen = _select(depths, value)
         if _share(chosen) < AGREES * _share(where) or _share(chosen) > EVERYTHING:
             continue
-        if _is_marked(chosen, frames, region_suffices=suffices):
+        cleared = not suffices and _is_far_plane(chosen, depths) and _are_cleared(chosen, frames)
+        if cleared or _is_marked(chosen, frames, region_suffices=suffices):
             again = DepthConvention(kind=convention.kind, unit_m=convention.unit_m, sky=value)
             found = _find_by_rule(frames, depths, again)
-            return SkyFinding(
-                share=found.share,
-                rule=f"{found.rule}, measured",
-                sky=value,
-                impossible=found.impossible,
-            )
-    return known
+            return replace(found, rule=f"{found.rule}, measured", sky=value)
+    return None
+
+
+def _add_far_plane(
+    known: SkyFinding, depths: Sequence[Plane], convention: DepthConvention
+) -> SkyFinding:
+    """Add what looks like the far plane, though nothing else says so."""
+    masks, farthest = _find_farthest(depths, convention)
+    share = _share(masks)
+    if farthest is None or not LARGE_SHARE <= share <= EVERYTHING:
+        return known
+    return replace(known, unmarked=(share, farthest)) if _is_far_plane(masks, depths) else known
 
 
 def _find_by_rule(
@@ -134,6 +157,27 @@ def mark_sky(frame: Stored, conventions: Conventions) -> Mask | None:
     if Buffer.DEPTH in frame:
         return _mark_by_rule(frame, frame[Buffer.DEPTH].float(), conventions.depth)
     return None if normal is None else _is_zero(normal)
+
+
+NO_SURFACE = (Buffer.OBJECT_ID, Buffer.ALPHA, Buffer.POSITION)
+"""Buffers that are 0 where there is no surface, unless they are 0 nearly everywhere."""
+
+VECTORS = (Buffer.NORMAL, Buffer.GEONORMAL)
+
+
+def leave_out_sky(frame: Stored, conventions: Conventions) -> Stored:
+    """Return a frame whose normals are NaN where there is no surface: there they say nothing.
+
+    What a renderer clears them to, (0, 0, 1) say, is a direction like any other.
+    """
+    normals = {b: frame[b].float() for b in VECTORS if b in frame}
+    sky = mark_sky(frame, conventions) if normals else None
+    if sky is None:
+        return frame
+    for marked in (_is_zero(frame[b]) for b in NO_SURFACE if b in frame):
+        if _share([marked]) <= EVERYTHING:
+            sky = sky | marked
+    return {**frame, **{b: n.masked_fill(sky, torch.nan) for b, n in normals.items()}}
 
 
 def _is_marker(normal: Tensor, marker: tuple[float, float, float]) -> Mask:
@@ -217,6 +261,36 @@ def _is_marked(masks: Sequence[Mask], frames: Sequence[Stored], *, region_suffic
     ]
     values = torch.cat([a[m] for a, m in zip(around, masks, strict=True)])
     return float(values.mean()) >= FULL
+
+
+def _are_cleared(masks: Sequence[Mask], frames: Sequence[Stored]) -> bool:
+    """Tell whether pixels are one value in normals, and in object ids, as nothing seen is."""
+    if Buffer.NORMAL not in frames[0]:
+        return False
+    normals, others = [f[Buffer.NORMAL] for f in frames], [~m for m in masks]
+    if _are_alike(normals, others):
+        return False
+    held = [b for b in (Buffer.NORMAL, Buffer.OBJECT_ID) if b in frames[0]]
+    return all(_are_alike([f[b] for f in frames], masks) for b in held)
+
+
+def _is_far_plane(masks: Sequence[Mask], depths: Sequence[Plane]) -> bool:
+    """Tell whether the largest depth is a round number far beyond all that is seen.
+
+    A wall that faces the camera has one depth as well, but there is something just before it.
+    """
+    farthest = max(float(d.nan_to_num().amax()) for d in depths)
+    nearer = [d[~m & torch.isfinite(d)] for d, m in zip(depths, masks, strict=True)]
+    second = max((float(n.amax()) for n in nearer if n.numel()), default=farthest)
+    return second * BEYOND <= farthest and farthest == float(f"{farthest:.2g}")
+
+
+def _are_alike(images: Sequence[Tensor], masks: Sequence[Mask]) -> bool:
+    """Tell whether pixels of a mask hold one value."""
+    values = torch.cat([i[0][:, m[0, 0]] for i, m in zip(images, masks, strict=True)], 1)
+    values = values.float().nan_to_num()
+    usual = values.median(dim=1, keepdim=True).values
+    return float((values - usual).abs().lt(1e-3).all(0).float().mean()) >= AGREES
 
 
 def _share_within(masks: Sequence[Mask], marked: Sequence[Mask]) -> float:

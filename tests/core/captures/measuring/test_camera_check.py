@@ -22,6 +22,7 @@ from rtsr_cli.core.captures.measuring.camera_evidence import (
     list_units,
 )
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
+from rtsr_cli.core.captures.measuring.camera_measurement import are_of_camera
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry
 from rtsr_cli.core.frames.camera import CameraMetadata, View
@@ -236,6 +237,55 @@ def test_the_other_sense_of_vectors_is_tried_with_the_cameras_of_neighbours(room
     assert found.likenesses == "those of a neighbouring frame"
 
 
+class OneFrameEach:
+    """Vectors that fit the given matrices in one frame, badly, and a neighbour's in another."""
+
+    name = "motion with depth"
+    unit = "px of motion"
+    tells_world, tells_step = False, True
+    slack, factor, limit, sure = 0.02, 4.0, 0.1, 0.025
+
+    def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
+        del closely
+        return {max(cameras): 0.0} if min(cameras) > 1 else {min(cameras): 1.5}
+
+
+def test_readings_that_share_no_frame_are_compared_all_the_same(room: Room) -> None:
+    given = {n: camera for n, camera in room.cameras.items() if n in (1, 2, 3)}
+    found = check_cameras(given, (OneFrameEach(),), step=1, convention=CameraConvention())
+    assert "each frame's own are in the frame before it" in found.unfit
+    assert "write each frame's own" in found.unfit
+
+
+class FewWays:
+    """Normals that fit the camera's axes better than the matrices' world, as another does."""
+
+    limit, slack = 70.0, 8.0
+
+    def __init__(self, given: Cameras, best: float) -> None:
+        self.given, self.best = given, best
+
+    def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
+        del closely
+        if cameras is self.given:
+            return {1: 82.0}
+        mirrored = np.diag([1.0, 1.0, -1.0, 1.0]) @ self.given[1].view
+        return {1: self.best if np.allclose(cameras[1].view, mirrored) else 99.0}
+
+    def measure_in_camera(self, cameras: Cameras) -> float:
+        del cameras
+        return 66.0
+
+
+@pytest.mark.parametrize(("best", "of_camera"), [(38.0, False), (66.0, True), (90.0, True)])
+def test_normals_of_another_world_are_not_taken_for_the_camera_s(
+    room: Room, best: float, of_camera: bool
+) -> None:
+    given = {1: room.cameras[min(room.cameras)]}
+    evidence: Any = FewWays(given, best)
+    assert are_of_camera(evidence, given) == of_camera
+
+
 @pytest.mark.parametrize("kinds", [("positions",), ("motion", "normals"), ("normals",)])
 @pytest.mark.parametrize("axis", "xyz")
 def test_a_world_of_the_other_handedness_is_refused(
@@ -418,3 +468,15 @@ def test_normals_cannot_tell_whether_one_camera_in_all_frames_is_right(room: Roo
     normals = dict.fromkeys(room.cameras, room.normals[1])
     found = check(Room(still, frames, normals), still, "normals")
     assert found.likenesses == "those of a neighbouring frame"
+
+
+def test_what_could_tell_is_named_where_nothing_does(room: Room) -> None:
+    doubt = check(room, room.cameras).doubt
+    assert "depth with normals of the world that face several ways" in doubt
+    assert "the files hold nothing" not in doubt
+
+
+def test_of_normals_in_another_order_their_channels_are_named_too(room: Room) -> None:
+    turn = np.diag([1.0, -1.0, 1.0, 1.0])
+    given = {n: CameraMatrices(turn @ m.view, turn @ m.ndc) for n, m in room.cameras.items()}
+    assert "order x, y, z ([buffers] normal, position)" in check(room, given, "normals").unfit

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rtsr_cli.core.captures.bound_channels import BoundBuffer, BoundChannel, BoundSum
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import OpenMotion
 from rtsr_cli.core.captures.measuring import decision
@@ -31,6 +32,8 @@ from rtsr_cli.core.frames.conventions import (
     DepthConvention,
     DepthKind,
     NormalSpace,
+    RoughnessKind,
+    SkyRule,
 )
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
 
@@ -459,3 +462,62 @@ def test_a_declared_unit_that_makes_kilometres_is_warned_about_and_obeyed(settle
     )
     assert bound.reader.conventions.depth.unit_m == 1.0
     assert "7 km at 1 m a unit" in bound.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor", "twice"),
+    [
+        (RoughnessKind.SMOOTHNESS, -1.0, True),
+        (RoughnessKind.SMOOTHNESS, 1.0, False),
+        (RoughnessKind.PERCEPTUAL, -1.0, False),
+    ],
+)
+def test_roughness_that_is_inverted_twice_is_warned_of(
+    kind: RoughnessKind, factor: float, twice: bool, tmp_path: Path
+) -> None:
+    term = BoundChannel(stream="", channel="smooth.R", factor=factor)
+    bound = BoundBuffer((BoundSum(terms=(term,), constant=0.5 - factor / 2),))
+    reader = reader_of(tmp_path)
+    reader = replace(
+        reader,
+        binding={**reader.binding, Buffer.ROUGHNESS: bound},
+        conventions=replace(reader.conventions, roughness=kind),
+    )
+    warnings = measure_and_decide(reader, CaptureDeclaration(), named=True).warnings
+    assert any("roughness is inverted twice" in text for text in warnings) == twice
+
+
+def test_sky_marked_by_what_is_not_there_is_warned_of(tmp_path: Path) -> None:
+    reader = reader_of(tmp_path)
+    depth = DepthConvention(sky=SkyRule.ALPHA)
+    reader = replace(reader, conventions=replace(reader.conventions, depth=depth))
+    warnings = measure_and_decide(reader, CaptureDeclaration(), named=True).warnings
+    assert any('sky = "alpha" is declared, but there is no alpha' in text for text in warnings)
+
+
+@pytest.mark.parametrize(
+    ("best", "second", "said"), [(0.079, 0.097, True), (0.0008, 0.097, False), (0.01, 0.011, False)]
+)
+def test_a_depth_that_fits_poorly_is_said(
+    settled: Settle, best: float, second: float, said: bool
+) -> None:
+    readings = (DepthConvention(), DepthConvention(kind=DepthKind.RAY))
+    candidates = tuple(
+        DepthCandidate(convention=c, error=e) for c, e in zip(readings, (best, second), strict=True)
+    )
+    finding = DepthFinding(candidates=candidates, measure="px of motion")
+    notes = settled(StorageMeasurement(depth=finding)).notes
+    assert any("no reading of depth fits the camera well" in text for text in notes) == said
+
+
+def test_declared_vectors_that_are_not_relied_upon_are_said(settled: Settle) -> None:
+    sense = {"unit": "pixels", "y_axis": "down", "direction": "previous-minus-current"}
+    declared = capture(motion=sense)
+    said = "systems that rely on it have to be named"
+    still = MotionFinding(candidates=(), unmoved_error=0.4, moving=0.5, triples=(2,))
+    notes = settled(StorageMeasurement(motion=still), declared).notes
+    assert any(said in text for text in notes)
+    for finding in (clear(MotionConvention(), NEGATED), tied(MotionConvention(), NEGATED)):
+        notes = settled(StorageMeasurement(motion=finding), declared).notes
+        assert not any(said in text for text in notes)
+    assert not any(said in text for text in settled(StorageMeasurement(motion=still)).notes)

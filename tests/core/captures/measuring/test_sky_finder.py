@@ -179,3 +179,32 @@ def test_a_pass_that_is_0_everywhere_marks_no_sky(marker: Buffer) -> None:
     frame[marker] = torch.zeros_like(known[marker])
     assert find(frame).sky is None
     assert find(frame).share == 0.0
+
+
+def clear_to(frame: dict[Buffer, Tensor]) -> dict[Buffer, Tensor]:
+    """Normals and ids of the sky that are one value, though none of 0."""
+    frame[Buffer.NORMAL][..., :10, :] = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    frame[Buffer.OBJECT_ID][..., :10, :] = 7.0
+    return frame
+
+
+def test_a_far_plane_on_which_all_is_one_value_is_sky() -> None:
+    known = clear_to(scene(1000.0))
+    assert find(known).sky == 1000.0
+    assert find(known).share == pytest.approx(ABOVE)
+    # nothing but depth: no more than said
+    alone = find({Buffer.DEPTH: known[Buffer.DEPTH]})
+    assert alone.sky is None
+    assert alone.unmarked == (pytest.approx(ABOVE), 1000.0)
+
+
+@pytest.mark.parametrize("value", [9.0, 1037.5], ids=["just behind", "no round number"])
+def test_a_wall_of_one_normal_and_one_id_is_no_sky(value: float) -> None:
+    found = find(clear_to(scene(value)))
+    assert (found.sky, found.unmarked) == (None, None)
+
+
+def test_objects_before_the_farthest_depth_are_no_sky() -> None:
+    known = clear_to(scene(1000.0))
+    known[Buffer.OBJECT_ID][..., :5, :] = 3.0
+    assert find(known).sky is None

@@ -1,0 +1,93 @@
+"""Surfaces far too bright for their material: it is not what their light was multiplied by.
+
+    sample q outshines  <=>  in a channel  m(q) <= TINY  and  L(q) > OUTSHINES k
+
+with the material m, the lighting L = (radiance - emission) / max(m, epsilon), and k the middle of
+the frame's lighting (`demodulation.lighting_scale`). A gold sphere whose base colour is 0 is one:
+its divisor is 0, or the remainder of a specular term, which changes a hundredfold over a few
+pixels, while its radiance does not.
+
+Groups of such samples carry no lighting, nor do dark ones around them: all are left undivided, and
+dark HR pixels around have no material either, so that radiance is enlarged there. What is
+bright for its material, beside them, keeps its lighting.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+import torch.nn.functional as F
+
+from rtsr_cli.core.choices import MATERIAL_EPSILON
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
+from rtsr_cli.core.imaging.resampling import upsample_nearest
+from rtsr_cli.core.pairs.material_agreement import leave_undivided
+from rtsr_cli.core.shapes import Mask
+
+TINY = 4.0 * MATERIAL_EPSILON
+"""Divisors up to here are doubted: every renderer's dielectrics have more, but for glossy edges."""
+
+OUTSHINES = 8.0
+"""Lighting of so many times the middle of the frame's is none that falls on all surfaces."""
+
+DARK = 0.25
+"""Material up to here is of the same surface, seen at another angle."""
+
+GROUP_REACH, LEAST_GROUP = 2, 0.2
+"""A share of the 5 x 5 samples around: single highlights on dark surfaces are no group."""
+
+LOST_REACH = 2 * KERNEL_REACH
+"""LR pixels to each side of a sample in which dark surfaces are doubted with it."""
+
+
+def leave_outshining(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+    """Take material out of both frames where radiance is far too bright for it.
+
+    Args:
+        lr: with sky, material, lighting and its mask.
+        hr: with material.
+        scale: S.
+
+    Returns:
+        The frames: those samples are undivided, and HR's material is 0 around them where it is
+        dark; the very frames where there are none.
+    """
+    outshines = find_outshining(lr)
+    if outshines is None:
+        return lr, hr
+    around = _spread(outshines, LOST_REACH)
+    material, bare = lr.gbuffer[Buffer.MATERIAL], hr.gbuffer[Buffer.MATERIAL]
+    doubted = around & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & _is_dark(material)
+    lost = upsample_nearest(around, scale) & _is_dark(bare)
+    bare = bare.masked_fill(lost, 0.0)
+    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
+    return leave_undivided(lr, doubted), hr
+
+
+def find_outshining(lr: Frame) -> Mask | None:
+    """True at LR samples that outshine their material, in groups; None where none do."""
+    gbuffer = lr.gbuffer
+    most, lighting = OUTSHINES * lr.lighting_scale, gbuffer[Buffer.LIGHTING]
+    divided = gbuffer[Buffer.LIGHTING_MASK] > 0.5
+    surface = gbuffer[Buffer.SKY] < 0.5
+    lit = divided & (gbuffer[Buffer.MATERIAL] <= TINY) & (lighting > most)
+    # lighting of what was not divided is its radiance
+    unlit = ~divided & (lighting > most * MATERIAL_EPSILON)
+    found = surface & (lit | unlit).any(1, keepdim=True)
+    if not bool(found.any()):
+        return None
+    side = 2 * GROUP_REACH + 1
+    share = F.avg_pool2d(found.float(), side, 1, GROUP_REACH, count_include_pad=False)
+    found &= share > LEAST_GROUP - 1e-6
+    return found if bool(found.any()) else None
+
+
+def _is_dark(material: torch.Tensor) -> Mask:
+    return material.amin(1, keepdim=True) <= DARK
+
+
+def _spread(mask: Mask, reach: int) -> Mask:
+    return F.max_pool2d(mask.float(), 2 * reach + 1, 1, reach) > 0.5

@@ -1,0 +1,89 @@
+"""Surfaces far too bright for their material: undivided, with what is dark around them."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.demodulation import demodulate, lighting_scale
+from rtsr_cli.core.imaging.resampling import decimate
+from rtsr_cli.core.pairs.dark_material import find_outshining, leave_outshining
+
+SCALE, SIZE = 4, (96, 128)
+BRIGHT = 0.6
+GOLD = 0.4
+"""Radiance of the thing whose material is gone."""
+
+
+def make_pair(left: float | Tensor, radiance: float = GOLD) -> tuple[Frame, Frame]:
+    """A wall, and a square thing before it whose material is `left`."""
+    material = torch.full((1, 3, *SIZE), BRIGHT)
+    color = torch.full((1, 3, *SIZE), 0.5)
+    material[..., 24:72, 32:96] = left
+    color[..., 24:72, 32:96] = radiance
+    sky = torch.zeros(1, 1, *SIZE)
+    camera = CameraMetadata()
+    small = [decimate(t, SCALE, (2, 2)) for t in (color, material, sky)]
+    parts = demodulate(small[0], small[1], sky=small[2])
+    lr = GBuffer(
+        {
+            Buffer.SKY: small[2],
+            Buffer.MATERIAL: parts.material,
+            Buffer.LIGHTING: parts.lighting,
+            Buffer.LIGHTING_MASK: parts.mask,
+        },
+        "made by a test",
+    )
+    scale = lighting_scale(parts.lighting, parts.mask)
+    hr = GBuffer({Buffer.MATERIAL: material, Buffer.SKY: sky}, "made by a test")
+    return (
+        Frame(
+            number=1,
+            gbuffer=lr,
+            camera=camera,
+            view=View(display=lr.size),
+            lighting_scale=scale,
+        ),
+        Frame(number=1, gbuffer=hr, camera=camera, view=View(display=hr.size)),
+    )
+
+
+def grazing() -> Tensor:
+    """What is left of a specular term: a hundredfold more at the edge."""
+    steps = torch.full((64,), 1e-4)
+    steps[48:] = torch.logspace(-4, -0.8, 16)
+    return steps.expand(48, 64).clone()
+
+
+@pytest.mark.parametrize("left", [0.0, 0.006, grazing()], ids=["zero", "tiny", "grazing"])
+def test_all_of_the_thing_is_left_undivided_and_the_wall_is_not(left: float | Tensor) -> None:
+    lr, hr = leave_outshining(*make_pair(left), SCALE)
+    bare = (hr.gbuffer[Buffer.MATERIAL] == 0.0).all(1)[0]
+    assert bool(bare[24:72, 32:96].all())
+    assert float(bare.float().mean()) == pytest.approx(48 * 64 / (96 * 128))
+    mask = lr.gbuffer[Buffer.LIGHTING_MASK][0, 0]
+    assert float(mask.mean()) == pytest.approx(1.0 - 48 * 64 / (96 * 128))
+    # lighting of what is undivided is its radiance
+    assert float(lr.gbuffer[Buffer.LIGHTING].max()) < 1.0
+    assert lr.lighting_scale == pytest.approx(0.5 / BRIGHT, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("left", "radiance"),
+    [(0.04, 0.1), (0.006, 0.01), (0.0, 0.0), (0.3, 4.0)],
+    ids=["black plastic", "black metal", "a hole", "a lit wall"],
+)
+def test_what_is_as_dark_as_its_material_keeps_it(left: float, radiance: float) -> None:
+    lr, hr = make_pair(left, radiance)
+    assert find_outshining(lr) is None
+    assert leave_outshining(lr, hr, SCALE) == (lr, hr)
+
+
+def test_a_highlight_on_a_dark_surface_is_none() -> None:
+    lr, _ = make_pair(0.01, 0.01)
+    lr.gbuffer[Buffer.LIGHTING][..., 10, 15] = 100.0
+    assert find_outshining(lr) is None
