@@ -37,7 +37,7 @@ from rtsr_cli.core.lighting.lighting_history import (
 )
 from rtsr_cli.core.system import FrameWindow, Prediction, State, System, build_baseline
 
-PREROLL_FRAMES = 16
+PREROLL_FRAMES = 32
 """Frames that a shard replays: what history is worth then is below a fifth."""
 
 

@@ -4,7 +4,7 @@
     d(p) = guided enlargement of e(q) - h(q) over the samples q whose surface was seen before
     t(p) = clamp(3 |d|^2 / E|e - h|^2 - 2),   E as enlarged: 1 where samples have changed alike
     c' = a c / (1 + (1 + r t) |d|^2 / s^2)
-    h' = h + b min(1, fit(p) / v) max(min(1, m / c'), t) d
+    h' = h + b max(min(1, fit(p) / v) min(1, m / c'), t) d
     n(p) = fit(p)^f,   how well the best sample fits p
     e'(p) = (c' h' + n g) / (c' + n),   c(p) = c' + n
 
@@ -366,7 +366,7 @@ def blend_history(
     total = (fresh + carried.worth).clamp(min=LEAST_WORTH)
     settled = (carried.worth / max(weights.change_worth, LEAST_WORTH)).clamp(min=1.0)
     fitting = (frame.fit / weights.change_fit).clamp(max=1.0)
-    believed = share * fitting * torch.maximum(1.0 / settled, frame.agreement)
+    believed = share * torch.maximum(fitting / settled, frame.agreement)
     moved = carried.encoded + believed * frame.change
     return torch.lerp(frame.encoded, moved, carried.worth / total).clamp(min=0.0)
 

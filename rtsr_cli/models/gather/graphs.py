@@ -108,7 +108,7 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
         f"c' = min({config.age:g} c exp(r4) / (1 + (1 + {config.change_agreed:g} t) |d|^2 / "
         f"{config.change_spread:g}^2), {MOST_KEPT:g} c); "
         f"b = sigmoid(logit({config.change:g}) + r5) "
-        f"min(1, fit / {config.change_fit:g}) max(min(1, {config.change_worth:g} / c'), t); "
+        f"max(min(1, fit / {config.change_fit:g}) min(1, {config.change_worth:g} / c'), t); "
         f"h' = h + b d; n = fit^{config.fit_power:g}; e = (c' h' + n g) / (c' + n), g = guided "
         f"enlargement of e; worth = c' + n, at most {MOST_WORTH:g}",
     )

@@ -220,8 +220,8 @@ def gather_frame(  # noqa: PLR0915  # one step after the other, as the page has 
         c2 = c2 / (1 + (1 + CHANGE_AGREED * t) * (d**2).mean(0) / CHANGE_SPREAD**2)
         c2 = np.minimum(c2, C["GATHER_MOST_KEPT"] * c)
         share = 1 / (1 + np.exp(-(np.log(CHANGE / (1 - CHANGE)) + r[4])))
-        b = share * np.minimum(1, fit / CHANGE_FIT)
-        b = b * np.maximum(np.minimum(1, CHANGE_WORTH / np.maximum(c2, 1e-9)), t)
+        settled = np.minimum(1, CHANGE_WORTH / np.maximum(c2, 1e-9))
+        b = share * np.maximum(np.minimum(1, fit / CHANGE_FIT) * settled, t)
         part = c2 / np.maximum(c2 + n, C["LEAST_WORTH"])
         made = np.maximum(own + part * (h + b * d - own), 0)
         worth = c2 + n

@@ -171,13 +171,14 @@ def test_a_change_of_light_is_followed() -> None:
         (1.0, 0.0, 0.5, 1.0),
         (1.0, 0.0, 0.25, 0.5),
         (8.0, 0.0, 0.01, 0.005),
-        (1.0, 1.0, 0.0, 0.0),
+        (1.0, 0.5, 0.0, 0.5),
+        (1.0, 0.0, 0.0, 0.0),
     ],
 )
 def test_of_a_change_against_a_settled_history_less_is_believed(
     worth: float, agreement: float, fit: float, believed: float
 ) -> None:
-    """Where this frame is worth nothing: h + b min(1, fit / v) max(min(1, m / c), t) d is shown."""
+    """Where this frame is worth nothing: h + b max(min(1, fit / v) min(1, m / c), t) d is shown."""
     one, weights = torch.ones(1, 3, 2, 2), HistoryWeights(change_worth=2.0, change_fit=0.5)
     plane = one[:, :1]
     frame = EnlargedLighting(
