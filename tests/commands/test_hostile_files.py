@@ -100,11 +100,11 @@ def test_a_hostile_capture_toml_is_one_message(
     rtsr: Run, shot: Path, tmp_path: Path, text: str
 ) -> None:
     (shot / "capture.toml").write_text(text)
-    started = time.perf_counter()
+    started = time.process_time()
     message = refused(rtsr("upscale", shot, tmp_path / "out", *UPSCALE))
     assert "toml" in message or str(shot) in message
     assert "sys." not in message
-    assert time.perf_counter() - started < 5.0
+    assert time.process_time() - started < 5.0
 
 
 def list_numbers(schema: Any) -> list[dict[str, Any]]:
