@@ -132,12 +132,16 @@ def test_the_beginning_of_a_file_of_others_is_not_taken_for_a_cut_output(
 def test_an_empty_file_holds_nothing_to_lose_and_is_written(
     rtsr: Run, small_capture: Path, tmp_path: Path, command: str, name: str
 ) -> None:
-    if command == "precompute-lut":
-        pytest.skip("replaces nothing at all without --overwrite")
     empty = tmp_path / "out" / name
     empty.parent.mkdir(parents=True)
     empty.touch()
     result = rtsr(*arguments(command, small_capture, tmp_path / "out"))
+    if command == "precompute-lut":
+        # replaces nothing at all without --overwrite
+        assert result.exit_code == 3, result.output
+        assert "--overwrite" in result.stderr
+        assert not empty.stat().st_size
+        return
     assert result.exit_code == 0, result.output
     assert empty.stat().st_size
     if command == "upscale":

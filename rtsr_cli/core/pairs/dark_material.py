@@ -8,8 +8,8 @@ its divisor is 0, or the remainder of a specular term, which changes a hundredfo
 pixels, while its radiance does not.
 
 Groups of such samples carry no lighting, nor do dark ones around them: all are left undivided, and
-dark HR pixels around have no material either, so that radiance is enlarged there. What is
-bright for its material, beside them, keeps its lighting.
+dark HR pixels around have no material either, so that radiance is enlarged there. Dark is what is
+so in all channels, or as good as 0 in one: a wall of a saturated colour keeps its lighting.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OUTSHINES = 8.0
 """Lighting of so many times the middle of the frame's is none that falls on all surfaces."""
 
 DARK = 0.25
-"""Material up to here is of the same surface, seen at another angle."""
+"""Material up to here in all channels is of the same surface, seen at another angle."""
 
 GROUP_REACH, LEAST_GROUP = 2, 0.2
 """A share of the 5 x 5 samples around: single highlights on dark surfaces are no group."""
@@ -86,7 +86,9 @@ def find_outshining(lr: Frame) -> Mask | None:
 
 
 def _is_dark(material: torch.Tensor) -> Mask:
-    return material.amin(1, keepdim=True) <= DARK
+    """All channels dark, or one of them as good as 0: a saturated colour alone is not."""
+    least, most = material.amin(1, keepdim=True), material.amax(1, keepdim=True)
+    return (most <= DARK) | (least <= TINY)
 
 
 def _spread(mask: Mask, reach: int) -> Mask:

@@ -19,9 +19,13 @@ GOLD = 0.4
 """Radiance of the thing whose material is gone."""
 
 
-def make_pair(left: float | Tensor, radiance: float = GOLD) -> tuple[Frame, Frame]:
+def make_pair(
+    left: float | Tensor,
+    radiance: float = GOLD,
+    wall: tuple[float, float, float] = (BRIGHT, BRIGHT, BRIGHT),
+) -> tuple[Frame, Frame]:
     """A wall, and a square thing before it whose material is `left`."""
-    material = torch.full((1, 3, *SIZE), BRIGHT)
+    material = torch.tensor(wall).view(1, 3, 1, 1).repeat(1, 1, *SIZE)
     color = torch.full((1, 3, *SIZE), 0.5)
     material[..., 24:72, 32:96] = left
     color[..., 24:72, 32:96] = radiance
@@ -70,6 +74,14 @@ def test_all_of_the_thing_is_left_undivided_and_the_wall_is_not(left: float | Te
     # lighting of what is undivided is its radiance
     assert float(lr.gbuffer[Buffer.LIGHTING].max()) < 1.0
     assert lr.lighting_scale == pytest.approx(0.5 / BRIGHT, rel=0.01)
+
+
+def test_a_wall_of_a_saturated_colour_keeps_its_material_beside_it() -> None:
+    """A red wall has two dark channels; what is dark is so in all of them, or black in one."""
+    lr, hr = make_pair(0.0, wall=(0.8, 0.1, 0.1))
+    _, left = leave_outshining(lr, hr, SCALE)
+    bare = (left.gbuffer[Buffer.MATERIAL] == 0.0).all(1)
+    assert float(bare.float().mean()) == pytest.approx(48 * 64 / (96 * 128))
 
 
 @pytest.mark.parametrize(
