@@ -65,6 +65,23 @@ def test_upscale_says_in_one_line_why_better_systems_cannot_run(rtsr: Run, captu
     assert line.strip().startswith(f"{count} buffers found; ")
 
 
+def test_nothing_that_is_missing_is_hidden_and_no_advice_said_twice(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    """Of colour alone the better systems lack eight things, motion the last of them."""
+    for path in sorted(small_capture.glob("*.exr")):
+        write_exr(tmp_path / "shot" / path.name, read_channels(path, ["R", "G", "B"]))
+    better = planned(rtsr, tmp_path / "shot", "--scale", 4)["better"]
+    best, guided, plain, *_ = better.split("; ")[1:]
+    for name in ("albedo", "metallic", "roughness", "normal", "camera", "depth", "motion"):
+        assert name in best
+    assert "and hr frames: give G-buffers" in best
+    assert guided.endswith("demod-guided the same but motion")
+    assert plain == "demod-bicubic the same but depth and motion"
+    assert "more" not in better
+    assert better.count("--hr DIR") == better.count("side-car") == 1
+
+
 @pytest.mark.parametrize(
     ("size", "channels", "said"),
     [
