@@ -13,6 +13,7 @@ from rtsr_cli.core.pairs.point_samples import is_point_sampled
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, HR_FRAMES, PairSource
 from rtsr_cli.core.run.system_inputs import (
     SystemTable,
+    describe_likely,
     resolve_system_inputs,
     resolve_unshaded_inputs,
 )
@@ -157,7 +158,8 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> st
         texts.append(f"{who} {what}{advice and ': '}{advice}")
         said.update(remedies)
         longest = max(longest, lacks, key=len)
-    return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}"
+    likely = describe_likely(source, [name for one in passed for name in one.missing])
+    return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}{likely}"
 
 
 def _describe_lacks(lacks: Collection[str], longest: Collection[str], *, plural: bool) -> str:
