@@ -129,9 +129,12 @@ def judge_preferred(
 
 def _name_condition(condition: InputCondition, source: PairSource) -> str:
     """The condition, with what is seen against it where that is known."""
-    if condition is InputCondition.TRUSTED_MOTION and Buffer.MOTION in source.reader.faulty:
+    if condition is not InputCondition.TRUSTED_MOTION:
+        return condition.value
+    if Buffer.MOTION in source.reader.faulty:
         return f"{condition} (something is wrong with it, see the warning)"
-    return condition.value
+    distrust = source.reader.motion_distrust
+    return f"{condition} ({distrust})" if distrust else condition.value
 
 
 def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> str:
