@@ -8,7 +8,7 @@ from pathlib import Path
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.run.events import BETTER, FILTER, RunDone, ShotPlanned
+from rtsr_cli.core.run.events import BETTER, FILTER, FILTER_DOUBT, RunDone, ShotPlanned
 from rtsr_cli.core.wording import list_some, say_count
 
 MIB = 1 << 20
@@ -44,6 +44,8 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
     for detail in (BETTER, FILTER):
         if plan.details.get(detail):
             LOG.info("    %s", plan.details[detail])
+    if plan.details.get(FILTER_DOUBT):
+        LOG.warning("Warning: %s: %s", plan.reader.frames.root, plan.details[FILTER_DOUBT])
     if HELD in plan.skipped and not estimate:
         LOG.info("    frames %s: %s", plan.skipped[HELD], REASONS[HELD])
     log_files_made_again(plan.damaged, "cut or damaged after writing; made again")
