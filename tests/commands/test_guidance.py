@@ -276,6 +276,8 @@ def test_what_one_size_has_under_another_name_is_named_with_the_line(
         file.write(f"\n[buffers]\n{line}\n")
     mended = rtsr(*words)
     assert mended.exit_code == 0, mended.output
+    own = f"'{line.partition(' ')[0]}' of {shot / 'lr'} is read as layout 'rtsr"
+    assert own in mended.output
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,9 @@ BESIDE = 4.0
 STEP, MOST_STEPS = 2, 32
 """LR pixels to each side in which samples hang together, and how often that is followed."""
 
+FAINT = 4.0 * TINY
+"""In a channel, of HR pixels beside a group: of walls of a saturated colour each has more."""
+
 DARK = 0.25
 """Material up to here in all channels is of the same surface, seen at another angle."""
 
@@ -73,9 +76,13 @@ def leave_outshining(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
     material, bare = lr.gbuffer[Buffer.MATERIAL], hr.gbuffer[Buffer.MATERIAL]
     doubted = around & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & _is_dark(material)
     lost = upsample_nearest(around, scale) & _is_dark(bare)
-    further = _follow(outshines, lr) & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & ~doubted
+    group = _follow(outshines, lr)
+    further = group & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & ~doubted
     doubted |= further
-    lost |= upsample_nearest(_spread(further, 1), scale) & (bare.amin(1, keepdim=True) <= DARK)
+    # at edges HR pixels of the thing lie beside samples that see what is behind it
+    for samples, most in ((group, FAINT), (further, DARK)):
+        beside = upsample_nearest(_spread(samples, 1), scale)
+        lost |= beside & (bare.amin(1, keepdim=True) <= most)
     bare = bare.masked_fill(lost, 0.0)
     hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
     return leave_undivided(lr, doubted), hr

@@ -91,6 +91,14 @@ def test_metal_of_a_saturated_colour_goes_with_its_edges() -> None:
     assert float(lr.gbuffer[Buffer.LIGHTING].max()) < 1.0
 
 
+def test_pixels_of_the_thing_beside_samples_of_the_wall_go_with_it() -> None:
+    """One pixel more of the thing than samples see: its edge, where it shines a little."""
+    lr, hr = make_pair(red_metal())
+    hr.gbuffer[Buffer.MATERIAL][..., 24:72, 31] = torch.tensor([0.6, 0.03, 0.03]).view(1, 3, 1)
+    _, left = leave_outshining(lr, hr, SCALE)
+    assert bool((left.gbuffer[Buffer.MATERIAL][..., 24:72, 31] == 0.0).all())
+
+
 def test_a_lamp_in_a_dark_glossy_surface_begins_no_group() -> None:
     lr, hr = make_pair(0.04, 2.0)
     assert float(lr.gbuffer[Buffer.LIGHTING].max()) > 8.0 * lr.lighting_scale
