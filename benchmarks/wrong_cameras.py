@@ -55,8 +55,9 @@ STILL = " still"
 FRAMES = 3
 CROP = PixelWindow(left=120, top=72, width=240, height=144)
 DISPLAY = PixelWindow(left=0, top=0, width=480, height=288)
-ROUNDING, UNSEEN_PX = 1e-6, 0.05
-"""How far numbers of a matrix, and pixels at the picture's side, may be off and be right."""
+ROUNDING, UNSEEN_PX = 1e-6, 0.1
+"""How far numbers of a matrix, and pixels at the picture's side, may be off and be right: the check
+itself takes as much for vectors that were rounded."""
 
 SILENT = "SILENT"
 SAME = "right"
