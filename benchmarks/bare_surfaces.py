@@ -30,6 +30,7 @@ from rtsr_cli.core.imaging.derivation import DerivationConfig, derive
 from rtsr_cli.core.imaging.enlargement import enlarge_radiance
 from rtsr_cli.core.lighting.radiance import find_undivided
 from rtsr_cli.core.network.load import LoadedNetwork, load_network
+from rtsr_cli.core.pairs.dark_material import leave_outshining
 from rtsr_cli.core.pairs.material_agreement import leave_contradicting
 from rtsr_cli.core.pairs.opening import ReadOptions, open_pairs
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
@@ -63,9 +64,13 @@ LEAST_ERROR = 1e-12
 HISTORY = 2
 ZERO, NAN = 0.0, float("nan")
 COLOURLESS = "colourless"
-"""What the base colour is 0 of: the specular part of the material alone."""
+RED = "red"
+"""Base colours that are 0: of the material the specular part is left; of metal, green and blue."""
 
-CASES: Mapping[str, Mapping[str, float | str]] = {
+Value = float | str
+"""A material, or the name of what base colour and metal become."""
+
+CASES: Mapping[str, Mapping[str, Value]] = {
     "both": {"lr": ZERO, "hr": ZERO},
     "lr": {"lr": ZERO},
     "hr": {"hr": ZERO},
@@ -75,6 +80,7 @@ CASES: Mapping[str, Mapping[str, float | str]] = {
     "no colour": {"lr": COLOURLESS, "hr": COLOURLESS},
     "no colour at lr": {"lr": COLOURLESS},
     "no colour at hr": {"hr": COLOURLESS},
+    "red metal": {"lr": RED, "hr": RED},
 }
 
 
@@ -115,11 +121,16 @@ def derive_material(frame: Frame) -> Color:
     return derive(frame, {Buffer.MATERIAL}, DerivationConfig()).gbuffer[Buffer.MATERIAL]
 
 
-def derive_colourless(frame: Frame) -> Color:
-    """The same with base colours of 0."""
+def derive_otherwise(frame: Frame, name: str) -> Color:
+    """The same without base colour, or as metal that is red alone."""
     stored = frame.gbuffer.only(frame.gbuffer.keys() - {Buffer.MATERIAL})
-    black = stored.with_buffers({Buffer.ALBEDO: torch.zeros_like(stored[Buffer.ALBEDO])})
-    return derive_material(replace(frame, gbuffer=black))
+    albedo, metallic = stored[Buffer.ALBEDO].clone(), stored[Buffer.METALLIC]
+    if name == RED:
+        albedo[:, 1:], metallic = 0.0, torch.ones_like(metallic)
+    else:
+        albedo.zero_()
+    changed = stored.with_buffers({Buffer.ALBEDO: albedo, Buffer.METALLIC: metallic})
+    return derive_material(replace(frame, gbuffer=changed))
 
 
 def list_objects(frame: Frame) -> Iterator[int]:
@@ -130,13 +141,19 @@ def list_objects(frame: Frame) -> Iterator[int]:
             yield int(number)
 
 
-def strip_material(frame: Frame, number: int, value: float | str) -> Frame:
-    """Give an object a material of one value, or without its base colour."""
+def strip_material(frame: Frame, number: int, value: Value) -> Frame:
+    """Give an object a material of one value, or of other base colours."""
     gbuffer = frame.gbuffer
     gone = gbuffer[Buffer.OBJECT_ID] == number
-    left = derive_colourless(frame) if isinstance(value, str) else torch.tensor(value)
+    left = derive_otherwise(frame, value) if isinstance(value, str) else torch.tensor(value)
     material = torch.where(gone, left, gbuffer[Buffer.MATERIAL])
     return replace(frame, gbuffer=gbuffer.with_buffers({Buffer.MATERIAL: material}))
+
+
+def leave_undividable(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+    """What pairs of real frames go through."""
+    lr, hr = leave_contradicting(lr, hr, scale)
+    return leave_outshining(lr, hr, scale) if Buffer.LIGHTING in lr.gbuffer else (lr, hr)
 
 
 def build_windows(
@@ -151,7 +168,7 @@ def build_windows(
 
     divided = (*system.lr_inputs, Buffer.MATERIAL)
     pairs = [
-        leave_contradicting(
+        leave_undividable(
             keep(low, divided, system.lr_optional),
             keep(high, system.hr_inputs, system.hr_optional),
             scale,

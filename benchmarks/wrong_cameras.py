@@ -55,6 +55,10 @@ STILL = " still"
 FRAMES = 3
 CROP = PixelWindow(left=120, top=72, width=240, height=144)
 DISPLAY = PixelWindow(left=0, top=0, width=480, height=288)
+ROUNDING, UNSEEN_PX = 1e-6, 0.1
+"""How far numbers of a matrix, and pixels at the picture's side, may be off and be right: the check
+itself takes as much for vectors that were rounded."""
+
 SILENT = "SILENT"
 SAME = "right"
 
@@ -300,20 +304,22 @@ def list_cases(kinds: tuple[str, ...], ways: tuple[str, ...]) -> Iterator[tuple[
 def is_right(sequence: Sequence, kind: str, way: str, form: str = "") -> bool:
     """Tell whether matrices come out right, as another frame's do where the camera stands still.
 
-    Of a lens that is written as an angle no axis is flipped.
+    Of a lens that is written as an angle no axis is flipped, and one that moves no pixel is right.
     """
 
     def differ(number: int) -> float:
         view, lens = sequence.cameras[number]
         wrong = spoil(kind, way, sequence.cameras, number)
-        if form == "angles":
-            angles = (_measure_angle(v, n) for v, n in (wrong, (view, view @ lens)))
-            pairs = [(wrong[0], view), tuple(map(np.asarray, angles))]
-        else:
-            pairs = [*zip(wrong, (view, view @ lens), strict=True)]
-        return max(float(np.abs(one - other).max()) for one, other in pairs)
+        turned = float(np.abs(wrong[0] - view).max()) / ROUNDING
+        if form != "angles":
+            return max(turned, float(np.abs(wrong[1] - view @ lens).max()) / ROUNDING)
+        one, other = (
+            np.tan(np.radians(_measure_angle(v, n) / 2)) for v, n in (wrong, (view, view @ lens))
+        )
+        moved_px = float(abs(one / other - 1.0)) * sequence.display.width / 2
+        return max(turned, moved_px / UNSEEN_PX)
 
-    return max(map(differ, sequence.planes)) < 1e-6
+    return max(map(differ, sequence.planes)) < 1.0
 
 
 def settle(outcome: str, *, right: bool) -> str:

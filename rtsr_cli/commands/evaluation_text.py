@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -26,6 +27,7 @@ from rtsr_cli.core.evaluation.events import (
 from rtsr_cli.core.evaluation.result_files import encode_numbers
 from rtsr_cli.core.evaluation.score_summary import HISTORY
 from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.wording import list_some
 
 Result = Mapping[str, Any]
 
@@ -34,6 +36,9 @@ NOTHING = "-"
 
 OF_REFERENCE = "-reference"
 """Ends the names of what is measured of the reference alone: nobody is best in it."""
+
+MOST_NAMED = 3
+"""Tests that are named before a note that many have."""
 
 SMALL, FEW, MANY = 10.0, 2, 4
 """Scores below the first have so many decimals more than others."""
@@ -48,6 +53,7 @@ def show_evaluation(events: Iterable[EvaluationEvent], phase: ExitStack, *, as_j
         as_json: print events in place of text.
     """
     bar, code = tqdm(disable=True), 0
+    told: set[str] = set()
     for event in events:
         match event:
             case JudgingStarted():
@@ -57,13 +63,15 @@ def show_evaluation(events: Iterable[EvaluationEvent], phase: ExitStack, *, as_j
                 bar.update()
             case ResultReady():
                 phase.close()
-                show_result(event.result, as_json=as_json)
+                show_result(event.result, told, as_json=as_json)
                 phase.enter_context(unwind_on_signals())
             case EvaluationDone():
                 log_shortfalls(event)
                 code = 0 if event.passed else FAILED
             case _:
                 show_step(event, as_json=as_json)
+                if isinstance(event, ComparisonPlanned) and LOG.isEnabledFor(logging.INFO):
+                    told.update(event.notes)
     return code
 
 
@@ -114,8 +122,14 @@ def show_plan(plan: ComparisonPlanned, *, as_json: bool) -> None:
         LOG.info("    %s", note)
 
 
-def show_result(result: Result, *, as_json: bool) -> None:
-    """Say all figures: means as a table, by region with -v, and what is noted about them."""
+def show_result(result: Result, told: Collection[str] = (), *, as_json: bool) -> None:
+    """Say all figures: means as a table, by region with -v, and what is noted about them.
+
+    Args:
+        result: of the evaluation.
+        told: notes that were said before.
+        as_json: print the result in place of text, all notes in it.
+    """
     if as_json:
         emit({"event": "done", **encode_numbers(result)})
         return
@@ -125,9 +139,25 @@ def show_result(result: Result, *, as_json: bool) -> None:
     if any(any(r for r in test["regions"].values()) for test in result["tests"].values()):
         for line in list_region_lines(result):
             LOG.debug("%s", line)
+    for note, keys in group_notes(result).items():
+        if note not in told:
+            LOG.warning("Note: %s: %s", _name_tests(keys, result), note)
+
+
+def group_notes(result: Result) -> dict[str, list[str]]:
+    """Return each note once, with the tests that it is of."""
+    groups: dict[str, list[str]] = {}
     for key, test in result["tests"].items():
         for note in test["notes"]:
-            LOG.warning("Note: %s: %s", key, note)
+            groups.setdefault(note, []).append(key)
+    return groups
+
+
+def _name_tests(keys: Sequence[str], result: Result) -> str:
+    """Name tests, or say that it is all of many."""
+    if len(keys) > MOST_NAMED and len(keys) == len(result["tests"]):
+        return f"all {len(keys)} tests"
+    return list_some(keys, MOST_NAMED)
 
 
 def log_shortfalls(done: EvaluationDone) -> None:

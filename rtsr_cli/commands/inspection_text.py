@@ -362,10 +362,14 @@ def _doubt_roughness(frame_set: SetInspection, reader: FrameReader) -> str:
     return f"taken as {kind}{hint}; pictures do not tell, declare it if it is another"
 
 
+SIGNS = {False: "warning", True: "PROBLEM"}
+"""What problems are called: those that commands run with, and those that change an exit code."""
+
+
 def _list_problem_lines(frame_set: SetInspection) -> Iterator[str]:
     for problem in frame_set.problems:
         first, *others = problem.text.splitlines()
-        yield _format_line("PROBLEM", first)
+        yield _format_line(SIGNS[problem.gravity > Severity.REMARK], first)
         yield from (_format_line("", line) for line in others)
 
 

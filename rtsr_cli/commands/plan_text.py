@@ -8,8 +8,8 @@ from pathlib import Path
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.selection import format_ranges
-from rtsr_cli.core.run.events import BETTER, FILTER, RunDone, ShotPlanned
-from rtsr_cli.core.wording import say_count
+from rtsr_cli.core.run.events import BETTER, FILTER, FILTER_DOUBT, RunDone, ShotPlanned
+from rtsr_cli.core.wording import list_some, say_count
 
 MIB = 1 << 20
 
@@ -44,6 +44,8 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
     for detail in (BETTER, FILTER):
         if plan.details.get(detail):
             LOG.info("    %s", plan.details[detail])
+    if plan.details.get(FILTER_DOUBT):
+        LOG.warning("Warning: %s: %s", plan.reader.frames.root, plan.details[FILTER_DOUBT])
     if HELD in plan.skipped and not estimate:
         LOG.info("    frames %s: %s", plan.skipped[HELD], REASONS[HELD])
     log_files_made_again(plan.damaged, "cut or damaged after writing; made again")
@@ -119,7 +121,7 @@ def log_pixel_findings(done: RunDone) -> None:
         LOG.warning(
             "Warning: numbers beyond 65504, or so small that they would be 0, which half cannot "
             "hold: written as float: %s",
-            _list_some(done.as_float),
+            list_some(done.as_float, MAX_LISTED),
         )
     for shot, shares in done.no_material.items():
         LOG.info(
@@ -144,10 +146,5 @@ def _percentages(shares: Collection[float]) -> tuple[float, float]:
 
 def _count_by_frame(counts: Mapping[str, int]) -> tuple[int, str]:
     """Return the sum, and how many frames of which names it is in."""
-    listed = _list_some([f"{name}: {count}" for name, count in counts.items()])
+    listed = list_some([f"{name}: {count}" for name, count in counts.items()], MAX_LISTED)
     return sum(counts.values()), f"{say_count(len(counts), 'frame')} ({listed})"
-
-
-def _list_some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return ", ".join(names[:MAX_LISTED]) + more

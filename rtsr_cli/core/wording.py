@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def say_count(count: int, noun: str) -> str:
@@ -14,3 +14,9 @@ def join_names(names: Iterable[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     known = list(names)
     return " and ".join(filter(None, [", ".join(known[:-1]), *known[-1:]]))
+
+
+def list_some(names: Sequence[str], most: int) -> str:
+    """The first names; of more, the rest is counted."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -5,7 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rtsr_cli.commands.evaluation_text import list_perfect_frame_lines, list_table_lines
+from rtsr_cli.commands.evaluation_text import (
+    group_notes,
+    list_perfect_frame_lines,
+    list_table_lines,
+)
 
 
 def result(**means: list[float | None]) -> dict[str, Any]:
@@ -43,3 +47,10 @@ def test_perfect_frames_that_a_mean_leaves_out_are_told() -> None:
     assert list(list_perfect_frame_lines(found)) == [
         "a: the mean of psnr is of 1 of 3 frames; 2 are perfect, their infinite values left out"
     ]
+
+
+def test_a_note_is_grouped_with_all_tests_that_it_is_of() -> None:
+    found = result()
+    found["tests"]["a"]["notes"] = ["of both", "of a"]
+    found["tests"]["b"]["notes"] = ["of both"]
+    assert group_notes(found) == {"of both": ["a", "b"], "of a": ["a"]}

@@ -147,6 +147,36 @@ def test_what_is_declared_is_obeyed_and_stamped(rtsr: Run, pair: Path, tmp_path:
     assert "--overwrite" in again.output
 
 
+@pytest.mark.parametrize("width", [0.0, 0.9])
+def test_a_declared_width_that_is_another_is_doubted(
+    rtsr: Run, pair: Path, tmp_path: Path, width: float
+) -> None:
+    declare_width(pair, width)
+    words = ("upscale", pair, tmp_path / "out", "--dry-run", "--system")
+    run = rtsr(*words, "demod-guided")
+    assert run.exit_code == 0
+    (line,) = [line for line in run.stderr.splitlines() if "filter_width_px" in line]
+    found = re.search(
+        rf"Warning: .*filter_width_px is declared as {width:g}, but LR radiance looks "
+        r"filtered by ([\d.]+) LR pixels; the declaration is obeyed: correct it",
+        line,
+    )
+    assert found is not None, line
+    assert float(found[1]) == pytest.approx(WIDTH_PX, abs=0.12)
+    assert "is declared as" in rtsr("inspect", pair).output
+    # who knows no filter reckons with none
+    assert "is declared as" not in rtsr(*words, "demod-bicubic").output
+
+
+def test_a_declared_width_that_is_about_right_is_not_doubted(
+    rtsr: Run, pair: Path, tmp_path: Path
+) -> None:
+    declare_width(pair, round(WIDTH_PX + 0.1, 2))
+    run = rtsr("upscale", pair, tmp_path / "out", "--dry-run", "--system", "demod-guided")
+    assert "is declared as" not in run.output
+    assert "is declared as" not in rtsr("inspect", pair).output
+
+
 def test_parts_of_a_run_take_no_measured_width(rtsr: Run, pair: Path, tmp_path: Path) -> None:
     refused = rtsr("inspect", pair, "--write", "--overwrite")
     assert "filter_width_px" in (pair / "capture.toml").read_text(encoding="utf-8"), refused.output

@@ -65,6 +65,23 @@ def test_upscale_says_in_one_line_why_better_systems_cannot_run(rtsr: Run, captu
     assert line.strip().startswith(f"{count} buffers found; ")
 
 
+def test_nothing_that_is_missing_is_hidden_and_no_advice_said_twice(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    """Of colour alone the better systems lack eight things, motion the last of them."""
+    for path in sorted(small_capture.glob("*.exr")):
+        write_exr(tmp_path / "shot" / path.name, read_channels(path, ["R", "G", "B"]))
+    better = planned(rtsr, tmp_path / "shot", "--scale", 4)["better"]
+    best, guided, plain, *_ = better.split("; ")[1:]
+    for name in ("albedo", "metallic", "roughness", "normal", "camera", "depth", "motion"):
+        assert name in best
+    assert "and hr frames: give G-buffers" in best
+    assert guided.endswith("demod-guided the same but motion")
+    assert plain == "demod-bicubic the same but depth and motion"
+    assert "more" not in better
+    assert better.count("--hr DIR") == better.count("side-car") == 1
+
+
 @pytest.mark.parametrize(
     ("size", "channels", "said"),
     [
@@ -226,6 +243,57 @@ def test_pasted_lines_make_the_systems_ready(
     assert after["fixes"] == []
     plan = planned(rtsr, folder, "--simulate-lr", 4)
     assert plan["system"].startswith(("gather", "fusesr", "demod"))
+
+
+@pytest.mark.parametrize(
+    ("renamed", "line"),
+    [
+        ({f"normal.{c}": f"nrm.{c}" for c in "XYZ"}, 'normal = ["nrm.X", "nrm.Y", "nrm.Z"]'),
+        ({f"albedo.{c}": f"alb.{c}" for c in "RGB"}, 'albedo = ["alb.R", "alb.G", "alb.B"]'),
+        ({"depth.Z": "Zeta"}, 'depth = "Zeta"'),
+        ({"metallic": "mtl"}, 'metallic = "mtl"'),
+        ({"roughness": "gloss"}, 'roughness = "1 - gloss"'),
+    ],
+    ids=["normals", "base colour", "depth", "metal", "roughness"],
+)
+def test_what_one_size_has_under_another_name_is_named_with_the_line(
+    rtsr: Run, small_shot: Path, tmp_path: Path, renamed: dict[str, str], line: str
+) -> None:
+    """The line is for that size alone: the other one's channels stay the layout's own."""
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot, shot)
+    for path in (shot / "hr").iterdir():
+        header = read_header(path)
+        planes = read_channels(path, sorted(header.channels))
+        named = {renamed.get(name, name): plane for name, plane in planes.items()}
+        write_exr(path, named, attributes=header.attributes)
+    words = ("upscale", shot, tmp_path / "out", "--system", "demod-guided", "--dry-run")
+    refused = rtsr(*words)
+    assert refused.exit_code == 3
+    assert f"; perhaps, below [buffers] in capture.toml: {line}" in refused.output
+    assert line in planned(rtsr, shot)["better"]
+    with (shot / "capture.toml").open("a") as file:
+        file.write(f"\n[buffers]\n{line}\n")
+    mended = rtsr(*words)
+    assert mended.exit_code == 0, mended.output
+    own = f"'{line.partition(' ')[0]}' of {shot / 'lr'} is read as layout 'rtsr"
+    assert own in mended.output
+
+
+@pytest.mark.parametrize(
+    ("renamed", "line"),
+    [
+        (dict(zip(MOTION, ("mv.X", "mv.Y"), strict=True)), 'motion = ["mv.X", "mv.Y"]'),
+        ({f"albedo.{c}": f"mat.{c}" for c in "RGB"}, 'material = ["mat.R", "mat.G", "mat.B"]'),
+    ],
+    ids=["motion", "material"],
+)
+def test_what_a_capture_has_under_another_name_is_named_with_the_line(
+    rtsr: Run, capture: Copy, renamed: dict[str, str], line: str
+) -> None:
+    folder = capture(SURFACE if "mat.R" in renamed.values() else (), renamed)
+    assert line in planned(rtsr, folder, "--simulate-lr", 4)["better"]
+    assert line in {fix["line"] for fix in inspected(rtsr, folder)["fixes"]}
 
 
 COLOURS = ("albedo.R", "albedo.G", "albedo.B")

@@ -143,6 +143,18 @@ def test_evaluate_names_matrices_of_the_buffers_that_are_not_used(
         assert "transposed" in said
 
 
+def test_evaluate_says_once_what_is_wrong_with_the_buffers(rtsr: Any, tmp_path: Path) -> None:
+    """Before figures, or behind them where nothing was said before; of all tests together."""
+    truth, buffers = (write_synth(rtsr, tmp_path / name, 3) for name in ("ref", "buffers"))
+    give_matrices(buffers, {n: n for n in FIRST_FRAMES}, transpose=True)
+    tests = [write_synth(rtsr, tmp_path / name, 3) for name in ("a", "b")]
+    words = ("evaluate", *tests, "--ref", truth, "--gbuffer", buffers, "--metric", "psnr")
+    for more, whose in (((), ""), (("-q",), "Note: a, b: ")):
+        said = rtsr(*words, *more).output
+        assert said.count("are not used") == 1
+        assert f"{whose}the buffers: the camera matrices" in said
+
+
 def test_evaluate_names_one_camera_in_all_frames(rtsr: Any, tmp_path: Path) -> None:
     shot = write_synth(rtsr, tmp_path / "shot", 3)
     give_matrices(shot, dict.fromkeys(FIRST_FRAMES, 1))

@@ -11,9 +11,9 @@ from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
     Buffer.MOTION: ("motion", "speed", "vel", "mvec", "mv", "mo", "vector", "flow", "backward"),
     Buffer.FORWARD: ("forward",),
-    Buffer.ALBEDO: ("albedo", "basecolor", "base_color", "base", "diffcol", "diffuse"),
-    Buffer.NORMAL: ("normal", "nrm", "nml", "norm"),
-    Buffer.DEPTH: ("depth", "viewz", "linearz", "zdepth", "dist"),
+    Buffer.ALBEDO: ("albedo", "alb", "basecolor", "base_color", "base", "diffcol", "diffuse"),
+    Buffer.NORMAL: ("normal", "nrm", "nml", "norm", "n"),
+    Buffer.DEPTH: ("depth", "viewz", "linearz", "zdepth", "zbuf", "dist"),
     Buffer.ROUGHNESS: ("rough", "rgh", "smooth", "gloss"),
     Buffer.METALLIC: ("metal", "mtl"),
     Buffer.SPECULAR: ("specularcolor", "specular_color", "speccol", "f0"),
@@ -36,6 +36,15 @@ KEYWORDS: Mapping[Buffer, tuple[str, ...]] = {
 }
 """What names of channels, layers and files contain, the telling ones first; see
 `_contains_keyword`."""
+
+HINTED: Mapping[Buffer, str] = {Buffer.DEPTH: "z"}
+"""What one word of the name of a single channel begins with, where nothing else speaks: a hint,
+which its values have to prove."""
+
+ALONE: Mapping[Buffer, tuple[str, ...]] = {
+    Buffer.MATERIAL: ("material", "mat", "matl", "brdf", "divisor"),
+}
+"""What names consist of, whole: beside other words these say nothing of what channels hold."""
 
 OF_LIGHT = ("light", "direct", "illum", "irrad", "shad", "bounce")
 """In names of channels that hold light, whatever surface it comes from."""
@@ -100,13 +109,29 @@ def guess_buffers(
             layer = _strip_component(name) if layers[_strip_component(name)] > 1 else name
             groups[f"{stream}/{layer}"].append((stream, name))
     suggestions: dict[Buffer, tuple[str, ...]] = {}
-    for key, held in groups.items():
-        places = _sort_places(held)
+    sorted_groups = {key: _sort_places(held) for key, held in groups.items()}
+    for key, places in sorted_groups.items():
         buffer = _choose_candidate(_list_candidates(key, len(places)), places, check)
         if buffer is not None and buffer not in suggestions:
             chosen = places[: BUFFER_SPECS[buffer].channels]
             suggestions[buffer] = tuple(_write_place(p, several=len(channels) > 1) for p in chosen)
+    for buffer in HINTED.keys() - suggestions.keys():
+        likely = [p for p in sorted_groups.values() if hints_at(buffer, p) and check(buffer, p)]
+        if len(likely) == 1:
+            [place] = likely[0]
+            suggestions[buffer] = (_write_place(place, several=len(channels) > 1),)
     return suggestions
+
+
+def hints_at(buffer: Buffer, places: Sequence[Place]) -> bool:
+    """Tell whether the name of a single channel hints at a buffer, and speaks for none."""
+    if len(places) != 1 or buffer not in HINTED:
+        return False
+    [(_, channel)] = places
+    words = [word.lower() for word in WORD.findall(channel)]
+    if any(True for _ in _list_candidates(channel, SPACE_CHANNELS)):
+        return False
+    return any(word.startswith(HINTED[buffer]) for word in words)
 
 
 def list_named(channels: Mapping[str, Collection[str]]) -> frozenset[Buffer]:
@@ -201,6 +226,11 @@ def _list_candidates(name: str, count: int) -> Iterator[Buffer]:
         shared = buffer in NUMBERS and _has_any(OF_LOBES, name)
         enough = count >= BUFFER_SPECS[buffer].channels and not lit and not shared
         if enough and any(_contains_keyword(word, name.lower(), parts) for word in words):
+            yield buffer
+    stream, _, layer = name.rpartition("/")
+    own = {word.lower() for word in WORD.findall(layer or stream)}
+    for buffer, whole in ALONE.items():
+        if own and own <= set(whole) and count >= BUFFER_SPECS[buffer].channels:
             yield buffer
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rtsr_cli.core.captures.channel_guesses import GuessCheck, Place
+from rtsr_cli.core.captures.channel_guesses import GuessCheck, Place, hints_at
 from rtsr_cli.core.captures.reader import read_planes
 from rtsr_cli.core.captures.shots import FrameSet
 from rtsr_cli.core.errors import RtsrError
@@ -28,6 +28,16 @@ MOST = 0.98
 
 LENGTH_SLACK = 0.05
 """How far from 1 the length of a stored normal may be."""
+
+FAR = 6e4
+"""Distances from here on are the sky's: the largest that half holds, or more."""
+
+LEAST_SURFACE = 0.02
+"""Share of a picture that has to be surface before its distances prove anything."""
+
+EVEN = 0.05
+"""How far neighbouring distances lie apart in the median, as a share of them, and how far all of
+them reach at the least."""
 
 PLANE = 1
 SPACE = 3
@@ -59,26 +69,35 @@ def check_guesses(
     def check(buffer: Buffer, places: Sequence[Place]) -> bool:
         if buffer in bound:
             return False
-        values = _read_values(files, places)
-        return values is not None and looks_like(buffer, values)
+        pictures = _read_pictures(files, places)
+        if not pictures or not looks_like(buffer, _list_pixels(pictures)):
+            return False
+        return not hints_at(buffer, places) or all(proves_distance(p[0]) for p in pictures)
 
     return check
 
 
-def _read_values(files: Mapping[str, Sequence[Path]], places: Sequence[Place]) -> Values | None:
-    """Pixels of some channels of one sequence; None where they cannot be read."""
+Picture = NDArray[np.float64]
+"""Channels of one frame, c x h x w."""
+
+
+def _read_pictures(files: Mapping[str, Sequence[Path]], places: Sequence[Place]) -> list[Picture]:
+    """Some channels of one sequence; none where they cannot be read."""
     (stream,) = {stream for stream, _ in places}
     names = [channel for _, channel in places]
-    parts = []
+    pictures = []
     try:
         for path in files.get(stream, ()):
             planes = read_planes(path, names)
-            parts.append(np.stack([planes[n].astype(np.float64).ravel() for n in names], axis=1))
+            pictures.append(np.stack([planes[n].astype(np.float64) for n in names]))
     except (RtsrError, OSError, ValueError):
-        return None
-    if not parts:
-        return None
-    values = np.concatenate(parts)
+        return []
+    return pictures
+
+
+def _list_pixels(pictures: Sequence[Picture]) -> Values:
+    """Finite pixels of some frames."""
+    values: Values = np.concatenate([p.reshape(len(p), -1).T for p in pictures])
     return values[np.isfinite(values).all(axis=1)]
 
 
@@ -150,8 +169,28 @@ def _is_surface_colour(values: Values) -> bool:
 
 
 def _is_distance(values: Values) -> bool:
+    """A number that varies and is hardly below 0; no mask, which has two."""
     first = values[:, 0]
-    return _is_grey(values) and bool(np.ptp(first) > 0) and bool((first < 0).mean() <= 1.0 - MOST)
+    is_mask = bool(((first == 0.0) | (first == 1.0)).all())
+    below = float((first < 0).mean())
+    return _is_grey(values) and bool(np.ptp(first) > 0) and below <= 1.0 - MOST and not is_mask
+
+
+def proves_distance(plane: NDArray[np.float64]) -> bool:
+    """Tell distances by themselves: above 0, no shares, no whole numbers, the same beside each.
+
+    What is far away may be cleared to anything.
+    """
+    surface = np.isfinite(plane) & (plane > 0.0) & (plane < FAR)
+    values = plane[surface]
+    if values.size < LEAST_SURFACE * plane.size or values.max() <= BRIGHTEST:
+        return False
+    both = surface[:, 1:] & surface[:, :-1]
+    if not both.any() or (values == np.round(values)).all():
+        return False
+    beside, before = plane[:, 1:][both], plane[:, :-1][both]
+    steps = np.abs(beside - before) / np.maximum(beside, before)
+    return float(np.median(steps)) <= EVEN and float(np.ptp(values)) > EVEN * float(values.max())
 
 
 def _is_number(values: Values) -> bool:

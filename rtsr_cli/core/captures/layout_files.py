@@ -99,6 +99,8 @@ def choose_layout(
 ) -> tuple[Layout, Binding]:
     """Choose the layout of a frame set and find its buffers; `[buffers]` is laid over it.
 
+    What `[buffers]` names in files of the other resolution alone is the layout's own in these.
+
     Args:
         named: preset or layout file that is named, or None to detect one.
         capture: what the user declares; its `layout` is not looked at.
@@ -110,7 +112,11 @@ def choose_layout(
         FrameFolderError: no layout fits, several do, or a buffer is in two file sequences or
             layers.
     """
-    own = build_components(capture.buffers)
+    own = {
+        buffer: components
+        for buffer, components in build_components(capture.buffers).items()
+        if _are_held({buffer: components}, streams)
+    }
     if named is None and not own:
         return detect_layout(streams, LAYOUTS.values(), where, layer)
     layout = _replace_buffers(named or _detect_layout(own, streams, where, layer), own)

@@ -87,6 +87,7 @@ class FrameReader:
         camera_unfit: why camera matrices are not used; empty if they are.
         faulty: buffers in which something is wrong in frames that were looked at.
         motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
+        motion_distrust: what would make vectors relied upon that are not; empty if unknown.
         jitter_trusted: whether nothing contradicts the jitter that is declared.
         views: by sequence, channel -> the stereo view that it belongs to.
         layers: names of the layers and views of the files; empty where they name none.
@@ -124,6 +125,7 @@ class FrameReader:
     camera_unfit: str = ""
     faulty: frozenset[Buffer] = frozenset()
     motion_trusted: bool = False
+    motion_distrust: str = ""
     jitter_trusted: bool = True
     views: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     layers: tuple[str, ...] = ()

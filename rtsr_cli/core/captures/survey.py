@@ -10,6 +10,7 @@ from typing import Any
 from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.camera_rows import CameraRow
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
+from rtsr_cli.core.captures.channel_tables import build_components
 from rtsr_cli.core.captures.color_tags import (
     describe_contradictions,
     find_foreign_tag,
@@ -135,6 +136,7 @@ def open_frames(
             *_list_notes(first),
             *describe_crop(places, region),
             *_list_unread(bound.layout, binding, first),
+            *_list_elsewhere(frames, bound.layout, binding, capture),
         ),
         lacking=found.lacking,
         samples=samples,
@@ -217,6 +219,19 @@ def _list_unread(layout: Layout, binding: Binding, first: Mapping[str, ExrHeader
         unread.why: name for name, unread in reversed(found.items()) if unread.unless not in binding
     }
     yield from (f"'{name}' is not read: {why}" for why, name in said.items())
+
+
+def _list_elsewhere(
+    frames: FrameSet, layout: Layout, binding: Binding, capture: CaptureDeclaration
+) -> Iterator[str]:
+    """Say which buffers `[buffers]` makes of channels that the other resolution alone has."""
+    for buffer, declared in build_components(capture.buffers).items():
+        if buffer in binding and layout.buffers[buffer] != declared:
+            names = binding[buffer].describe(streams=False)
+            yield (
+                f"'{buffer}' of {frames.root} is read as layout '{layout.name}' has it ({names}): "
+                "none of these files holds what is declared in [buffers]"
+            )
 
 
 def _check_usable(frames: FrameSet, first: Mapping[str, ExrHeader]) -> None:

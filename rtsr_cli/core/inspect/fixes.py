@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from rtsr_cli.core.captures.channel_guesses import write_guess
+from rtsr_cli.core.captures.likely_channels import PARTS
 from rtsr_cli.core.captures.measuring.declaration_text import write_toml_value
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
@@ -136,16 +137,14 @@ def _list_fixes_of(missing: str, hints: Hints) -> Iterator[Fix]:
             yield Fix(missing=missing, where=HEAD, line=line, note="or --layer NAME")
 
 
-PARTS = frozenset({Buffer.MATERIAL, Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV})
-"""What need not be there where material is."""
-
-
 def _list_buffer_fixes(buffer: Buffer, hints: Hints) -> Iterator[Fix]:
     if hints.material and buffer in PARTS:
         line = f"material = {write_toml_value(hints.material)}"
         yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=MATERIAL_NOTE)
     elif buffer in hints.guessed:
         yield _declare_guess(buffer, hints)
+    elif Buffer.MATERIAL in hints.guessed and buffer in PARTS:
+        yield replace(_declare_guess(Buffer.MATERIAL, hints), missing=buffer.value)
     elif hints.base_colour and buffer in PARTS:
         line = f"material = {write_toml_value(hints.base_colour)}"
         yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=BASE_COLOUR_NOTE)

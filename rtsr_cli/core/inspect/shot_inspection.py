@@ -11,7 +11,6 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import (
-    GuessCheck,
     guess_buffers,
     guess_material,
     list_named,
@@ -21,12 +20,12 @@ from rtsr_cli.core.captures.frame_numbers import list_missing_frames
 from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_readable
 from rtsr_cli.core.captures.layers import bind_layers, join_layer
+from rtsr_cli.core.captures.likely_channels import guess_further, list_bound, list_unknown
 from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.captures.sample_channels import join_samples_into
 from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot
 from rtsr_cli.core.captures.unrendered_frames import list_partial_streams, take_first
 from rtsr_cli.core.choices import SystemTask
@@ -218,6 +217,10 @@ def inspect_shot(
             filter_width_px=pairs.filter_width_px,
             filter_measured=pairs.filter_measured,
         )
+        if pairs.filter_doubt:
+            doubt = ShotProblem(text=pairs.filter_doubt)
+            main = replace(main, problems=_drop_repeats((*main.problems, doubt)))
+            inspection = replace(inspection, main=main)
     known = ShotSources(
         main=main.reader,
         in_time=main.in_time,
@@ -449,17 +452,9 @@ def _with_pixels(
 ) -> SetInspection:
     """Add gaps, unknown channels and the statistics of pixels; damaged files are no gaps."""
     reader = settled.reader
-    bound: dict[str, set[str]] = {}
-    for components in join_samples_into(reader.binding, reader.samples).values():
-        for c in components:
-            bound.setdefault(c.stream, set()).add(c.channel)
-    unknown = {
-        key: tuple(n for n in names if n not in bound.get(key, ()))
-        for key, names in inspection.channels.items()
-    }
-    unknown = {key: names for key, names in unknown.items() if names}
+    unknown = list_unknown(reader)
     check = check_guesses(choose_files(reader.frames, reader.channels), reader.stored)
-    missing = list_missing_frames(frames, sorted(bound), reader.step)
+    missing = list_missing_frames(frames, sorted(list_bound(reader)), reader.step)
     partial = list_partial_streams(reader.binding) if inspection.in_time is not None else ()
     looked_at = _choose_numbers(reader.numbers, every=every)
     statistics, damaged = measure_statistics(reader, looked_at)
@@ -495,7 +490,7 @@ def _with_pixels(
         inspection,
         layers=reader.layers,
         unknown=unknown,
-        guessed=_guess_further(reader, unknown, check),
+        guessed=guess_further(reader, unknown, check),
         material="" if Buffer.MATERIAL in reader.binding else guess_material(unknown, check),
         missing=missing,
         statistics=statistics,
@@ -503,20 +498,6 @@ def _with_pixels(
         lossy=lossy,
         problems=_drop_repeats(problems),
     )
-
-
-def _guess_further(
-    reader: FrameReader, unknown: Mapping[str, tuple[str, ...]], check: GuessCheck
-) -> dict[Buffer, tuple[str, ...]]:
-    """Buffers that channels nobody knows could be; what is not read for a reason is none."""
-    known = reader.layout.list_unread(unknown)
-    rest = {
-        key: tuple(c for c in channels if c not in known)
-        for key, channels in unknown.items()
-        if not known.keys() & {key, key.rpartition("/")[0]}
-    }
-    guessed = guess_buffers(rest, check)
-    return {b: places for b, places in guessed.items() if b not in reader.binding}
 
 
 def _choose_numbers(numbers: Sequence[int], *, every: bool) -> tuple[int, ...]:

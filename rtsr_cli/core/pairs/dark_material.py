@@ -9,7 +9,12 @@ pixels, while its radiance does not.
 
 Groups of such samples carry no lighting, nor do dark ones around them: all are left undivided, and
 dark HR pixels around have no material either, so that radiance is enlarged there. Dark is what is
-so in all channels, or as good as 0 in one: a wall of a saturated colour keeps its lighting.
+so in all channels, or as good as 0 in one: a wall of a saturated colour keeps its lighting. So does
+metal of one, whose edges shine in all: samples that hang together with a group go with it while
+
+    in a channel  m(q) <= DARK  and  L(q) > BESIDE k
+
+No group begins with those: lamps that dark glossy surfaces mirror look the same.
 """
 
 from __future__ import annotations
@@ -32,6 +37,15 @@ TINY = 4.0 * MATERIAL_EPSILON
 
 OUTSHINES = 8.0
 """Lighting of so many times the middle of the frame's is none that falls on all surfaces."""
+
+BESIDE = 4.0
+"""The same, of samples that hang together with ones that outshine their material for sure."""
+
+STEP, MOST_STEPS = 2, 32
+"""LR pixels to each side in which samples hang together, and how often that is followed."""
+
+FAINT = 4.0 * TINY
+"""In a channel, of HR pixels beside a group: of walls of a saturated colour each has more."""
 
 DARK = 0.25
 """Material up to here in all channels is of the same surface, seen at another angle."""
@@ -62,6 +76,13 @@ def leave_outshining(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
     material, bare = lr.gbuffer[Buffer.MATERIAL], hr.gbuffer[Buffer.MATERIAL]
     doubted = around & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & _is_dark(material)
     lost = upsample_nearest(around, scale) & _is_dark(bare)
+    group = _follow(outshines, lr)
+    further = group & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & ~doubted
+    doubted |= further
+    # at edges HR pixels of the thing lie beside samples that see what is behind it
+    for samples, most in ((group, FAINT), (further, DARK)):
+        beside = upsample_nearest(_spread(samples, 1), scale)
+        lost |= beside & (bare.amin(1, keepdim=True) <= most)
     bare = bare.masked_fill(lost, 0.0)
     hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
     return leave_undivided(lr, doubted), hr
@@ -83,6 +104,20 @@ def find_outshining(lr: Frame) -> Mask | None:
     share = F.avg_pool2d(found.float(), side, 1, GROUP_REACH, count_include_pad=False)
     found &= share > LEAST_GROUP - 1e-6
     return found if bool(found.any()) else None
+
+
+def _follow(outshines: Mask, lr: Frame) -> Mask:
+    """Add what hangs together with samples that outshine their material and is like them."""
+    gbuffer = lr.gbuffer
+    bright = gbuffer[Buffer.LIGHTING] > BESIDE * lr.lighting_scale
+    alike = (bright & (gbuffer[Buffer.MATERIAL] <= DARK)).any(1, keepdim=True)
+    alike &= (gbuffer[Buffer.LIGHTING_MASK] > 0.5) & (gbuffer[Buffer.SKY] < 0.5)
+    found = outshines
+    for _ in range(MOST_STEPS):
+        before, found = found, found | (alike & _spread(found, STEP))
+        if torch.equal(before, found):
+            break
+    return found
 
 
 def _is_dark(material: torch.Tensor) -> Mask:

@@ -31,6 +31,10 @@ MATCHED_SLOPE = 0.95
 """Slope at which widths are right on our sequences in the mean, and within 0.1 pixels on each:
 light that differs along with material moves it away from 1."""
 
+APART_PX = 0.2
+"""How far every measured width has to be from a declared one that is doubted: of our sequences,
+filtered or not, each has a frame that is nearer to the truth."""
+
 MOST_SKY = 0.5
 """Share of the sky from which a sample is none of a surface."""
 
@@ -88,7 +92,7 @@ def measure_first(
         numbers: of the frames.
         scale: S.
     """
-    for number in dict.fromkeys((numbers[0], numbers[len(numbers) // 2], numbers[-1])):
+    for number in _choose(numbers):
         try:
             width = measure_filter_width(read(number), scale)
         except FrameFolderError:
@@ -96,6 +100,36 @@ def measure_first(
         if width is not None:
             return width
     return None
+
+
+def find_other_width(
+    read: Callable[[int], FramePair], numbers: Sequence[int], scale: int, declared_px: float
+) -> float | None:
+    """The width that frames have, where all that tell are far from the declared one; else None.
+
+    Args:
+        read: number -> pair of `INPUTS`.
+        numbers: of the frames.
+        scale: S.
+        declared_px: standard deviation, LR pixels.
+    """
+    found = []
+    for number in _choose(numbers):
+        try:
+            found.append(measure_filter_width(read(number), scale))
+        except FrameFolderError:
+            return None
+    widths = sorted(width for width in found if width is not None)
+    # narrow filters look like point samples
+    apart = [(width or min(declared_px, STEP_PX)) - declared_px for width in widths]
+    if not apart or not (min(apart) > APART_PX or max(apart) < -APART_PX):
+        return None
+    return widths[len(widths) // 2]
+
+
+def _choose(numbers: Sequence[int]) -> tuple[int, ...]:
+    """The first, the middle, the last."""
+    return tuple(dict.fromkeys((numbers[0], numbers[len(numbers) // 2], numbers[-1])))
 
 
 def _filter_frame(lr: Frame, hr: Frame, width: float, scale: int) -> Frame:

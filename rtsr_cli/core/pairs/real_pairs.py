@@ -128,6 +128,26 @@ class RealPairs:
         """Tell whether a filter was found that nobody declared."""
         return self.lr.filter_width_px is None and bool(self.filter_width_px)
 
+    @cached_property
+    def filter_doubt(self) -> str:
+        """Both widths, and what to do; it takes HR material to measure."""
+        declared = self.lr.filter_width_px
+        if declared is None or self.hr is None or self.missing(pixel_filter.INPUTS):
+            return ""
+        found = pixel_filter.find_other_width(
+            lambda number: self._read(number, pixel_filter.INPUTS),
+            self.lr.numbers,
+            self.scale,
+            declared,
+        )
+        if found is None:
+            return ""
+        looks = f"filtered by {found:.2f} LR pixels" if found else "of point samples (0)"
+        return (
+            f"filter_width_px is declared as {declared:g}, but LR radiance looks {looks}; the "
+            "declaration is obeyed: correct it, or leave it out, and it is measured"
+        )
+
     def load(self, number: int, inputs: PairInputs) -> FramePair:
         """Read both frames; HR radiance is never among what is asked for."""
         pair = self._read(number, inputs)

@@ -77,6 +77,11 @@ class SimulatedPairs:
         return False
 
     @property
+    def filter_doubt(self) -> str:
+        """There is none."""
+        return ""
+
+    @property
     def frame_bytes(self) -> int:
         """The capture's."""
         return self.capture.frame_bytes

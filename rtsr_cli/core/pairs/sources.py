@@ -149,6 +149,10 @@ class PairSource(Protocol):
         """Tell whether that width was measured and is not 0."""
 
     @property
+    def filter_doubt(self) -> str:
+        """Say that a declared width is not what the frames have; empty where nothing says so."""
+
+    @property
     def frame_bytes(self) -> int:
         """Memory that reading one frame takes, generously."""
 

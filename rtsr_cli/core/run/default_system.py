@@ -10,9 +10,10 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
-from rtsr_cli.core.pairs.sources import HR_FRAMES, PairSource
+from rtsr_cli.core.pairs.sources import DECLARED_MOTION, HR_FRAMES, PairSource
 from rtsr_cli.core.run.system_inputs import (
     SystemTable,
+    describe_likely,
     resolve_system_inputs,
     resolve_unshaded_inputs,
 )
@@ -22,9 +23,7 @@ from rtsr_cli.core.wording import join_names, say_count
 NETWORKS = "networks"
 """What trained systems are called together."""
 
-FIRST = 4
-"""Things that are missing and named; of more, the rest is counted."""
-
+GIVE_HR = "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
 NO_CAMERA = "give the cameras (headers, or a side-car in capture.toml)"
 UNUSED_CAMERA = "the matrices that are there are not used, see the warning"
 
@@ -130,9 +129,12 @@ def judge_preferred(
 
 def _name_condition(condition: InputCondition, source: PairSource) -> str:
     """The condition, with what is seen against it where that is known."""
-    if condition is InputCondition.TRUSTED_MOTION and Buffer.MOTION in source.reader.faulty:
+    if condition is not InputCondition.TRUSTED_MOTION:
+        return condition.value
+    if Buffer.MOTION in source.reader.faulty:
         return f"{condition} (something is wrong with it, see the warning)"
-    return condition.value
+    distrust = source.reader.motion_distrust
+    return f"{condition} ({distrust})" if distrust else condition.value
 
 
 def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> str:
@@ -144,21 +146,31 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> st
         return ""
     trained = {o.system.name for o in passed if o.system.learning is not None and o.missing}
     refused = any(reader.camera_unfit for reader in source.readers)
-    texts = [_describe_group(members, trained, refused=refused) for members in groups.values()]
-    return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}"
+    texts: list[str] = []
+    said: set[str] = set()
+    longest: tuple[str, ...] = ()
+    for members in groups.values():
+        lacks = members[0].lacks
+        who = join_names(name_together([one.system for one in members], trained))
+        if not lacks:
+            texts.append(f"{who}: {members[0].reason}")
+            continue
+        remedies = suggest_remedies(lacks, refused=refused)
+        advice = ", ".join(remedy for remedy in remedies if remedy not in said)
+        what = _describe_lacks(lacks, longest, plural=len(members) > 1)
+        texts.append(f"{who} {what}{advice and ': '}{advice}")
+        said.update(remedies)
+        longest = max(longest, lacks, key=len)
+    likely = describe_likely(source, [name for one in passed for name in one.missing])
+    return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}{likely}"
 
 
-def _describe_group(members: Sequence[PassedOver], trained: set[str], *, refused: bool) -> str:
-    """Who, what they need, and what would help."""
-    names = join_names(name_together([one.system for one in members], trained))
-    lacks = members[0].lacks
-    if not lacks:
-        return f"{names}: {members[0].reason}"
-    more = f" and {len(lacks) - FIRST} more" if len(lacks) > FIRST else ""
-    listed = join_names(lacks[:FIRST]) if not more else ", ".join(lacks[:FIRST])
-    plural = len(members) > 1
-    remedy = suggest_remedy(lacks, refused=refused)
-    return f"{names} {'need' if plural else 'needs'} {listed}{more}: {remedy}"
+def _describe_lacks(lacks: Collection[str], longest: Collection[str], *, plural: bool) -> str:
+    """Name all that systems lack, by what they do not lack of a list just given if that is less."""
+    spared = [name for name in longest if name not in lacks]
+    if set(lacks) < set(longest) and len(spared) < len(lacks):
+        return f"the same but {join_names(spared)}"
+    return f"{'need' if plural else 'needs'} {join_names(list(lacks))}"
 
 
 def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:
@@ -187,8 +199,8 @@ SURFACE = CONSTANTS | {Buffer.ALBEDO.value, Buffer.MATERIAL.value, Buffer.NOV.va
 """What material follows from."""
 
 
-def suggest_remedy(lacks: Iterable[str], *, refused: bool = False) -> str:
-    """Say in a few words what would help against what is missing.
+def suggest_remedies(lacks: Iterable[str], *, refused: bool = False) -> tuple[str, ...]:
+    """Say in a few words each what would help against all that is missing.
 
     Args:
         lacks: what is missing, with or without its size.
@@ -197,13 +209,20 @@ def suggest_remedy(lacks: Iterable[str], *, refused: bool = False) -> str:
     given = set(lacks)
     names = set(map(_strip_size, given))
     if names.isdisjoint(given):
-        return f"the other size has {'it' if len(names) == 1 else 'them'}: render both alike"
-    if names <= CONSTANTS:
-        return "declare constants or material"
-    if HR_FRAMES in names:
-        return "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
-    if any(name.startswith(CAMERA) for name in names):
-        return UNUSED_CAMERA if refused else NO_CAMERA
-    if names <= SURFACE:
-        return "declare material"
-    return f"render or declare {'it' if len(names) == 1 else 'them'}"
+        return (f"the other size has {_say_it(names)}: render both alike",)
+    cameras = {name for name in names if name.startswith(CAMERA)}
+    parts = [GIVE_HR] if HR_FRAMES in names else []
+    parts += [UNUSED_CAMERA if refused else NO_CAMERA] if cameras else []
+    left = names - cameras - {HR_FRAMES}
+    if not left:
+        return tuple(parts)
+    if left <= CONSTANTS:
+        return (*parts, "declare constants or material")
+    if left <= SURFACE:
+        return (*parts, "declare material")
+    verb = "declare" if left == {DECLARED_MOTION} else "render or declare"
+    return (*parts, f"{verb} {'the rest' if parts else _say_it(left)}")
+
+
+def _say_it(names: Collection[str]) -> str:
+    return "it" if len(names) == 1 else "them"

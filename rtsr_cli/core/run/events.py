@@ -15,8 +15,9 @@ from rtsr_cli.core.frames.selection import format_ranges
 BETTER = "better"
 """Detail of a plan: why no system that is preferred to the chosen one can run; may be empty."""
 
-FILTER = "filter"
-"""Detail of a plan: which pixel filter of LR radiance it reckons with; may be empty."""
+FILTER, FILTER_DOUBT = "filter", "filter_doubt"
+"""Details of a plan: which pixel filter of LR radiance it reckons with, and that a declared one is
+not what frames have; may be empty."""
 
 
 class Status(StrEnum):

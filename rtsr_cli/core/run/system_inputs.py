@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
+from rtsr_cli.core.captures.likely_channels import suggest_lines
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import HR_FOLDER, LR_FOLDER
 from rtsr_cli.core.choices import InputCondition, NonfinitePolicy, SystemTask
@@ -172,7 +173,19 @@ def check_inputs(
             f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "
             f"{'; '.join(_describe_buffers(reader) for reader in source.readers)}. Render what is "
             f"missing, declare it in capture.toml{remedy}{_suggest_parent(source)}"
+            f"{describe_likely(source, missing)}"
         )
+
+
+def describe_likely(source: PairSource, missing: Collection[str]) -> str:
+    """Say which lines would bind what is missing by channels that are there; empty if none would.
+
+    Args:
+        source: the shot's pairs.
+        missing: names of buffers, with or without their size.
+    """
+    lines = suggest_lines(source.readers, missing)
+    return f"; perhaps, below [buffers] in capture.toml: {', '.join(lines)}" if lines else ""
 
 
 def _suggest_parent(source: PairSource) -> str:

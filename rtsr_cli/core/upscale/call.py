@@ -21,7 +21,15 @@ from rtsr_cli.core.run.default_system import (
     choose_default,
     describe_passed_over,
 )
-from rtsr_cli.core.run.events import BETTER, FILTER, FrameDone, RunDone, RunStarted, ShotPlanned
+from rtsr_cli.core.run.events import (
+    BETTER,
+    FILTER,
+    FILTER_DOUBT,
+    FrameDone,
+    RunDone,
+    RunStarted,
+    ShotPlanned,
+)
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
 from rtsr_cli.core.run.given_network import name_given_system
 from rtsr_cli.core.run.outputs import PREVIEW_SUFFIX
@@ -181,4 +189,5 @@ def _describe_details(
         "size": [width * scale, height * scale],
         BETTER: describe_passed_over(source, passed_over),
         FILTER: describe_filter_width(source, reading.inputs),
+        FILTER_DOUBT: source.filter_doubt if reading.inputs.filter_known else "",
     }

@@ -27,6 +27,8 @@ from rtsr_cli.core.frames.buffers import Buffer
         ("smoothness", Buffer.ROUGHNESS, ("smoothness",)),
         ("viewz.V", Buffer.DEPTH, ("viewz.V",)),
         ("SceneDepth", Buffer.DEPTH, ("SceneDepth",)),
+        ("zbuf", Buffer.DEPTH, ("zbuf",)),
+        ("mat.R mat.G mat.B", Buffer.MATERIAL, ("mat.R", "mat.G", "mat.B")),
         ("object_id", Buffer.OBJECT_ID, ("object_id",)),
     ],
 )
@@ -56,6 +58,13 @@ def test_passes_of_light_and_of_denoisers_are_no_surface(name: str) -> None:
     assert not {Buffer.ALBEDO, Buffer.NORMAL, Buffer.ROUGHNESS, Buffer.METALLIC} & set(
         guess_buffers({"shot": channels})
     )
+
+
+@pytest.mark.parametrize(
+    "name", ["MaterialMask", "CryptoMaterial00", "material_index", "matte", "Material AO"]
+)
+def test_a_material_is_called_that_and_nothing_else(name: str) -> None:
+    assert Buffer.MATERIAL not in guess_buffers({"shot": [f"{name}.{c}" for c in "RGB"]})
 
 
 def test_roughness_of_a_lobe_is_roughness() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rtsr_cli.core.captures.channel_guesses import guess_buffers, guess_material
-from rtsr_cli.core.captures.guess_checks import looks_like
+from rtsr_cli.core.captures.guess_checks import looks_like, proves_distance
 from rtsr_cli.core.frames.buffers import Buffer
 
 RNG = np.random.default_rng(0)
@@ -18,6 +18,7 @@ Values = NDArray[np.float64]
 UNITS = RNG.normal(size=(COUNT, 3))
 UNITS /= np.linalg.norm(UNITS, axis=1, keepdims=True)
 COLOURS = RNG.uniform(0, 1, (COUNT, 3))
+MASK = RNG.integers(0, 2, (COUNT, 1)).astype(float)
 GREY = np.repeat(RNG.uniform(0, 1, (COUNT, 1)), 3, axis=1)
 SKY = np.concatenate([UNITS, np.zeros((COUNT, 3))])
 
@@ -50,6 +51,7 @@ def test_what_a_buffer_holds_is_believed(buffer: Buffer, values: Values) -> None
         (Buffer.ROUGHNESS, COLOURS),
         (Buffer.METALLIC, COLOURS),
         (Buffer.DEPTH, COLOURS),
+        (Buffer.DEPTH, MASK),
         (Buffer.ROUGHNESS, GREY * 40),
         (Buffer.ROUGHNESS, np.zeros((COUNT, 1))),
         (Buffer.MOTION, UNITS),
@@ -87,3 +89,46 @@ def test_material_is_the_only_two_colours_that_can_be_meant() -> None:
     assert guess_material({"shot": names}, lambda *_: False) == ""
     twice = [*names, *(f"SpecColor.{c}" for c in "RGB")]
     assert guess_material({"shot": twice}) == ""
+
+
+ROWS, COLUMNS = np.mgrid[0:48, 0:64].astype(float)
+FLOOR = 40.0 / (ROWS + 4.0)
+"""Distances of a floor, far away at the top."""
+
+
+@pytest.mark.parametrize(
+    "plane",
+    [FLOOR, np.where(ROWS < 20, 0.0, FLOOR), np.where(ROWS < 20, 65504.0, FLOOR)],
+    ids=["floor", "sky of 0", "sky far away"],
+)
+def test_distances_prove_themselves(plane: NDArray[np.float64]) -> None:
+    assert proves_distance(plane)
+
+
+@pytest.mark.parametrize(
+    "plane",
+    [
+        FLOOR / 20.0,
+        np.ones_like(FLOOR) * 3.3,
+        np.round(FLOOR),
+        -FLOOR,
+        RNG.uniform(0.0, 9.0, FLOOR.shape),
+        np.zeros_like(FLOOR),
+    ],
+    ids=["shares", "constant", "numbers of objects", "below 0", "noise", "nothing"],
+)
+def test_what_may_be_something_else_does_not(plane: NDArray[np.float64]) -> None:
+    assert not proves_distance(plane)
+
+
+def test_a_name_with_z_hints_at_depth_and_gives_way_to_one_that_says_it() -> None:
+    both = {"shot": ["Zeta", "SceneDepth"]}
+    assert guess_buffers(both)[Buffer.DEPTH] == ("SceneDepth",)
+    assert guess_buffers({"shot": ["Zeta"]}) == {Buffer.DEPTH: ("Zeta",)}
+    # of two that are as likely neither is offered
+    assert guess_buffers({"shot": ["Zeta", "zFar"]}) == {}
+
+
+@pytest.mark.parametrize("name", ["fuzz", "motion.Z", "hazard", "roughnessZ"])
+def test_other_names_do_not_hint_at_depth(name: str) -> None:
+    assert Buffer.DEPTH not in guess_buffers({"shot": [name]})

@@ -76,6 +76,35 @@ def test_all_of_the_thing_is_left_undivided_and_the_wall_is_not(left: float | Te
     assert lr.lighting_scale == pytest.approx(0.5 / BRIGHT, rel=0.01)
 
 
+def red_metal() -> Tensor:
+    """Green and blue of 0, but for an edge where everything shines."""
+    steps = torch.tensor([0.6, 0.0, 0.0]).view(3, 1, 1).repeat(1, 48, 64)
+    steps[1:, :, 48:] = torch.logspace(-2.2, -1.1, 16)
+    return steps
+
+
+def test_metal_of_a_saturated_colour_goes_with_its_edges() -> None:
+    lr, hr = leave_outshining(*make_pair(red_metal()), SCALE)
+    bare = (hr.gbuffer[Buffer.MATERIAL] == 0.0).all(1)[0]
+    assert bool(bare[24:72, 32:96].all())
+    assert float(bare.float().mean()) == pytest.approx(48 * 64 / (96 * 128))
+    assert float(lr.gbuffer[Buffer.LIGHTING].max()) < 1.0
+
+
+def test_pixels_of_the_thing_beside_samples_of_the_wall_go_with_it() -> None:
+    """One pixel more of the thing than samples see: its edge, where it shines a little."""
+    lr, hr = make_pair(red_metal())
+    hr.gbuffer[Buffer.MATERIAL][..., 24:72, 31] = torch.tensor([0.6, 0.03, 0.03]).view(1, 3, 1)
+    _, left = leave_outshining(lr, hr, SCALE)
+    assert bool((left.gbuffer[Buffer.MATERIAL][..., 24:72, 31] == 0.0).all())
+
+
+def test_a_lamp_in_a_dark_glossy_surface_begins_no_group() -> None:
+    lr, hr = make_pair(0.04, 2.0)
+    assert float(lr.gbuffer[Buffer.LIGHTING].max()) > 8.0 * lr.lighting_scale
+    assert leave_outshining(lr, hr, SCALE) == (lr, hr)
+
+
 def test_a_wall_of_a_saturated_colour_keeps_its_material_beside_it() -> None:
     """A red wall has two dark channels; what is dark is so in all of them, or black in one."""
     lr, hr = make_pair(0.0, wall=(0.8, 0.1, 0.1))

@@ -89,6 +89,26 @@ def test_the_first_frame_that_tells_decides() -> None:
     assert width == pixel_filter.measure_filter_width(pairs[5], SCALE)
 
 
+@pytest.mark.parametrize(
+    ("filters", "declared", "doubted"),
+    [
+        (("blackman-harris", "blackman-harris"), 0.0, True),
+        (("none", "none"), 0.5, True),
+        # narrow filters look like point samples
+        (("none", "none"), 0.25, False),
+        # one frame that fits is enough
+        (("none", "blackman-harris"), 0.4, False),
+        (("none", "none"), 0.0, False),
+    ],
+)
+def test_a_declared_width_is_doubted_where_no_frame_has_it(
+    filters: tuple[str, str], declared: float, doubted: bool
+) -> None:
+    pairs = dict(enumerate(map(make_pair, filters)))
+    found = pixel_filter.find_other_width(pairs.__getitem__, [0, 1], SCALE, declared)
+    assert (found is not None) == doubted
+
+
 def test_a_frame_that_cannot_be_read_is_left_to_whoever_reads_it_next() -> None:
     def fail(number: int) -> FramePair:
         raise FrameFolderError(f"frame {number} is gone")

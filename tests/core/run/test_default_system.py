@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from rtsr_cli.core.run.default_system import name_together, suggest_remedy
+from rtsr_cli.core.pairs.sources import DECLARED_MOTION
+from rtsr_cli.core.run.default_system import (
+    GIVE_HR,
+    NO_CAMERA,
+    name_together,
+    suggest_remedies,
+)
 from rtsr_cli.models import load_system
 
 TRAINED = {"fusesr", "fusesr-fast"}
@@ -24,16 +30,20 @@ def test_systems_are_named_together(names: list[str], said: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lacks", "remedy"),
+    ("lacks", "remedies"),
     [
-        (["metallic", "roughness"], "declare constants or material"),
-        (["albedo", "roughness"], "declare material"),
-        (["hr frames", "roughness"], "give G-buffers of the target size"),
-        (["camera of frame 7"], "give the cameras"),
-        (["motion"], "render or declare"),
-        (["hr normal"], "the other size has it: render both alike"),
-        (["hr normal", "camera"], "give the cameras"),
+        (["metallic", "roughness"], ["declare constants or material"]),
+        (["albedo", "roughness"], ["declare material"]),
+        (["hr frames", "roughness"], [GIVE_HR, "declare constants or material"]),
+        (["hr frames", "camera", "motion"], [GIVE_HR, NO_CAMERA, "render or declare the rest"]),
+        (["camera of frame 7"], [NO_CAMERA]),
+        (["camera", DECLARED_MOTION], [NO_CAMERA, "declare the rest"]),
+        (["motion"], ["render or declare it"]),
+        (["hr normal"], ["the other size has it: render both alike"]),
+        (["hr normal", "camera"], [NO_CAMERA, "render or declare the rest"]),
     ],
 )
-def test_the_remedy_is_that_of_what_is_missing(lacks: list[str], remedy: str) -> None:
-    assert suggest_remedy(lacks).startswith(remedy)
+def test_the_remedies_are_those_of_all_that_is_missing(
+    lacks: list[str], remedies: list[str]
+) -> None:
+    assert list(suggest_remedies(lacks)) == remedies

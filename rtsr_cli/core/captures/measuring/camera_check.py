@@ -257,6 +257,8 @@ def _judge_unopposed(
     if _rest(given) and not any(t.evidence.tells_step for t in proofs):
         # where one camera is in all frames, no neighbour's is another reading
         undecided[OF_NEIGHBOUR] = None
+    if _rest(given) and not any(t.evidence.tells_lens for t in proofs):
+        undecided[OF_OTHER_LENS] = None
     return CameraFinding(
         proofs=tuple(t.evidence.name for t in proofs),
         undecided=tuple(undecided),
@@ -266,6 +268,8 @@ def _judge_unopposed(
 
 
 OF_NEIGHBOUR = "those of a neighbouring frame"
+OF_OTHER_LENS = "those of another field of view"
+"""Where a camera rests, nothing moves by it, whatever its lens."""
 
 
 def _rest(given: Cameras) -> bool:

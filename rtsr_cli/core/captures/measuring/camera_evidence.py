@@ -84,6 +84,10 @@ class CameraEvidence(Protocol):
     def tells_step(self) -> bool:
         """Whether it tells a frame's camera from that of the frame beside it."""
 
+    @property
+    def tells_lens(self) -> bool:
+        """Whether it tells the field of view of a camera that rests."""
+
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Errors of a reading of the matrices.
 
@@ -131,6 +135,7 @@ class PositionEvidence:
     unit = "px from their pixels"
     tells_world = True
     tells_step = True
+    tells_lens = True
     slack = 0.02
     factor = 4.0
 
@@ -204,6 +209,7 @@ class VectorEvidence:
     unit = "px of motion"
     tells_world = False
     tells_step = True
+    tells_lens = False
     slack = 0.02
     factor = 4.0
 
@@ -291,6 +297,7 @@ class NormalEvidence:
     unit = "% of the surfaces elsewhere"
     tells_world = True
     tells_step = False
+    tells_lens = False
     slack = 8.0
     factor = 1.1
     limit = 70.0

@@ -23,6 +23,7 @@ from rtsr_cli.core.captures.measuring.measured_reader import (
 )
 from rtsr_cli.core.captures.measuring.measurement import measure_storage
 from rtsr_cli.core.captures.measuring.motion_choices import (
+    describe_distrust,
     describe_repeated,
     describe_undecided,
     describe_unfit,
@@ -98,12 +99,22 @@ def measure_and_decide(
     if text and not (named or capture.buffers or reader.layout.verified):
         # nothing but its vectors could have proved a layout that nobody named
         settled = replace(settled, undecided=text)
+    trusted = not text and is_motion_trusted(settled, capture)
+    finding = settled.measured.motion
+    distrust = (
+        ""
+        if text or trusted or finding is None
+        else describe_distrust(
+            settled.reader.conventions.motion, finding, declared=capture.motion.decides()
+        )
+    )
     reader = replace(
         settled.reader,
         motion_undecided=text,
         undecided=settled.undecided,
         faulty=frozenset(fault.buffer for fault in measured.faults),
-        motion_trusted=not text and is_motion_trusted(settled, capture),
+        motion_trusted=trusted,
+        motion_distrust=distrust,
         jitter_trusted=is_jitter_trusted(settled.measured.jitter),
     )
     return replace(settled, reader=_bind_forward_motion(reader))

@@ -21,7 +21,7 @@ def describe_undecided(reader: FrameReader, finding: MotionFinding | None) -> st
         finding: what was measured, None if nothing could be.
     """
     name = reader.layout.name
-    choices = [_format_declaration(reader.conventions.motion)]
+    choices = [write_motion(reader.conventions.motion)]
     if finding is None or not finding.candidates:
         text = (
             f"layout '{name}' does not say for certain how motion is stored, and it cannot be "
@@ -44,7 +44,7 @@ def describe_unfit(reader: FrameReader) -> str:
     return (
         "no reading of the motion vectors fits the frames better than unrelated frames would be "
         "fitted; render them with their frames, or declare how they are stored at the head of "
-        "capture.toml, for example:\n    " + _format_declaration(reader.conventions.motion)
+        "capture.toml, for example:\n    " + write_motion(reader.conventions.motion)
     )
 
 
@@ -53,7 +53,7 @@ def describe_repeated(reader: FrameReader) -> str:
     return (
         "frames repeat the one before them, so that nothing tells how their motion vectors are "
         "stored; declare it at the head of capture.toml, for example:\n    "
-        + _format_declaration(reader.conventions.motion)
+        + write_motion(reader.conventions.motion)
     )
 
 
@@ -67,12 +67,31 @@ def _format_choice(candidate: MotionCandidate, ties: Sequence[MotionCandidate]) 
     }
     shifted = any(c.convention.file_offset for c in ties)
     if len(alike) == 1:
-        return _format_declaration(candidate.convention, shifted=shifted)
-    text = _format_declaration(convention, shifted=shifted)
+        return write_motion(candidate.convention, shifted=shifted)
+    text = write_motion(convention, shifted=shifted)
     return f"{text}    # the vertical component is zero everywhere: either y_axis"
 
 
-def _format_declaration(convention: MotionConvention, *, shifted: bool = False) -> str:
+def describe_distrust(
+    convention: MotionConvention, finding: MotionFinding, *, declared: bool
+) -> str:
+    """Say what would make vectors relied upon that are not; empty if no declaration would.
+
+    Args:
+        convention: that they are read by.
+        finding: what was measured.
+        declared: whether the user declares it.
+    """
+    if declared:
+        return "these frames do not show that what is declared is right: name the system"
+    read = finding.of(replace(convention, jittered=False, jitter_inverted=False))
+    if read is None or read not in finding.ties:
+        return ""
+    line = write_motion(convention, shifted=any(c.convention.file_offset for c in finding.ties))
+    return f"if it is right as it is read: {line} at the head of capture.toml"
+
+
+def write_motion(convention: MotionConvention, *, shifted: bool = False) -> str:
     """Write a convention as a line that stands before every table of capture.toml."""
     memory = asdict(MotionConvention())
     always = {*SENSE, "file_offset"} if shifted else SENSE

@@ -467,7 +467,20 @@ def test_normals_cannot_tell_whether_one_camera_in_all_frames_is_right(room: Roo
     frames = dict.fromkeys(room.cameras, room.frames[1])
     normals = dict.fromkeys(room.cameras, room.normals[1])
     found = check(Room(still, frames, normals), still, "normals")
-    assert found.likenesses == "those of a neighbouring frame"
+    assert found.likenesses == ("those of a neighbouring frame, or those of another field of view")
+
+
+def test_a_lens_that_nothing_moves_under_is_told_by_positions_alone(room: Room) -> None:
+    """A wider lens on a camera that rests: normals hardly change, and vectors of 0 fit any."""
+    wider = np.diag([0.8, 0.8, 1.0, 1.0])
+    right = room.cameras[1]
+    wrong = CameraMatrices(right.view, right.ndc @ wider)
+    still = dict.fromkeys(room.cameras, wrong)
+    frames = dict.fromkeys(room.cameras, room.frames[1])
+    normals = dict.fromkeys(room.cameras, room.normals[1])
+    resting = Room(dict.fromkeys(room.cameras, right), frames, normals)
+    assert "another field of view" in check(resting, still, "normals").likenesses
+    assert not check(resting, still, "positions").fits
 
 
 def test_what_could_tell_is_named_where_nothing_does(room: Room) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
-from rtsr_cli.core.captures.measuring.motion_choices import describe_undecided
+from rtsr_cli.core.captures.measuring.motion_choices import describe_distrust, describe_undecided
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection, MotionUnit, YAxis
@@ -29,6 +29,16 @@ def tie(*readings: tuple[MotionConvention, float]) -> MotionFinding:
         for c, e in readings
     ]
     return MotionFinding(candidates=tuple(candidates), unmoved_error=1.0, moving=1.0, triples=(1,))
+
+
+def test_what_is_read_and_not_relied_upon_comes_with_the_line_that_declares_it() -> None:
+    forth = replace(UV, direction=MotionDirection.NEXT_MINUS_CURRENT)
+    finding = tie((UV, 0.1), (forth, 0.11))
+    text = describe_distrust(forth, finding, declared=False)
+    line = text.removeprefix("if it is right as it is read: ").partition(" at the head")[0]
+    assert tomllib.loads(line)["motion"]["direction"] == "next-minus-current"
+    assert describe_distrust(replace(UV, scale=1.0), finding, declared=False) == ""
+    assert "name the system" in describe_distrust(UV, finding, declared=True)
 
 
 def choices(text: str) -> list[str]:

@@ -1,0 +1,80 @@
+"""What frames lack, and channels of theirs that are likely to be it: as lines to paste."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+
+from rtsr_cli.core.captures.channel_guesses import (
+    GuessCheck,
+    guess_buffers,
+    guess_material,
+    write_guess,
+)
+from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
+from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.sample_channels import join_samples_into
+from rtsr_cli.core.frames.buffers import Buffer
+
+PARTS = frozenset({Buffer.MATERIAL, Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS, Buffer.NOV})
+"""What need not be there where material is."""
+
+
+def list_bound(reader: FrameReader) -> dict[str, frozenset[str]]:
+    """Channels that buffers take, by file sequence."""
+    bound: dict[str, set[str]] = {}
+    for components in join_samples_into(reader.binding, reader.samples).values():
+        for c in components:
+            bound.setdefault(c.stream, set()).add(c.channel)
+    return {key: frozenset(names) for key, names in bound.items()}
+
+
+def list_unknown(reader: FrameReader) -> dict[str, tuple[str, ...]]:
+    """Channels that no buffer takes, by file sequence."""
+    bound = list_bound(reader)
+    unknown = {
+        key: tuple(sorted(frozenset().union(*by_number.values()) - bound.get(key, frozenset())))
+        for key, by_number in reader.channels.items()
+    }
+    return {key: names for key, names in unknown.items() if names}
+
+
+def guess_further(
+    reader: FrameReader, unknown: Mapping[str, tuple[str, ...]], check: GuessCheck
+) -> dict[Buffer, tuple[str, ...]]:
+    """Buffers that channels nobody knows could be; what is not read for a reason is none."""
+    known = reader.layout.list_unread(unknown)
+    rest = {
+        key: tuple(c for c in channels if c not in known)
+        for key, channels in unknown.items()
+        if not known.keys() & {key, key.rpartition("/")[0]}
+    }
+    guessed = guess_buffers(rest, check)
+    return {b: places for b, places in guessed.items() if b not in reader.binding}
+
+
+def suggest_lines(readers: Iterable[FrameReader], lacking: Collection[str]) -> tuple[str, ...]:
+    """Write the lines of `[buffers]` by which frames would have what they lack.
+
+    Args:
+        readers: of the frames, of each size.
+        lacking: names of buffers, with or without their size.
+    """
+    names = {name.removeprefix("lr ").removeprefix("hr ") for name in lacking}
+    wanted = frozenset(buffer for buffer in Buffer if buffer in names)
+    if not wanted:
+        return ()
+    lines = (line for reader in readers for line in _suggest_of(reader, wanted))
+    return tuple(dict.fromkeys(lines))
+
+
+def _suggest_of(reader: FrameReader, wanted: frozenset[Buffer]) -> Iterator[str]:
+    unknown = list_unknown(reader)
+    # what is not looked for needs no look at pixels
+    others = frozenset(Buffer) - wanted - ({Buffer.MATERIAL} if wanted & PARTS else set())
+    check = check_guesses(choose_files(reader.frames, reader.channels), others | reader.stored)
+    material = guess_material(unknown, check) if wanted & PARTS else ""
+    if material:
+        yield f'material = "{material}"'
+    for buffer, places in guess_further(reader, unknown, check).items():
+        if not (material and buffer in PARTS):
+            yield f"{buffer} = {write_guess(buffer, places)}"
