@@ -20,6 +20,7 @@ from rtsr_cli.commands.log import LOG, EchoHandler, show
 from rtsr_cli.core.errors import RequestError, RtsrError, did_you_mean
 from rtsr_cli.core.files.standard_streams import find_loss, make_streams_tolerant
 from rtsr_cli.core.limits import lift_file_limits
+from rtsr_cli.core.memory import return_large_arrays
 from rtsr_cli.core.visible_text import make_visible
 
 COMMANDS = {
@@ -139,6 +140,8 @@ def main() -> NoReturn:
     os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
     # threads that spin while they wait take the cores from those they wait for: 5x when busy
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
+    # from the first array on: what is freed before a frame loop begins would keep holes else
+    return_large_arrays()
     # what a plan holds of thousands of frames stays: walking it again and again is a fifth of it
     gc.set_threshold(10_000, 20, 20)
     make_streams_tolerant()

@@ -23,6 +23,12 @@ def _trim() -> Callable[[int], int] | None:
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 """Parameters of glibc's `mallopt`."""
 
+LARGE_BYTES = 6 * 2**20
+"""Below a plane of a 1080p frame."""
+
+MOST_MAPPED_BYTES = 2**25
+"""The largest threshold that glibc takes for arrays that are mapped one by one."""
+
 KEPT_BYTES = 2**30
 
 
@@ -46,6 +52,16 @@ def share_one_pool() -> None:
     _set_option(M_ARENA_MAX, 1)
 
 
+def return_large_arrays() -> None:
+    """Return arrays of `LARGE_BYTES` and more to the system as soon as each is freed.
+
+    glibc 2.36 hardly uses the room again that aligned arrays, as torch's large ones are, leave:
+    measured, 1.9 GiB in place of 1.5 where a network whose tensors take 0.9 runs on 1080p frames,
+    at the same processor time within noise.
+    """
+    _set_option(M_MMAP_THRESHOLD, LARGE_BYTES)
+
+
 def keep_freed() -> None:
     """Keep freed memory for the rest of the process, in one pool for all threads.
 
@@ -53,7 +69,7 @@ def keep_freed() -> None:
     to the system after every array come back as page faults, which stall the other threads, too.
     """
     share_one_pool()
-    _set_option(M_MMAP_THRESHOLD, KEPT_BYTES)
+    _set_option(M_MMAP_THRESHOLD, MOST_MAPPED_BYTES)
     _set_option(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 

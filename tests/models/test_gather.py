@@ -14,7 +14,13 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
 from rtsr_cli.models import load_system
 from rtsr_cli.models.gather.config import GatherConfig
-from rtsr_cli.models.gather.inputs import HR_CHANNELS, LR_CHANNELS, see_pixels, see_samples
+from rtsr_cli.models.gather.inputs import (
+    HR_CHANNELS,
+    LR_CHANNELS,
+    list_seen,
+    see_pixels,
+    see_samples,
+)
 from rtsr_cli.models.gather.network import GatherNetwork
 
 SYSTEM = load_system("gather")
@@ -78,7 +84,7 @@ def test_channels_are_those_of_the_table(make_windows: MakeWindows) -> None:
     inputs = learning.prepare(GatherConfig(), window)
     frame = enlarge_frame(inputs, None)
     assert see_samples(inputs, None).shape == (1, LR_CHANNELS, 16, 24)
-    assert see_pixels(inputs, None, frame).shape == (1, HR_CHANNELS, 64, 96)
+    assert see_pixels(list_seen(inputs, None, frame)).shape == (1, HR_CHANNELS, 64, 96)
 
 
 def test_strips_of_the_head_are_the_whole(

@@ -333,10 +333,10 @@ def split_enlarged(enlarged: Image, fit: Plane) -> EnlargedLighting:
             agreement=nothing,
         )
     seen = enlarged[:, 6:7]
-    means = enlarged[:, 3:] / seen.clamp(min=LEAST_KNOWN_SHARE)
-    change = torch.where(seen > LEAST_KNOWN_SHARE, means[:, :3], 0.0)
-    shared = _square(change) / means[:, 4:].clamp(min=LEAST_SQUARE)
-    agreement = (3.0 * shared - 2.0).clamp(0.0, 1.0)
+    share = seen.clamp(min=LEAST_KNOWN_SHARE)
+    change = torch.where(seen > LEAST_KNOWN_SHARE, enlarged[:, 3:6] / share, 0.0)
+    shared = _square(change).div_((enlarged[:, 7:] / share).clamp_(min=LEAST_SQUARE))
+    agreement = shared.mul_(3.0).sub_(2.0).clamp_(0.0, 1.0)
     return EnlargedLighting(encoded=encoded, fit=fit, change=change, seen=seen, agreement=agreement)
 
 

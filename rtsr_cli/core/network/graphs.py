@@ -34,6 +34,11 @@ def is_exporting() -> bool:
     return bool(torch.compiler.is_exporting())
 
 
+def is_replaced(network: nn.Module, method: str) -> bool:
+    """Tell whether a graph is watched or replaced; a network need not call it as one else."""
+    return method in vars(network)
+
+
 def replace_graph(network: nn.Module, method: str, call: GraphCall) -> None:
     """Let another function stand for a graph of a network.
 

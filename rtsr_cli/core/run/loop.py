@@ -15,7 +15,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from rtsr_cli.core.errors import OutputBlockedError, RtsrError
 from rtsr_cli.core.files.atomic_write import remove_leftovers
 from rtsr_cli.core.files.streaming import BackgroundWriter, prefetch
-from rtsr_cli.core.memory import release_freed, share_one_pool
+from rtsr_cli.core.memory import release_freed, return_large_arrays, share_one_pool
 from rtsr_cli.core.run.events import Status
 
 K = TypeVar("K")
@@ -117,6 +117,7 @@ def run_job(job: Job[K, L], pace: Pace) -> Iterator[Outcome[K]]:
     if not order:
         return
     share_one_pool()
+    return_large_arrays()
     with BackgroundWriter[Outcome[K]](pace.writers, queued=pace.queued) as writer:
         for outcome in _stream(job, order, pace, writer):
             yield outcome

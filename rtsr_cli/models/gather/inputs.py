@@ -18,6 +18,7 @@ HR, 19 channels, on the moved grid:
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import mean_3x3
@@ -86,24 +87,31 @@ def see_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:
     )
 
 
-def see_pixels(inputs: Tensors, carried: CarriedLighting | None, frame: EnlargedLighting) -> Image:
-    """The HR channels."""
+def list_seen(
+    inputs: Tensors, carried: CarriedLighting | None, frame: EnlargedLighting
+) -> dict[str, Tensor]:
+    """What the HR channels are made of, by name, on the moved grid; `mask` has LR's size."""
     own, fit = frame.encoded, frame.fit
     history, worth = own, torch.zeros_like(fit)
     if carried is not None:
         history, worth = carried.encoded, carried.worth
-    images = {
+    return {
         **{name: inputs[name] for name in ("mask", "normal", "depth", "roughness", "material")},
         **{"motion": move_grid(inputs["motion"], inputs), "history": history, "worth": worth},
         **{"own": own, "fit": fit, "change": frame.change, "seen": frame.seen},
     }
+
+
+def see_pixels(images: Tensors) -> Image:
+    """The HR channels of `list_seen`, made in strips."""
+    fit = images["fit"]
     seen = fit.new_empty(len(fit), HR_CHANNELS, *fit.shape[2:])
-    fill_in_strips(_describe_pixels, images, seen, rows=STRIP_ROWS, halo=1)
+    fill_in_strips(describe_pixels, images, seen, rows=STRIP_ROWS, halo=1)
     return seen
 
 
-def _describe_pixels(images: Tensors) -> Image:
-    """The HR channels of some rows."""
+def describe_pixels(images: Tensors) -> Image:
+    """The HR channels of some rows of `list_seen`."""
     fit, own, change, worth = (images[name] for name in ("fit", "own", "change", "worth"))
     there = (worth > LEAST_SHOWN_WORTH).to(worth)
     difference = (images["history"] - own) * there

@@ -28,7 +28,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from rtsr_cli.core.imaging.guided_enlargement import upsample_emphasised
-from rtsr_cli.core.imaging.row_strips import fill_in_strips, run_in_strips
+from rtsr_cli.core.imaging.row_strips import fill_in_strips
 from rtsr_cli.core.lighting.filtered_lighting import part_filtered
 from rtsr_cli.core.lighting.lighting_history import (
     CarriedLighting,
@@ -42,11 +42,18 @@ from rtsr_cli.core.lighting.lighting_history import (
     keep_history,
 )
 from rtsr_cli.core.network.blocks import ResidualBlock, make_conv3
-from rtsr_cli.core.network.graphs import is_exporting
+from rtsr_cli.core.network.graphs import is_replaced
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import State, Tensors
 from rtsr_cli.models.gather.config import GatherConfig
-from rtsr_cli.models.gather.inputs import HR_CHANNELS, LR_CHANNELS, see_pixels, see_samples
+from rtsr_cli.models.gather.inputs import (
+    HR_CHANNELS,
+    LR_CHANNELS,
+    describe_pixels,
+    list_seen,
+    see_pixels,
+    see_samples,
+)
 
 WIDTH = 32
 """Channels of the trunk."""
@@ -72,8 +79,8 @@ MOST_WORTH = 16.0
 MOST_KEPT = 0.95
 """z, share of history's worth that a frame leaves of it at most."""
 
-STRIP_ROWS = 16
-"""LR rows that the head sees at once, so that its features stay small."""
+STRIP_ROWS = 8
+"""LR rows whose pixels a thread describes, and the head sees, at once: they stay in its cache."""
 
 
 class Trunk(nn.Module):
@@ -98,6 +105,7 @@ class Head(nn.Module):
     def __init__(self, channels: int) -> None:
         """Make the layers, the last one of zeros."""
         super().__init__()
+        self.channels = channels
         self.first = make_conv3(HR_CHANNELS, HIDDEN)
         self.second = nn.Conv2d(HIDDEN, HIDDEN, 1)
         self.last = nn.Conv2d(HIDDEN, channels, 1)
@@ -134,38 +142,63 @@ class GatherNetwork(nn.Module):
 
     def forward(self, inputs: Tensors, state: State) -> tuple[dict[str, Tensor], State]:
         """Carry history, correct how much is believed, and gather."""
-        before = cast(LightingHistory | None, state)
+        encoded, worth = self._gather_frame(inputs, cast(LightingHistory | None, state))
+        with torch.autocast(inputs["depth"].device.type, enabled=False):
+            encoded = part_filtered(inputs, encoded)
+            history = keep_history(inputs, encoded.detach(), worth.detach().clamp(max=MOST_WORTH))
+        return {"encoded": encoded, "worth": worth.detach()}, history
+
+    def _gather_frame(self, inputs: Tensors, before: LightingHistory | None) -> tuple[Color, Plane]:
+        """e' and c of a frame; what they are made of takes more memory than all that is kept."""
         with torch.no_grad(), torch.autocast(inputs["depth"].device.type, enabled=False):
             carried = None if before is None else carry_history(before, inputs)
             frame = enlarge_frame(inputs, carried)
         sharp = (inputs["filter_width"] == 0).to(inputs["depth"])
         given = sharp * self._correct(inputs, carried, frame).float()
         with torch.autocast(inputs["depth"].device.type, enabled=False):
-            encoded, worth = self._gather(inputs, carried, frame, given)
-            encoded = part_filtered(inputs, encoded)
-            history = keep_history(inputs, encoded.detach(), worth.detach().clamp(max=MOST_WORTH))
-        return {"encoded": encoded, "worth": worth.detach()}, history
+            return self._gather(inputs, carried, frame, given)
 
     def _correct(
         self, inputs: Tensors, carried: CarriedLighting | None, frame: EnlargedLighting
     ) -> Image:
         """r of every pixel."""
-        pixels = see_pixels(inputs, carried, frame)
-        tensors = {"samples": see_samples(inputs, carried), "pixels": pixels}
-        return self.correct(tensors)["corrections"]
+        samples, images = see_samples(inputs, carried), list_seen(inputs, carried, frame)
+        if self.training or is_replaced(self, "correct"):
+            tensors = {"samples": samples, "pixels": see_pixels(images)}
+            return self.correct(tensors)["corrections"]
+        return self._correct_in_strips(samples, images)
+
+    def _correct_in_strips(self, samples: Image, images: Tensors) -> Image:
+        """`correct` of pixels that are described strip by strip: all of them take 76 bytes each."""
+        count, _, rows, columns = samples.shape
+        small = samples.new_empty(count, HR_CHANNELS, rows, columns)
+        fill_in_strips(
+            lambda strip: average_blocks(describe_pixels(strip), strip["mask"]),
+            images,
+            small,
+            rows=STRIP_ROWS,
+            halo=1,
+        )
+        seen = {**images, "features": self.trunk(torch.cat([samples, small], dim=1))}
+        given = samples.new_empty(count, self.head.channels, *images["fit"].shape[2:])
+        fill_in_strips(
+            lambda strip: self._run_head(describe_pixels(strip), strip["features"]),
+            seen,
+            given,
+            rows=STRIP_ROWS,
+            halo=1,
+        )
+        return given
 
     def correct(self, tensors: Tensors) -> Tensors:
         """`samples` 15 h w, `pixels` 19 S*h S*w -> `corrections`, r of every pixel: a graph."""
         samples, pixels = tensors["samples"], tensors["pixels"]
-        small = F.avg_pool2d(pixels, int(pixels.shape[2] // samples.shape[2]))
+        small = average_blocks(pixels, samples)
         features = self.trunk(torch.cat([samples, small], dim=1))
-        images = {"pixels": pixels, "features": features}
-        if self.training or is_exporting():
-            return {"corrections": self._run_head(images)}
-        return {"corrections": run_in_strips(self._run_head, images, rows=STRIP_ROWS, halo=1)}
+        return {"corrections": self._run_head(pixels, features)}
 
-    def _run_head(self, images: Tensors) -> Image:
-        given: Image = self.head(images["pixels"], images["features"])
+    def _run_head(self, pixels: Image, features: Image) -> Image:
+        given: Image = self.head(pixels, features)
         return given
 
     def _gather(
@@ -210,6 +243,11 @@ class GatherNetwork(nn.Module):
         if config.residual:
             encoded = (encoded + given[:, 5:]).clamp(min=0.0)
         return torch.cat([encoded, worth], dim=1)
+
+
+def average_blocks(pixels: Image, small: Image) -> Image:
+    """Mean of each pixel of `small`, n . S*h S*w -> n . h w."""
+    return F.avg_pool2d(pixels, int(pixels.shape[2] // small.shape[2]))
 
 
 def find_logit(share: float) -> float:
