@@ -94,6 +94,7 @@ def warp_along_surfaces(
 def _warp_one(values: Image, motion_px: MotionPx, own: Surfaces, past: Surfaces) -> CarriedImage:
     """`warp_along_surfaces` of one frame of a batch."""
     channels, (height, width) = values.shape[1], values.shape[2:]
+    inside = inside_frame(motion_px)
     fetched = torch.cat([values, past.pack()], dim=1)[0].flatten(1)
     carried, weights = torch.empty_like(values), torch.empty_like(own.kind)
 
@@ -115,7 +116,7 @@ def _warp_one(values: Image, motion_px: MotionPx, own: Surfaces, past: Surfaces)
         weights[0].flatten(1)[:, pixels] = weight
 
     share_among_threads(carry_rows, cut_pixels((height, width), PIXELS_AT_ONCE))
-    return CarriedImage(values=carried, weight=weights * inside_frame(motion_px))
+    return CarriedImage(values=carried, weight=weights.mul_(inside))
 
 
 def weigh_along_surfaces(motion_px: MotionPx, own: Surfaces, past: Surfaces) -> Plane:
