@@ -16,12 +16,14 @@ frame, half precision as the run has it; of a system that extrapolates the layer
 many outputs, and OpenEXR's for reading the same input files and writing the same output files with
 the same compression, one after the other in one thread. Start-up, which `--dry-run` takes, is
 shown, and the ratio without it. The ways alternate; ratios are of one round, their medians are
-printed.
+printed. The last lines are of processor time, all threads together: on a machine with other work
+wall time is chance.
 """
 
 from __future__ import annotations
 
 import os
+import resource
 
 os.environ.setdefault("GOMP_SPINCOUNT", "0")
 os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
@@ -33,7 +35,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,7 +43,6 @@ from typing import Any
 import click
 import OpenEXR
 import torch
-from network_speed import seconds
 from results import rtsr
 
 from rtsr_cli.core.choices import Precision, SystemTask
@@ -128,8 +129,34 @@ class Work:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Spent:
+    """Seconds that something took.
+
+    Attributes:
+        wall: by the clock.
+        processor: of all threads together.
+    """
+
+    wall: float
+    processor: float
+
+
+def measure(run: Callable[[], Any]) -> Spent:
+    """Seconds of a call, and of the processes that it starts and waits for."""
+    wall, processor = time.perf_counter(), count_processor_seconds()
+    run()
+    return Spent(wall=time.perf_counter() - wall, processor=count_processor_seconds() - processor)
+
+
+def count_processor_seconds() -> float:
+    """Seconds of this process and of those that it waited for."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(u.ru_utime + u.ru_stime for u in used)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Round:
-    """Seconds of one round.
+    """What one round took.
 
     Attributes:
         whole: of the command over all frames.
@@ -139,11 +166,11 @@ class Round:
         files: of OpenEXR alone, all frames.
     """
 
-    whole: float
-    start: float
+    whole: Spent
+    start: Spent
     frame: float
-    network: float
-    files: float
+    network: Spent
+    files: Spent
 
 
 def arguments(work: Work, frames: int, *more: str) -> list[str]:
@@ -152,13 +179,11 @@ def arguments(work: Work, frames: int, *more: str) -> list[str]:
     return [work.command, *places, "--frames", f"1-{frames}", "-q", *work.options, *more]
 
 
-def run_command(work: Work, frames: int, *more: str) -> float:
+def run_command(work: Work, frames: int, *more: str) -> Spent:
     """Seconds of one run of the command, as a process of its own."""
     shutil.rmtree(work.out, ignore_errors=True)
     command = [sys.executable, "-m", "rtsr_cli", *arguments(work, frames, *more)]
-    started = time.perf_counter()
-    subprocess.run(command, check=True)
-    return time.perf_counter() - started
+    return measure(partial(subprocess.run, command, check=True))
 
 
 def network_run(work: Work, precision: Precision) -> Callable[[], Any]:
@@ -193,7 +218,7 @@ def network_run(work: Work, precision: Precision) -> Callable[[], Any]:
     return run
 
 
-def copy_files(inputs: list[Path], outputs: list[Path], target: Path) -> float:
+def copy_files(inputs: list[Path], outputs: list[Path], target: Path) -> Spent:
     """Seconds that OpenEXR takes, in this thread, to read files and to write others again."""
     loaded = [OpenEXR.File(str(path), separate_channels=True) for path in outputs]
     target.mkdir(exist_ok=True)
@@ -204,12 +229,14 @@ def copy_files(inputs: list[Path], outputs: list[Path], target: Path) -> float:
         )
         for part in (file.parts[0] for file in loaded)
     ]
-    started = time.perf_counter()
-    for path in inputs:
-        assert OpenEXR.File(str(path), separate_channels=True, num_threads=0).channels()
-    for path, (header, planes) in zip(outputs, written, strict=True):
-        OpenEXR.File(header, planes, num_threads=0).write(str(target / path.name))
-    return time.perf_counter() - started
+
+    def copy() -> None:
+        for path in inputs:
+            assert OpenEXR.File(str(path), separate_channels=True, num_threads=0).channels()
+        for path, (header, planes) in zip(outputs, written, strict=True):
+            OpenEXR.File(header, planes, num_threads=0).write(str(target / path.name))
+
+    return measure(copy)
 
 
 def measure_round(work: Work, run: Callable[[], Any], target: Path) -> Round:
@@ -221,8 +248,8 @@ def measure_round(work: Work, run: Callable[[], Any], target: Path) -> Round:
     return Round(
         whole=whole,
         start=start,
-        frame=(whole - shorter) / ((work.frames - work.first) // work.every),
-        network=statistics.median(seconds(run) for _ in range(3)),
+        frame=(whole.wall - shorter.wall) / ((work.frames - work.first) // work.every),
+        network=sorted((measure(run) for _ in range(3)), key=lambda spent: spent.wall)[1],
         files=copy_files(work.list_inputs(), outputs, target),
     )
 
@@ -230,24 +257,32 @@ def measure_round(work: Work, run: Callable[[], Any], target: Path) -> Round:
 def show(title: str, values: list[float]) -> None:
     """Print a median and the range."""
     middle = statistics.median(values)
-    click.echo(f"  {title}: {middle:.3f} ({min(values):.3f} to {max(values):.3f})")
+    click.echo(f"    {title}: {middle:.3f} ({min(values):.3f} to {max(values):.3f})")
 
 
 def report(rounds: list[Round], work: Work) -> None:
     """Print seconds and ratios."""
     frames = work.frames // work.every
-    least = [r.files + r.network * frames for r in rounds]
     show(f"rtsr {work.command}, an output", [r.frame for r in rounds])
-    show("network alone, an output", [r.network for r in rounds])
-    show("ratio, an output", [r.frame / r.network for r in rounds])
-    show(f"whole command, {frames} outputs", [r.whole for r in rounds])
-    show("start-up (--dry-run)", [r.start for r in rounds])
-    show("OpenEXR alone, the same files", [r.files for r in rounds])
-    show("network + OpenEXR", least)
-    show("RATIO whole / (network + OpenEXR)",
-         [r.whole / a for r, a in zip(rounds, least, strict=True)])  # fmt: skip
-    show("RATIO less start-up",
-         [(r.whole - r.start) / a for r, a in zip(rounds, least, strict=True)])  # fmt: skip
+    show("ratio, an output", [r.frame / r.network.wall for r in rounds])
+    for kind in fields(Spent):
+        click.echo(f"  {kind.name} time")
+
+        def list_seconds(part: str, kind: str = kind.name) -> list[float]:
+            return [getattr(getattr(r, part), kind) for r in rounds]
+
+        whole, start = list_seconds("whole"), list_seconds("start")
+        network, files = list_seconds("network"), list_seconds("files")
+        least = [f + n * frames for f, n in zip(files, network, strict=True)]
+        show("network alone, an output", network)
+        show(f"whole command, {frames} outputs", whole)
+        show("start-up (--dry-run)", start)
+        show("OpenEXR alone, the same files", files)
+        show("network + OpenEXR", least)
+        show("RATIO whole / (network + OpenEXR)",
+             [w / a for w, a in zip(whole, least, strict=True)])  # fmt: skip
+        show("RATIO less start-up",
+             [(w - s) / a for w, s, a in zip(whole, start, least, strict=True)])  # fmt: skip
 
 
 def weight_options(system: System, weights: Path | None, folder: Path) -> tuple[str, ...]:

@@ -15,15 +15,22 @@ from torch import Tensor, nn
 from rtsr_cli.core.choices import DemodulationMode, Preset
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.imaging.camera_motion import find_camera_motion
+from rtsr_cli.core.imaging.derivation import derive
+from rtsr_cli.core.imaging.frame_motion import chain_motions
+from rtsr_cli.core.imaging.surfaces import find_moving
 from rtsr_cli.core.lighting.past_lighting import carry_lighting, shade
 from rtsr_cli.core.network.acceleration import accelerate_network
 from rtsr_cli.core.network.cost import count_macs, count_parameters
+from rtsr_cli.core.synth.exposure import draw_scene
+from rtsr_cli.core.synth.render import render_frame
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.core.training.augmentation import PictureTurn, draw_turn
 from rtsr_cli.core.training.samples import SampleChoices
 from rtsr_cli.models import load_system
 from rtsr_cli.models.extranet.config import ExtraNetConfig, ExtraNetLoss, PredictionBase
-from rtsr_cli.models.extranet.inputs import measure_gain, prepare
+from rtsr_cli.models.extranet.inputs import find_past_motions, measure_gain, prepare
 from rtsr_cli.models.extranet.loss import (
     average_largest,
     change,
@@ -133,6 +140,32 @@ def test_what_was_learnt_nothing_yet_is_the_untrained_system(make_windows: MakeW
         same = guided.predict(guided.build(guided.config(), 1), window, None).image
         assert same is not None
         assert torch.equal(expected, same)
+
+
+@pytest.mark.parametrize("with_camera", [True, False])
+def test_older_frames_are_where_the_camera_or_the_vectors_say(*, with_camera: bool) -> None:
+    scene = draw_scene(3)
+    wanted = {*SYSTEM.lr_inputs, *SYSTEM.unshaded_inputs}
+    parts = (Buffer.COLOR, Buffer.ALBEDO, Buffer.METALLIC, Buffer.ROUGHNESS)
+    stored = (*parts, Buffer.NORMAL, Buffer.DEPTH, Buffer.MOTION)
+    drawn = (render_frame(scene, number, (34, 60), buffers=stored) for number in range(6, 0, -1))
+    frames = [derive(frame, wanted, SYSTEM.derivation(CONFIG)) for frame in drawn]
+    if not with_camera:
+        frames = [replace(frame, camera=CameraMetadata()) for frame in frames]
+    window = FrameWindow(lr=tuple(frames))
+    past = carry_lighting(window)
+    stands = (past.moving < 0.5) & ~past.own.on_sky
+    chained = chain_motions(window.lr)
+    found = find_past_motions(window, past)
+    assert len(found) == 3
+    for place, (motion, moving) in zip((1, 3, 5), found, strict=True):
+        expected = chained[place - 1]
+        camera_px = find_camera_motion(past.own.position, window.lr[place])
+        assert (camera_px is not None) == with_camera
+        if camera_px is not None and place > 1:
+            expected = torch.where(stands & camera_px.isfinite(), camera_px, expected)
+        torch.testing.assert_close(motion, expected, rtol=0, atol=1e-4)
+        assert torch.equal(moving, find_moving(past.own, motion, window.lr[place]))
 
 
 def test_frames_that_are_not_there_are_zero(make_windows: MakeWindows) -> None:

@@ -42,6 +42,11 @@ from rtsr_cli.core.system import System
 
 COMMAND = "extrapolate"
 
+RELEASE_EVERY = 16
+"""Frames after which freed memory goes back to the system. Clearing what comes back took a third
+of the time at 1280 x 720.
+"""
+
 
 def extrapolate_frames(
     request: ExtrapolateRequest, systems: SystemTable
@@ -119,7 +124,14 @@ def plan_extrapolation(
         previews=request.previews,
         debug=request.debug_buffers,
     )
-    job = PairJob(plan, reading, work, history_frames=frames, device=device)
+    job = PairJob(
+        plan,
+        reading,
+        work,
+        history_frames=frames,
+        device=device,
+        release_every=RELEASE_EVERY,
+    )
     return job, _describe_details(system, source, (rendered, predicted), better)
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any, TypeVar
 
 import torch
 
 from rtsr_cli.core.frames.buffers import GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.shapes import Color, Size
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,11 +40,24 @@ class Frame:
     lighting_scale: float = 1.0
     filter_width_px: float = 0.0
     beside: Mapping[str, Color] = field(default_factory=dict)
+    _known: dict[Callable[[Frame], Any], Any] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def size(self) -> Size:
         """(height, width) of the buffers."""
         return self.gbuffer.size
+
+    def compute_once(self, function: Callable[[Frame], T]) -> T:
+        """Return what a function gives for this frame; it is called the first time alone.
+
+        For what several windows need of a frame that is history of each of them.
+        """
+        if function not in self._known:
+            self._known[function] = function(self)
+        value: T = self._known[function]
+        return value
 
     def crop(self, top: int, left: int, size: Size) -> Frame:
         """Return a window of the frame; camera and lighting scale stay the whole frame's."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 
 import torch
+from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
@@ -24,11 +25,13 @@ from rtsr_cli.core.imaging.warping import (
     backward_warp,
     compose_motion,
     fetch_nearest,
+    find_nearest_pixels,
     inside_frame,
     own_index,
     require_same_size,
+    warp_pixels,
 )
-from rtsr_cli.core.shapes import Image, Mask, MotionPx
+from rtsr_cli.core.shapes import Image, Mask, MotionPx, Plane
 
 IN_FRONT = 0.8
 """Share of a surface's depth below which what was seen in its place lay in front of it."""
@@ -64,6 +67,15 @@ def chain_motions(frames: Sequence[Frame]) -> list[MotionPx]:
     motions = [sample_motion(frames[0], frames[1])]
     for now, before in pairwise(frames[1:]):
         motions.append(compose_motion(motions[-1], sample_motion(now, before))[0])
+    return motions
+
+
+def chain_motions_of_pixels(frames: Sequence[Frame], pixels: Tensor) -> list[Tensor]:
+    """`chain_motions` of some pixels alone, by index where rows follow each other: 2 k each."""
+    motions = [sample_motion(frames[0], frames[1])[0].flatten(1)[:, pixels]]
+    for now, before in pairwise(frames[1:]):
+        older = warp_pixels(sample_motion(now, before), motions[-1], pixels)
+        motions.append(motions[-1] + older)
     return motions
 
 
@@ -138,16 +150,32 @@ def _find_dual_by_splat(
     frames: Sequence[Frame], motion_px: MotionPx, *, spread: bool = False
 ) -> DualMotion:
     """Dual motion to the last of some frames, without its forward vectors."""
+    depth, there = _splat_forward(frames, motion_px, spread=spread)
+    # a pixel's channels are one row: fetched at once
+    packed = torch.cat(there, dim=1).contiguous(memory_format=torch.channels_last)
+    fetched = fetch_nearest(packed, motion_px)
+    return _choose_dual(frames, motion_px, depth, fetched, inside_frame(motion_px))
+
+
+def _splat_forward(
+    frames: Sequence[Frame], motion_px: MotionPx, *, spread: bool
+) -> tuple[Plane, list[Image]]:
+    """Depth of the first of some frames, and on the grid of the last one: forward motion and where
+    it is known, depth, motion.
+    """
     now, then = frames[0], frames[-1]
     depth = bound_depth(now.gbuffer[Buffer.DEPTH])
-    forward, landed = forward_motion_by_splat(motion_px, depth, spread=spread)
-    past = [bound_depth(then.gbuffer[Buffer.DEPTH]), then.gbuffer[Buffer.MOTION]]
-    # a pixel's channels are one row: fetched at once
-    packed = torch.cat([forward, landed, *past], 1).contiguous(memory_format=torch.channels_last)
-    fetched = fetch_nearest(packed, motion_px)
-    known = fetched[:, 2:3] * inside_frame(motion_px)
+    forward = forward_motion_by_splat(motion_px, depth, spread=spread)
+    return depth, [*forward, bound_depth(then.gbuffer[Buffer.DEPTH]), then.gbuffer[Buffer.MOTION]]
+
+
+def _choose_dual(
+    frames: Sequence[Frame], motion_px: MotionPx, depth: Plane, fetched: Image, inside: Mask
+) -> DualMotion:
+    """Dual motion where `_splat_forward` says `fetched` at the old positions."""
+    known = fetched[:, 2:3] * inside
     dual = torch.where(known > 0, -fetched[:, :2], motion_px)
-    came = add_jitter_change((len(frames) - 1) * fetched[:, 4:], now, then)
+    came = add_jitter_change((len(frames) - 1) * fetched[:, 4:], frames[0], frames[-1])
     in_front = fetched[:, 3:4] < IN_FRONT * depth
     return DualMotion(motion_px, torch.where(in_front, came, dual), known)
 
@@ -170,6 +198,20 @@ def find_occlusion_motion(frames: Sequence[Frame], motion_px: MotionPx) -> Motio
         MissingBufferError: one is not there.
     """
     return _find_dual_by_splat(frames, motion_px, spread=True).dual_px
+
+
+def find_occlusion_motion_of_pixels(
+    frames: Sequence[Frame], motion_px: MotionPx, pixels: Tensor
+) -> Tensor:
+    """`find_occlusion_motion` of some pixels alone, by index where rows follow each other: 2 k."""
+    depth, there = _splat_forward(frames, motion_px, spread=True)
+    # an image of one row
+    own, own_depth = (image[0].flatten(1)[None, :, None, pixels] for image in (motion_px, depth))
+    size = (motion_px.shape[2], motion_px.shape[3])
+    place, inside = find_nearest_pixels(own[0, :, 0], pixels, size)
+    fetched = [image[0].flatten(1).index_select(1, place) for image in there]
+    row = torch.cat(fetched)[None, :, None]
+    return _choose_dual(frames, own, own_depth, row, inside.view_as(own_depth)).dual_px[0, :, 0]
 
 
 def fill_by_occlusion(

@@ -10,8 +10,8 @@ distances that double, the nearest of which outweighs the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
 from itertools import product
 
 import torch
@@ -62,10 +62,12 @@ class CarriedImage:
     Attributes:
         values: n c h w, anything where `weight` is 0.
         weight: n 1 h w, 0..1: how much of it is of the same surface.
+        inside: n 1 h w, 1 where the pixel lay within the past frame; else `weight` is 0.
     """
 
     values: Image
     weight: Plane
+    inside: Mask
 
 
 def warp_along_surfaces(
@@ -79,49 +81,73 @@ def warp_along_surfaces(
         own: surfaces of the current frame.
         past: of the past frame.
     """
+    packed = past.pack()
     parts = [
-        _warp_one(values[i, None], motion_px[i, None], own.pick(i), past.pick(i))
+        _warp_one(values[i, None], motion_px[i, None], own.pick(i), packed[i, None])
         for i in range(len(values))
     ]
     if len(parts) == 1:
         return parts[0]
-    return CarriedImage(
-        values=torch.cat([part.values for part in parts]),
-        weight=torch.cat([part.weight for part in parts]),
-    )
+    names = [f.name for f in fields(CarriedImage)]
+    return CarriedImage(**{n: torch.cat([getattr(part, n) for part in parts]) for n in names})
 
 
-def _warp_one(values: Image, motion_px: MotionPx, own: Surfaces, past: Surfaces) -> CarriedImage:
-    """`warp_along_surfaces` of one frame of a batch."""
+def warp_with_and_without(
+    values: Image, motion_px: MotionPx, own: Surfaces, packed: Image
+) -> tuple[CarriedImage, Image]:
+    """Fetch past values along surfaces, and beside it of whatever surface, the border repeated.
+
+    Args:
+        values: of the past frame, 1 c h w.
+        motion_px: from the current samples to the past ones.
+        own: surfaces of the current frame.
+        packed: `Surfaces.pack` of the past frame.
+
+    Returns:
+        `warp_along_surfaces`, and `backward_warp` of the values.
+    """
+    plain = torch.zeros_like(values)
+    return _warp_one(values, motion_px, own, packed, plain), plain
+
+
+def _warp_one(
+    values: Image,
+    motion_px: MotionPx,
+    own: Surfaces,
+    packed: Image,
+    plain: Image | None = None,
+) -> CarriedImage:
+    """`warp_along_surfaces` of one frame of a batch; what lies there is added to `plain`."""
     channels, (height, width) = values.shape[1], values.shape[2:]
-    inside = inside_frame(motion_px)
-    fetched = torch.cat([values, past.pack()], dim=1)[0].flatten(1)
-    carried, weights = torch.empty_like(values), torch.empty_like(own.kind)
+    pictures, past = values[0].flatten(1), packed[0].flatten(1)
+    carried = torch.empty_like(values)
+    weights, inside = torch.empty_like(own.kind), torch.empty_like(own.kind)
 
     def carry_rows(rows: range) -> None:
         pixels = slice(rows.start * width, rows.stop * width)
         surfaces = own.take(pixels)
-        total = fetched.new_zeros(channels + 1, len(rows) * width)
+        total = pictures.new_zeros(channels + 1, len(rows) * width)
         for index, weight in bilinear_places(motion_px, rows):
             if not weight.any():
                 # what stands still, or moves by whole pixels, needs one of the four
                 continue
-            tap = fetched.index_select(1, index.flatten())
-            likeness = weigh_likeness(surfaces, tap[None, channels:, None])[0, 0]
-            likeness.mul_(weight.view_as(likeness))
-            total[:channels].addcmul_(tap[:channels], likeness)
+            place = index.flatten()
+            tap, there = pictures.index_select(1, place), past.index_select(1, place)
+            likeness = weigh_likeness(surfaces, there[None, :, None])[0, 0]
+            weight = weight.view_as(likeness)
+            if plain is not None:
+                plain[0].flatten(1)[:, pixels].addcmul_(tap, weight)
+            likeness.mul_(weight)
+            total[:channels].addcmul_(tap, likeness)
             total[channels:].add_(likeness)
         summed, weight = total[:channels], total[channels:]
         carried[0].flatten(1)[:, pixels] = summed.div_(weight.clamp(min=1e-6))
-        weights[0].flatten(1)[:, pixels] = weight
+        within = inside_frame(motion_px, rows)
+        inside[:, :, rows.start : rows.stop] = within
+        weights[0].flatten(1)[:, pixels] = weight.mul_(within.view_as(weight))
 
     share_among_threads(carry_rows, cut_pixels((height, width), PIXELS_AT_ONCE))
-    return CarriedImage(values=carried, weight=weights.mul_(inside))
-
-
-def weigh_along_surfaces(motion_px: MotionPx, own: Surfaces, past: Surfaces) -> Plane:
-    """`CarriedImage.weight` of whatever is fetched."""
-    return warp_along_surfaces(own.kind[:, :0], motion_px, own, past).weight
+    return CarriedImage(values=carried, weight=weights, inside=inside)
 
 
 def cut_chunks(pixels: int, at_once: int) -> Iterator[slice]:
@@ -184,18 +210,22 @@ def _list_steps(reach: int, width: int, device: torch.device) -> Tensor:
     return torch.tensor(steps, device=device).unsqueeze(1)
 
 
-def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: Image) -> Image:
+def fill_along_surfaces(
+    values: Image, holes: Mask, own: Surfaces, *, fallback: Callable[[Tensor], Tensor]
+) -> Image:
     """Fill holes from the nearest pixels of their own surface that are none.
 
     Args:
         values: 1 c h w.
         holes: 1 where they are not known.
         own: surfaces of the frame.
-        fallback: 1 c h w, what stands where no pixel of a surface is known.
+        fallback: index of k pixels, where rows follow each other -> c k, what stands where no pixel
+            of a surface is known.
     """
     marked = holes > 0
-    filled = torch.where(marked, fallback, values)[0].flatten(1)
+    filled = values[0].flatten(1).clone()
     index = marked.flatten().nonzero()[:, 0]
+    unlike = torch.ones_like(index, dtype=torch.bool)
     pixels = _Pixels(
         planes=torch.cat([values.masked_fill(marked, 0.0), own.pack()], dim=1)[0].flatten(1),
         own=own,
@@ -208,8 +238,12 @@ def fill_along_surfaces(values: Image, holes: Mask, own: Surfaces, *, fallback: 
         chunk = index[part]
         found, known = _gather_rings(pixels, chunk)
         filled[:, chunk[found]] = known
+        unlike[part.start + found] = False
 
     share_among_threads(fill_chunk, list(cut_chunks(len(index), HOLES_AT_ONCE)))
+    if bool(unlike.any()):
+        unknown = index[unlike]
+        filled[:, unknown] = fallback(unknown)
     return filled.view_as(values[0]).unsqueeze(0)
 
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rtsr_cli.core.errors import ShapeMismatchError
-from rtsr_cli.core.shapes import IdMap, Image, Mask, MotionPx, Plane
+from rtsr_cli.core.shapes import IdMap, Image, Mask, MotionPx, Plane, Size
 
 WarpMode: TypeAlias = Literal["nearest", "bilinear", "bicubic"]
 """`bicubic` is Catmull-Rom (Keys 1981 with a = -0.5)."""
@@ -114,9 +114,9 @@ def _axis_taps(
     return [((start + k).clamp(0, last), weight) for k, weight in enumerate(weights)]
 
 
-def _nearest_index(motion_px: Tensor, axis: int) -> Tensor:
+def _nearest_index(motion_px: Tensor, axis: int, first: int = 0) -> Tensor:
     """Index of the pixel that holds the position, along one axis, not clamped."""
-    return whole_pixels(motion_px[:, axis : axis + 1] + 0.5) + own_index(motion_px, axis)
+    return whole_pixels(motion_px[:, axis : axis + 1] + 0.5) + own_index(motion_px, axis, first)
 
 
 def _place(rows: Tensor, columns: Tensor, width: int) -> Tensor:
@@ -137,13 +137,21 @@ def _fetch(image: Tensor, index: Tensor) -> Tensor:
     return image.reshape(n, c, h * w).gather(2, flat).view(n, c, h, w)
 
 
-def inside_frame(motion_px: MotionPx) -> Mask:
-    """1 where the pixel that holds the position exists and the motion is a number."""
-    finite = _finite_motion(motion_px)
-    inside = ~motion_px.sum(dim=1, keepdim=True).isnan()
-    for axis in (0, 1):
-        index = _nearest_index(finite, axis)
-        inside = inside & (index >= 0) & (index < motion_px.shape[3 - axis])
+def inside_frame(motion_px: MotionPx, rows: range | None = None) -> Mask:
+    """1 where the pixel that holds the position exists and the motion is a number.
+
+    Args:
+        motion_px: from each pixel to where it is fetched.
+        rows: that it is asked for; None = all.
+    """
+    height, width = motion_px.shape[2:]
+    top, bottom = (0, height) if rows is None else (rows.start, rows.stop)
+    motion = motion_px[:, :, top:bottom]
+    finite = bound_motion(motion, limit_px=height + width)
+    inside = ~motion.sum(dim=1, keepdim=True).isnan()
+    for axis, (extent, first) in enumerate(((width, 0), (height, top))):
+        index = _nearest_index(finite, axis, first)
+        inside = inside & (index >= 0) & (index < extent)
     return inside.to(motion_px.dtype)
 
 
@@ -222,6 +230,52 @@ def backward_warp(
         # unlike masked_fill, keeps channels that come last
         warped = torch.where(inside_mask == 0, warped.new_zeros(()), warped)
     return warped, inside_mask
+
+
+def warp_pixels(image: Image, motion_px: Tensor, pixels: Tensor) -> Tensor:
+    """`backward_warp`, bilinear and the border repeated, of some pixels alone: c k.
+
+    Args:
+        image: previous frame, 1 c h w, finite.
+        motion_px: (dx, dy) of the pixels, 2 k.
+        pixels: their index where rows follow each other, k.
+    """
+    height, width = image.shape[2:]
+    planes = image[0].flatten(1)
+    bounded = bound_motion(motion_px, limit_px=height + width)
+    whole = bounded.floor()
+    across, down = (_bilinear_weights(fraction)[1] for fraction in bounded - whole)
+    first = whole_pixels(whole)
+    column, row = first[0] + pixels % width, first[1] + pixels // width
+    columns = [((column + i).clamp_(0, width - 1), weight) for i, weight in enumerate(across)]
+
+    def fetch_row(step: int) -> Tensor:
+        start = (row + step).clamp_(0, height - 1).mul_(width)
+        taps = ((planes.index_select(1, start + column), weight) for column, weight in columns)
+        return _weighted_sum(taps, drop_zero_weights=False)
+
+    rows = ((fetch_row(step), weight) for step, weight in enumerate(down))
+    return _weighted_sum(rows, drop_zero_weights=False)
+
+
+def find_nearest_pixels(motion_px: Tensor, pixels: Tensor, size: Size) -> tuple[Tensor, Tensor]:
+    """Which pixels hold the positions p + motion_px(p) of some pixels p.
+
+    Args:
+        motion_px: (dx, dy) of the pixels, 2 k.
+        pixels: their index where rows follow each other, k.
+        size: (height, width) of the frame.
+
+    Returns:
+        Their index, clamped to the frame, and 1 where they lie in it, k each.
+    """
+    height, width = size
+    first = whole_pixels(bound_motion(motion_px, limit_px=height + width) + 0.5)
+    column, row = first[0] + pixels % width, first[1] + pixels // width
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    inside = inside & ~motion_px.sum(dim=0).isnan()
+    place = row.clamp(0, height - 1) * width + column.clamp(0, width - 1)
+    return place, inside.to(motion_px.dtype)
 
 
 def compose_motion(

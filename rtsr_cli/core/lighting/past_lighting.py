@@ -4,7 +4,9 @@
     e = log(1 + q / k),  warped along surfaces, holes filled along surfaces
     radiance = k (exp(e) - 1) * material + emission
 
-k is that of the rendered frame. Shadows and highlights stay where they were on their surfaces.
+k is that of the rendered frame. What no past pixel and none around shows is lit as what is seen
+(`unseen_lighting`); where nothing is divided it is what lay there. Shadows and highlights stay
+where they were on their surfaces.
 """
 
 from __future__ import annotations
@@ -17,16 +19,16 @@ from torch import Tensor
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.enlargement import AVERAGE_LOG_LIGHTING
 from rtsr_cli.core.imaging.frame_motion import chain_motion, exposure_ratio
 from rtsr_cli.core.imaging.surface_history import (
     CarriedImage,
     fill_along_surfaces,
-    warp_along_surfaces,
+    warp_with_and_without,
 )
 from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
-from rtsr_cli.core.imaging.warping import backward_warp
+from rtsr_cli.core.imaging.warping import warp_pixels
 from rtsr_cli.core.lighting.lighting import decode_lighting, encode_lighting, lighting_scale_of
+from rtsr_cli.core.lighting.unseen_lighting import guess_lighting
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
 from rtsr_cli.core.system import FrameWindow
 
@@ -59,7 +61,9 @@ class PastLighting:
         encoded: e of it.
         own: surfaces of the current frame.
         motion_px: from the current samples to its samples.
+        moving: 1 where motion is not the camera's.
         carried: e where its surfaces are the current ones.
+        plain: e along the vectors, whatever surface it is of, the border repeated.
         holes: 1 where too little of it is.
         filled: e everywhere.
     """
@@ -68,7 +72,9 @@ class PastLighting:
     encoded: Image
     own: Surfaces
     motion_px: MotionPx
+    moving: Mask
     carried: CarriedImage
+    plain: Image
     holes: Mask
     filled: Image
 
@@ -87,24 +93,39 @@ def _carry_lighting(window: FrameWindow) -> PastLighting:
     place = find_rendered(window)
     now, rendered = window.current, window.lr[place]
     motion = chain_motion(window.lr[: place + 1])
-    own = describe_surfaces(now, find_divided(now))
-    past = describe_surfaces(rendered, rendered.gbuffer[Buffer.LIGHTING_MASK])
+    divided = now.compute_once(find_divided)
+    own = describe_surfaces(now, divided)
+    moving = find_moving(own, motion, rendered)
     encoded = encode_quantity(rendered)
-    carried = warp_along_surfaces(
-        encoded, motion, own.widen(find_moving(own, motion, rendered)), past
+    carried, plain = warp_with_and_without(
+        encoded, motion, own.widen(moving), rendered.compute_once(pack_surfaces)
     )
-    divided = find_divided(now)
     holes = find_holes(carried, divided)
-    guess = guess_quantity(rendered, motion, divided)
+    known = (1.0 - holes) * divided
+
+    def guess(pixels: Tensor) -> Tensor:
+        lit = divided.flatten()[pixels] > 0.5
+        guessed = encoded.new_empty(encoded.shape[1], len(pixels))
+        guessed[:, lit] = guess_lighting(carried.values, known, own, pixels[lit])
+        guessed[:, ~lit] = fetch_radiance(rendered, motion, pixels[~lit])
+        return guessed
+
     return PastLighting(
         rendered=rendered,
         encoded=encoded,
         own=own,
         motion_px=motion,
+        moving=moving,
         carried=carried,
+        plain=plain,
         holes=holes,
         filled=fill_along_surfaces(carried.values, holes, own, fallback=guess),
     )
+
+
+def pack_surfaces(rendered: Frame) -> Image:
+    """`Surfaces.pack` of a rendered frame."""
+    return describe_surfaces(rendered, rendered.gbuffer[Buffer.LIGHTING_MASK]).pack()
 
 
 def find_holes(carried: CarriedImage, divided: Mask) -> Mask:
@@ -113,16 +134,18 @@ def find_holes(carried: CarriedImage, divided: Mask) -> Mask:
     return (carried.weight < least).to(carried.weight)
 
 
-def guess_quantity(rendered: Frame, motion_px: MotionPx, divided: Mask) -> Image:
-    """e of surfaces that were never seen: lighting is k; what is not divided, whatever was there.
+def fetch_radiance(rendered: Frame, motion_px: MotionPx, pixels: Tensor) -> Tensor:
+    """e of what lay where some pixels were, without its emission: c k.
 
     Args:
         rendered: the last rendered frame.
         motion_px: to its samples.
-        divided: of the current pixels.
+        pixels: index where rows follow each other, k.
     """
-    moved, _ = backward_warp(_encode(rendered, take_emission_out(rendered)), motion_px)
-    return torch.where(divided > 0.5, AVERAGE_LOG_LIGHTING, moved)
+    radiance = take_emission_out(rendered)
+    if not len(pixels):
+        return radiance.new_empty(radiance.shape[1], 0)
+    return warp_pixels(_encode(rendered, radiance), motion_px[0].flatten(1)[:, pixels], pixels)
 
 
 def find_divided(frame: Frame) -> Mask:
@@ -169,6 +192,7 @@ def shade(window: FrameWindow, past: PastLighting, encoded: Image) -> Color:
     now = window.current
     quantity = decode_lighting(encoded, lighting_scale_of(past.rendered))
     quantity = quantity * exposure_ratio(now, past.rendered)
-    image = torch.where(find_divided(now) > 0.5, quantity * now.gbuffer[Buffer.MATERIAL], quantity)
+    divided = now.compute_once(find_divided)
+    image = torch.where(divided > 0.5, quantity * now.gbuffer[Buffer.MATERIAL], quantity)
     emission = now.gbuffer.buffers.get(Buffer.EMISSION)
     return image if emission is None else image + emission

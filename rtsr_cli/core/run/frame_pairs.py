@@ -230,6 +230,7 @@ class PairJob(ShotJob[_Loaded]):
         *,
         history_frames: int = 0,
         device: str = "cpu",
+        release_every: int = 1,
     ) -> None:
         """Start without history.
 
@@ -239,8 +240,9 @@ class PairJob(ShotJob[_Loaded]):
             work: what is done with a frame.
             history_frames: predecessors in the window.
             device: torch device of the frames.
+            release_every: as `Pace` has it.
         """
-        super().__init__(plan, frame_bytes=reading.source.frame_bytes)
+        super().__init__(plan, frame_bytes=reading.source.frame_bytes, release_every=release_every)
         self._reading, self._work, self._device = reading, work, device
         self._window = SlidingWindow(
             plan.sequence, history_frames=history_frames, scale=reading.source.scale

@@ -15,7 +15,12 @@ from typing import Any, Generic, Protocol, TypeVar
 from rtsr_cli.core.errors import OutputBlockedError, RtsrError
 from rtsr_cli.core.files.atomic_write import remove_leftovers
 from rtsr_cli.core.files.streaming import BackgroundWriter, prefetch
-from rtsr_cli.core.memory import release_freed, return_large_arrays, share_one_pool
+from rtsr_cli.core.memory import (
+    keep_freed,
+    release_freed,
+    return_large_arrays,
+    share_one_pool,
+)
 from rtsr_cli.core.run.events import Status
 
 K = TypeVar("K")
@@ -79,11 +84,15 @@ class Pace:
         ahead: keys that are loaded ahead, and threads that load them.
         writers: threads that write.
         queued: products that are written or wait for it before the loop waits for them.
+        release_every: keys after which freed memory goes back to the system. More than 1 keeps it
+            in between: arrays of which every key needs the same need not be cleared by the system
+            again and again, for a third more memory.
     """
 
     ahead: int
     writers: int
     queued: int
+    release_every: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,8 +125,11 @@ def run_job(job: Job[K, L], pace: Pace) -> Iterator[Outcome[K]]:
     order = tuple(job.order)
     if not order:
         return
-    share_one_pool()
-    return_large_arrays()
+    if pace.release_every > 1:
+        keep_freed()
+    else:
+        share_one_pool()
+        return_large_arrays()
     with BackgroundWriter[Outcome[K]](pace.writers, queued=pace.queued) as writer:
         for outcome in _stream(job, order, pace, writer):
             yield outcome
@@ -128,7 +140,7 @@ def run_job(job: Job[K, L], pace: Pace) -> Iterator[Outcome[K]]:
 def _stream(
     job: Job[K, L], order: tuple[K, ...], pace: Pace, writer: BackgroundWriter[Outcome[K]]
 ) -> Iterator[Outcome[K]]:
-    for key, loaded in prefetch(job.load, order, pace.ahead):
+    for place, (key, loaded) in enumerate(prefetch(job.load, order, pace.ahead), 1):
         started = time.perf_counter()
         try:
             product = job.compute(key, loaded.result())
@@ -141,7 +153,8 @@ def _stream(
             done = Outcome(key=key, status=Status.WRITTEN, facts=product.facts, seconds=seconds)
             writer.submit(done, product.write)
         del loaded, product
-        release_freed()
+        if place % pace.release_every == 0:
+            release_freed()
         yield from _collect_written(writer, wait=False)
     yield from _collect_written(writer, wait=True)
 

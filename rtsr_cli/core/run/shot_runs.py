@@ -35,10 +35,16 @@ class ShotJob(ABC, Generic[L]):
         plan: of the shot.
     """
 
-    def __init__(self, plan: ShotPlan, *, frame_bytes: int) -> None:
-        """Remember the plan; `frame_bytes` is the memory that reading one frame takes."""
+    def __init__(self, plan: ShotPlan, *, frame_bytes: int, release_every: int = 1) -> None:
+        """Remember the plan.
+
+        Args:
+            plan: of the shot.
+            frame_bytes: memory that reading one frame takes.
+            release_every: as `Pace` has it.
+        """
         self.plan = plan
-        self._frame_bytes = frame_bytes
+        self._frame_bytes, self._release_every = frame_bytes, release_every
 
     @property
     def folders(self) -> Iterable[Path]:
@@ -59,7 +65,7 @@ class ShotJob(ABC, Generic[L]):
     def pace(self, jobs: int) -> Pace:
         """Return how much is under way at a time with `jobs` readers and writers."""
         ahead = count_reads_ahead(jobs, self._frame_bytes)
-        return Pace(ahead=ahead, writers=jobs, queued=jobs + 1)
+        return Pace(ahead=ahead, writers=jobs, queued=jobs + 1, release_every=self._release_every)
 
     @abstractmethod
     def load(self, key: int) -> L:

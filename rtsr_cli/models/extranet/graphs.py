@@ -15,6 +15,7 @@ from rtsr_cli.core.lighting.graph_steps import (
     require_own_preset,
 )
 from rtsr_cli.core.lighting.past_lighting import LEAST_RADIANCE_WEIGHT, LEAST_WEIGHT
+from rtsr_cli.core.lighting.unseen_lighting import GRID_PIXELS, NEAR_SHARE
 from rtsr_cli.models.extranet.config import ExtraNetConfig
 
 MULTIPLE = 8
@@ -50,7 +51,10 @@ PAST = OutsideStep(
     f"{LEAST_WEIGHT:g}, {LEAST_RADIANCE_WEIGHT:g} of what is undivided; holes: sum w e / sum w of "
     "rings of 24 pixels around that are none, at spacings "
     f"{', '.join(map(str, REACHES))}, w = l exp(-|step|^2 / 4) {RING_DECAY:g}^ring, up to a ring "
-    f"of weight {ENOUGH:g}, log 2 where sum w <= {UNLIKE:g} (bilinear t-1 where undivided); "
+    f"of weight {ENOUGH:g}; where sum w <= {UNLIKE:g}, (sum w sqrt(e) / sum w)^2 of pixels that "
+    f"are divided and no holes on a grid of about {GRID_PIXELS}, "
+    f"w = exp(-{FACING:g} (1 - n(p).n(q))) / ({NEAR_SHARE:g}^2 + |P(q) - P(p)|^2 / z(p)^2) "
+    "(bilinear t-1 where undivided); "
     "second: t-3, else t-5, where of the surface, else t-1's, holes fetched by occlusion vectors; "
     "moved: bilinear at p + motion from t to t-n, 0 outside; of the surface: sum_q b l at least "
     f"{LEAST_WEIGHT:g}, of t-1 where there is no hole",

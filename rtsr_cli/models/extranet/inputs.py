@@ -21,18 +21,17 @@ from torch import Tensor
 from rtsr_cli.core.choices import DemodulationMode, Preset
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.camera_motion import find_camera_motion
+from rtsr_cli.core.imaging.camera_motion import differs_from_camera, find_camera_motion
 from rtsr_cli.core.imaging.derivation import DerivationConfig
 from rtsr_cli.core.imaging.frame_motion import (
-    chain_motions,
+    chain_motions_of_pixels,
     exposure_ratio,
-    fill_by_occlusion,
-    find_occlusion_motion,
+    find_occlusion_motion_of_pixels,
     sample_motion,
 )
-from rtsr_cli.core.imaging.surface_history import weigh_along_surfaces
-from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
-from rtsr_cli.core.imaging.warping import backward_warp, inside_frame
+from rtsr_cli.core.imaging.surface_history import warp_with_and_without
+from rtsr_cli.core.imaging.surfaces import find_moving
+from rtsr_cli.core.imaging.warping import warp_pixels
 from rtsr_cli.core.lighting.lighting import (
     inverse_depth,
     lighting_scale_of,
@@ -45,6 +44,7 @@ from rtsr_cli.core.lighting.past_lighting import (
     encode_past,
     find_divided,
     find_rendered,
+    pack_surfaces,
 )
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx
 from rtsr_cli.core.system import FrameWindow, Tensors
@@ -151,7 +151,7 @@ def measure_gain(now: Frame, rendered: Frame, scale: Tensor) -> Color:
 
     Where nothing is divided there is no material: 1.
     """
-    divided = find_divided(now)
+    divided = now.compute_once(find_divided)
     material = torch.where(divided > 0.5, now.gbuffer[Buffer.MATERIAL], 1.0)
     return material * scale * exposure_ratio(now, rendered)
 
@@ -161,49 +161,68 @@ def move_history(window: FrameWindow, past: PastLighting) -> tuple[tuple[Image, 
     rendered, own = past.rendered, past.own
     scale = lighting_scale_of(rendered)
     moved: list[tuple[Image, Mask] | None] = []
-    for place, motion in zip(PLACES, find_past_motions(window, own), strict=False):
+    for place, (motion, moving) in zip(PLACES, find_past_motions(window, past), strict=False):
         then = window.lr[place]
         if Buffer.COLOR not in then.gbuffer:
             moved.append(None)
             continue
         if then is rendered:
-            encoded, mask = past.encoded, 1.0 - past.holes
+            carried, image, mask = past.carried, past.plain, 1.0 - past.holes
         else:
             encoded = encode_past(then, rendered, scale)
-            surfaces = describe_surfaces(then, then.gbuffer[Buffer.LIGHTING_MASK])
-            wide = own.widen(find_moving(own, motion, then))
-            weight = weigh_along_surfaces(motion, wide, surfaces)
-            mask = (weight >= LEAST_WEIGHT).to(weight)
-        image, _ = backward_warp(encoded, motion)
-        moved.append((image * inside_frame(motion), mask))
+            packed = then.compute_once(pack_surfaces)
+            carried, image = warp_with_and_without(encoded, motion, own.widen(moving), packed)
+            mask = (carried.weight >= LEAST_WEIGHT).to(carried.weight)
+        moved.append((image * carried.inside, mask))
     return tuple(moved)
 
 
-def find_past_motions(window: FrameWindow, own: Surfaces) -> list[MotionPx]:
+def find_past_motions(window: FrameWindow, past: PastLighting) -> list[tuple[MotionPx, Mask]]:
     """Motion from the current samples to those of the frames at `PLACES`, as far as there are.
 
     What stands still is where the camera says, hidden in between or not; all else where the
-    vectors, composed frame after frame, lead.
+    vectors, composed frame after frame, lead. Beside it 1 where that is not the camera's motion.
     """
-    frames = window.lr
-    moving = find_moving(own, sample_motion(frames[0], frames[1]), frames[1])
+    frames, own = window.lr[: PLACES[-1] + 1], past.own
+    motion = sample_motion(frames[0], frames[1])
+    moving = past.moving if past.rendered is frames[1] else find_moving(own, motion, frames[1])
     stands = (moving < 0.5) & ~own.on_sky
-    chained = chain_motions(frames[: PLACES[-1] + 1])
-    motions = [chained[place - 1] for place in PLACES if place < len(frames)]
-    for i, place in enumerate(PLACES[1 : len(motions)], start=1):
-        camera_px = find_camera_motion(own.position, frames[place])
-        if camera_px is not None:
-            motions[i] = torch.where(stands & camera_px.isfinite(), camera_px, motions[i])
-    return motions
+    places = [place for place in PLACES[1:] if place < len(frames)]
+    by_camera = {place: find_camera_motion(own.position, frames[place]) for place in places}
+    seen = stands
+    for camera_px in by_camera.values():
+        seen = seen & (False if camera_px is None else camera_px.isfinite().all(1, keepdim=True))
+    pixels = (~seen).flatten().nonzero()[:, 0]
+    chained = chain_motions_of_pixels(frames, pixels)
+    found = [(motion, moving)]
+    for place, camera_px in by_camera.items():
+        if camera_px is None:
+            # then `pixels` are all there are
+            found.append((chained[place - 1].view_as(motion), torch.ones_like(moving)))
+            continue
+        own_camera = camera_px[:, :, None].flatten(3)[..., pixels]
+        own_stands = stands.flatten()[pixels]
+        followed = torch.where(
+            own_stands & own_camera.isfinite(), own_camera, chained[place - 1][None, :, None]
+        )
+        on_sky = own.on_sky.flatten()[pixels]
+        apart = differs_from_camera(followed, own_camera).masked_fill(on_sky, 0.0)
+        camera_px.flatten(2)[..., pixels] = followed[:, :, 0]
+        by_itself = torch.zeros_like(moving)
+        by_itself.flatten()[pixels] = apart.flatten()
+        found.append((camera_px, by_itself))
+    return found
 
 
 def warp_lighting(past: PastLighting) -> Image:
     """e of the last rendered frame along the vectors, whatever surface it is of; 0 outside."""
-    return backward_warp(past.encoded, past.motion_px)[0] * inside_frame(past.motion_px)
+    return past.plain * past.carried.inside
 
 
 def fill_holes_by_occlusion(window: FrameWindow, past: PastLighting) -> Image:
     """Carried e, and in holes what lay beside the surface that hid them   [Zeng et al. 2021]."""
-    occlusion = find_occlusion_motion(window.lr[:2], past.motion_px)
-    beside = fill_by_occlusion(past.encoded, past.motion_px, occlusion, past.holes)
-    return torch.where(past.holes > 0.5, beside, past.carried.values)
+    pixels = (past.holes > 0.5).flatten().nonzero()[:, 0]
+    vectors = find_occlusion_motion_of_pixels(window.lr[:2], past.motion_px, pixels)
+    filled = past.carried.values.clone()
+    filled[0].flatten(1)[:, pixels] = warp_pixels(past.encoded, vectors, pixels)
+    return filled

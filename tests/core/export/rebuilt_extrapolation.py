@@ -45,6 +45,25 @@ def fill(values: Array, holes: Flags, own: Surfaces, moves: Flags, fallback: Arr
     return np.where(holes, filled, values)
 
 
+def guess(values: Array, known: Flags, own: Surfaces) -> Array:
+    """Lighting of what nothing seen belongs to, by what lies near and faces as it does."""
+    height, width = known.shape
+    step = int(np.ceil(np.sqrt(width * height / C["GRID_PIXELS"])))
+    top, left = min(step, height) // 2, min(step, width) // 2
+    rows, columns = np.mgrid[top:height:step, left:width:step]
+    chosen = known[rows, columns]
+    q = rows[chosen], columns[chosen]
+    if not len(q[0]):
+        return np.full_like(values, np.log(2))
+    facing = np.einsum("chw,cq->hwq", own.normal, own.normal[:, *q])
+    apart = own.position[:, :, :, None] - own.position[:, *q][:, None, None]
+    w = np.exp(-C["PLANE_FACING"] * (1 - facing)) / (
+        C["NEAR_SHARE"] ** 2 + (apart**2).sum(0) / own.depth[..., None] ** 2
+    )
+    guessed: Array = (np.einsum("hwq,cq->chw", w, np.sqrt(values[:, *q])) / w.sum(-1)) ** 2
+    return guessed
+
+
 def show_past(now: Side, before: Side, lut: Array) -> tuple[Array, Flags]:
     """`base` and where it is filled, of a frame without radiance and the rendered one before."""
     lighting, divided = demodulate(before, lut)
@@ -57,5 +76,5 @@ def show_past(now: Side, before: Side, lut: Array) -> tuple[Array, Flags]:
     value, weight = carry(e, m1, own, find_moving(now, before, m1), past)
     lit = (material(now, lut).min(0) > C["EPSILON"]) & ~now.sky
     holes = weight < np.where(lit, C["LEAST_SEEN"], C["LEAST_SEEN_RADIANCE"])
-    guess = np.where(lit, np.log(2), bilinear(np.log1p(rest / k), m1))
-    return fill(value, holes, own, np.zeros_like(holes), guess), holes
+    unseen = np.where(lit, guess(value, lit & ~holes, own), bilinear(np.log1p(rest / k), m1))
+    return fill(value, holes, own, np.zeros_like(holes), unseen), holes

@@ -40,7 +40,13 @@ from rtsr_cli.core.imaging import (
     surfaces,
 )
 from rtsr_cli.core.imaging.brdf_lut import load_default_lut
-from rtsr_cli.core.lighting import lighting, lighting_history, past_lighting, radiance
+from rtsr_cli.core.lighting import (
+    lighting,
+    lighting_history,
+    past_lighting,
+    radiance,
+    unseen_lighting,
+)
 from rtsr_cli.core.network.exported import observe_networks
 from rtsr_cli.core.network.graphs import replace_graph
 from rtsr_cli.core.network.load import LoadedNetwork
@@ -104,6 +110,8 @@ CONSTANTS = {
     "RING_DECAY": surface_history.RING_DECAY,
     "ENOUGH": surface_history.ENOUGH,
     "UNLIKE": surface_history.UNLIKE,
+    "NEAR_SHARE": unseen_lighting.NEAR_SHARE,
+    "GRID_PIXELS": unseen_lighting.GRID_PIXELS,
     "COMPARED_WORTH": lighting_history.LEAST_COMPARED_WORTH,
     "KNOWN_SHARE": lighting_history.LEAST_KNOWN_SHARE,
     "LEAST_SQUARE": lighting_history.LEAST_SQUARE,

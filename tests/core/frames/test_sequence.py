@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rtsr_cli.core.frames.sequence import FrameSequence
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer
+from rtsr_cli.core.frames.camera import CameraMetadata, View
+from rtsr_cli.core.frames.sequence import Frame, FrameSequence
 
 
 def sequence(*numbers: int, step: int = 1, cuts: frozenset[int] = frozenset()) -> FrameSequence:
@@ -55,3 +59,18 @@ def test_runs_hold_every_number_once_and_never_a_reset_inside(
     for run in runs:
         assert all(b - a == step for a, b in pairwise(run))
         assert not cuts & set(run[1:])
+
+
+def test_what_is_known_of_a_frame_is_found_once_and_not_kept_by_another() -> None:
+    gbuffer = GBuffer({Buffer.DEPTH: torch.ones(1, 1, 2, 3)}, "test")
+    frame = Frame(number=1, gbuffer=gbuffer, camera=CameraMetadata(), view=View(display=(2, 3)))
+    asked: list[int] = []
+
+    def measure(of: Frame) -> int:
+        asked.append(of.number)
+        return 10 * of.number
+
+    assert [frame.compute_once(measure) for _ in range(3)] == [10, 10, 10]
+    assert replace(frame, number=2).compute_once(measure) == 20
+    assert asked == [1, 2]
+    assert frame == replace(frame)

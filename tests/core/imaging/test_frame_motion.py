@@ -11,7 +11,13 @@ from torch import Tensor
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.imaging.frame_motion import exposure_ratio, find_dual_motion, sample_motion
+from rtsr_cli.core.imaging.frame_motion import (
+    chain_motions,
+    chain_motions_of_pixels,
+    exposure_ratio,
+    find_dual_motion,
+    sample_motion,
+)
 from rtsr_cli.core.imaging.splatting import UNRELIABLE_PX
 from rtsr_cli.core.imaging.warping import inside_frame
 from rtsr_cli.core.synth.exposure import draw_scene
@@ -127,3 +133,13 @@ def test_jitter_marks_nothing(jitter_px: tuple[float, float]) -> None:
 
 def test_brightening_is_the_ratio_of_exposures() -> None:
     assert exposure_ratio(jittered_frame((0, 0), 0, 4.0), jittered_frame((0, 0), 0, 2.0)) == 2.0
+
+
+def test_vectors_of_some_pixels_are_chained_as_all_are() -> None:
+    scene = draw_scene(3)
+    frames = [render_frame(scene, n, (34, 60), buffers=(Buffer.MOTION,)) for n in (6, 5, 4, 3)]
+    pixels = torch.arange(1, 34 * 60, 7)
+    for some, every in zip(
+        chain_motions_of_pixels(frames, pixels), chain_motions(frames), strict=True
+    ):
+        assert torch.equal(some, every[0].flatten(1)[:, pixels])

@@ -18,6 +18,7 @@ from rtsr_cli.core.imaging.frame_motion import (
     chain_motion_as_published,
     fill_by_occlusion,
     find_occlusion_motion,
+    find_occlusion_motion_of_pixels,
 )
 from rtsr_cli.core.imaging.holes import HoleConfig, HoleTest, find_holes
 from rtsr_cli.core.imaging.splatting import forward_motion_by_splat
@@ -265,6 +266,9 @@ def test_holes_are_filled_with_the_background_beside(steps: int) -> None:
     assert torch.equal(filled[..., visible], plain[..., visible])
     # displaced as the post was: 7.5 pixels a frame
     assert (vectors[0, 0][:, hidden] == -7.5 * steps).all()
+    pixels = holes.union.flatten().nonzero()[:, 0]
+    alone = find_occlusion_motion_of_pixels(frames, holes.motion_px, pixels)
+    assert torch.equal(alone, vectors[0].flatten(1)[:, pixels])
 
 
 def test_a_surface_that_grows_leaves_no_cracks() -> None:

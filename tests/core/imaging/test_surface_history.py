@@ -11,8 +11,10 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.surface_history import (
     fill_along_surfaces,
     warp_along_surfaces,
+    warp_with_and_without,
 )
 from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces
+from rtsr_cli.core.imaging.warping import backward_warp
 
 SIZE = (24, 40)
 
@@ -39,6 +41,11 @@ def paint(border: int) -> Tensor:
     values = torch.full((1, 3, *SIZE), 3.0)
     values[..., :border] = 1.0
     return values
+
+
+def fall_back(pixels: Tensor) -> Tensor:
+    """What is no value of any picture."""
+    return torch.full((3, len(pixels)), -9.0)
 
 
 def test_without_motion_values_stay_as_they_are() -> None:
@@ -68,8 +75,7 @@ def test_what_was_hidden_is_a_hole_and_is_filled_from_its_own_surface() -> None:
     holes = (carried.weight < 0.2).float()
     assert holes[..., 10:16].min() == 1.0
     assert holes[..., 16:].max() == 0.0
-    nothing = torch.full((1, 3, *SIZE), -9.0)
-    filled = fill_along_surfaces(carried.values, holes, now, fallback=nothing)
+    filled = fill_along_surfaces(carried.values, holes, now, fallback=fall_back)
     torch.testing.assert_close(filled, paint(10), rtol=0, atol=1e-4)
 
 
@@ -77,8 +83,7 @@ def test_a_surface_that_was_never_seen_keeps_the_fallback() -> None:
     surfaces = two_objects(15)
     holes = torch.zeros(1, 1, *SIZE)
     holes[..., :15] = 1.0
-    nothing = torch.full((1, 3, *SIZE), -9.0)
-    filled = fill_along_surfaces(paint(15), holes, surfaces, fallback=nothing)
+    filled = fill_along_surfaces(paint(15), holes, surfaces, fallback=fall_back)
     assert (filled[..., :15] == -9.0).all()
     torch.testing.assert_close(filled[..., 15:], paint(15)[..., 15:])
 
@@ -89,7 +94,7 @@ def test_nearer_pixels_of_a_surface_outweigh_farther_ones() -> None:
     values[..., 20:] = torch.arange(20.0)
     holes = torch.zeros(1, 1, *SIZE)
     holes[..., :20] = 1.0
-    filled = fill_along_surfaces(values, holes, surfaces, fallback=values)
+    filled = fill_along_surfaces(values, holes, surfaces, fallback=fall_back)
     # of 0 and 1 beside it, the nearer one more
     assert 0.0 < float(filled[0, 0, 12, 19]) < 0.5
     assert float(filled[0, 0, 12, 19]) < float(filled[0, 0, 12, 8])
@@ -99,11 +104,25 @@ def test_threads_change_no_bit() -> None:
     torch.manual_seed(1)
     surfaces = two_objects(15)
     holes = (torch.rand(1, 1, *SIZE) > 0.6).float()
-    values, fallback = torch.rand(1, 3, *SIZE), torch.zeros(1, 3, *SIZE)
-    one = fill_along_surfaces(values, holes, surfaces, fallback=fallback)
+    values = torch.rand(1, 3, *SIZE)
+    one = fill_along_surfaces(values, holes, surfaces, fallback=fall_back)
     torch.set_num_threads(2)
     try:
-        two = fill_along_surfaces(values, holes, surfaces, fallback=fallback)
+        two = fill_along_surfaces(values, holes, surfaces, fallback=fall_back)
     finally:
         torch.set_num_threads(1)
     assert torch.equal(one, two)
+
+
+def test_beside_it_stands_what_lies_there_whatever_surface_it_is_of() -> None:
+    torch.manual_seed(2)
+    motion, values = 3.0 * torch.randn(1, 2, *SIZE), torch.rand(1, 3, *SIZE)
+    now, past = two_objects(16), two_objects(15)
+    along, plain = warp_with_and_without(values, motion, now, past.pack())
+    alone = warp_along_surfaces(values, motion, now, past)
+    assert torch.equal(along.values, alone.values)
+    assert torch.equal(along.weight, alone.weight)
+    warped, inside = backward_warp(values, motion)
+    torch.testing.assert_close(plain, warped, rtol=0, atol=1e-6)
+    assert torch.equal(along.inside, inside)
+    assert float(along.weight[inside == 0].max()) == 0.0

@@ -21,7 +21,10 @@ from rtsr_cli.core.imaging.warping import (
     backward_warp,
     compose_motion,
     dilate_motion,
+    find_nearest_pixels,
+    inside_frame,
     upsample_motion,
+    warp_pixels,
 )
 
 MODES = ("nearest", "bilinear", "bicubic")
@@ -399,3 +402,28 @@ def test_outside_the_frame_is_zero_even_where_the_border_is_no_number():
     motion = torch.full((1, 2, 3, 3), 9.0)
     warped, _ = backward_warp(image, motion, mode="nearest", border="zero")
     assert torch.equal(warped, torch.zeros(1, 2, 3, 3))
+
+
+@given(seed=seeds, size=sizes)
+@settings(deadline=None, max_examples=25)
+def test_some_pixels_alone_are_those_of_the_whole_warp(seed, size):
+    image = random_image(seed, size, batch=1)
+    motion = 4.0 * random_image(seed + 1, size, channels=2, batch=1)
+    pixels = torch.arange(0, size[0] * size[1], 2)
+    vectors = motion[0].flatten(1)[:, pixels]
+    whole, inside = backward_warp(image, motion)
+    torch.testing.assert_close(
+        warp_pixels(image, vectors, pixels), whole[0].flatten(1)[:, pixels], rtol=0, atol=1e-6
+    )
+    place, within = find_nearest_pixels(vectors, pixels, size)
+    assert torch.equal(within, inside.flatten()[pixels])
+    nearest, _ = backward_warp(image, motion, mode="nearest")
+    assert torch.equal(image[0].flatten(1)[:, place], nearest[0].flatten(1)[:, pixels])
+
+
+def test_rows_alone_lie_inside_where_they_do_in_the_frame():
+    motion = 4.0 * random_image(5, (9, 7), channels=2, batch=1)
+    motion[0, 0, 4, 3] = torch.nan
+    whole = inside_frame(motion)
+    assert 0 < float(whole.mean()) < 1
+    assert torch.equal(inside_frame(motion, range(3, 7)), whole[:, :, 3:7])

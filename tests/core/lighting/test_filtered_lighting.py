@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -52,7 +54,7 @@ def make_window(light: Tensor, material: Tensor, width: float = FILTER_PX) -> Fr
         )  # fmt: skip
 
     small = frame(lr, filter_width_px=width)
-    small = Frame(**{**vars(small), "camera": CameraMetadata(jitter_px=JITTER_PX)})
+    small = replace(small, camera=CameraMetadata(jitter_px=JITTER_PX))
     return FrameWindow(lr=(small,), hr=frame(hr), scale=SCALE)
 
 
@@ -82,7 +84,7 @@ def test_where_sky_is_mixed_in_nothing_is_divided() -> None:
     sky = torch.zeros(1, 1, HEIGHT, WIDTH)
     sky[..., :24] = 1.0
     hr = window.require_hr()
-    covered = Frame(**{**vars(hr), "gbuffer": hr.gbuffer.with_buffers({Buffer.SKY: sky})})
+    covered = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.SKY: sky}))
     matched = match_filter(FrameWindow(lr=window.lr, hr=covered, scale=SCALE))
     mask = matched.current.gbuffer[Buffer.LIGHTING_MASK]
     assert not bool(mask[..., :7].any())
@@ -136,7 +138,7 @@ def test_a_pixel_without_a_material_spoils_nothing_else() -> None:
     material[..., 20, 20] = torch.nan
     window = make_window(torch.ones(1, 3, HEIGHT, WIDTH), checkers(0.1, 0.9, 3))
     hr = window.require_hr()
-    spoilt = Frame(**{**vars(hr), "gbuffer": hr.gbuffer.with_buffers({Buffer.MATERIAL: material})})
+    spoilt = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: material}))
     inputs = describe(FrameWindow(lr=window.lr, hr=spoilt, scale=SCALE))
     assert bool(torch.isfinite(part_filtered(inputs, inputs["cubic"])).all())
 
@@ -149,8 +151,8 @@ def test_emission_that_lr_alone_holds_is_taken_out() -> None:
     filtered = filter_at_samples(hr.gbuffer[Buffer.EMISSION], FILTER_PX, SCALE, JITTER_PX)
     small = lr.gbuffer.with_buffers({Buffer.EMISSION: filtered})
     changed = FrameWindow(
-        lr=(Frame(**{**vars(lr), "gbuffer": small}),),
-        hr=Frame(**{**vars(hr), "gbuffer": GBuffer(dark, "wall")}),
+        lr=(replace(lr, gbuffer=small),),
+        hr=replace(hr, gbuffer=GBuffer(dark, "wall")),
         scale=SCALE,
     )
     lighting = match_filter(changed).current.gbuffer[Buffer.LIGHTING]
