@@ -28,6 +28,7 @@ from rtsr_cli.models.cgts.inputs import (
     limit_clipping,
     prepare,
 )
+from rtsr_cli.models.cgts.kernel import FILTERED_WORTH
 from rtsr_cli.models.cgts.loss import (
     ALIASING_ORDER,
     GHOSTING_ORDER,
@@ -140,6 +141,24 @@ def test_what_was_learnt_nothing_yet_is_a_running_mean_of_samples(
     mean = summed / sum(i["worth"] for i in inputs)
     color = run(sharp(build()), windows)[-1]["color"]
     torch.testing.assert_close(color, mean, rtol=1e-4, atol=1e-5)
+
+
+def test_a_filtered_frame_weighs_the_same_wherever_samples_lie(make_windows: MakeWindows) -> None:
+    network = build()
+    with torch.no_grad():
+        network.composition.weight.bias[2] = 1e4
+        inputs = prepare(CONFIG, make_windows(SYSTEM, 2)[0])
+        state = make_state(inputs)
+        known = replace(state, worth=torch.ones_like(state.worth))
+        outputs, kept = network(inputs, known)
+    inside = outputs["weight"][outputs["weight"] < 1.0]
+    torch.testing.assert_close(
+        inside, torch.full_like(inside, FILTERED_WORTH / (1 + FILTERED_WORTH))
+    )
+    assert float(inputs["worth"].amax() - inputs["worth"].amin()) > 0.5
+    assert isinstance(kept, CgtsState)
+    inner = kept.worth[..., :-4]
+    torch.testing.assert_close(inner, torch.full_like(inner, 1.0 + FILTERED_WORTH))
 
 
 def make_state(inputs: Tensors, exposure: float = 1.0) -> CgtsState:

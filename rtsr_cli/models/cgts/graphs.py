@@ -23,7 +23,7 @@ from rtsr_cli.models.cgts.inputs import (
     SAMPLE_SIGMA_PX,
     STILL_PX,
 )
-from rtsr_cli.models.cgts.kernel import KERNEL_SIGMA_PX, TAPS
+from rtsr_cli.models.cgts.kernel import FILTERED_WORTH, KERNEL_SIGMA_PX, TAPS
 from rtsr_cli.models.cgts.network import (
     CORRECTIONS,
     MOST_FRAMES,
@@ -116,7 +116,8 @@ ACCUMULATE = OutsideStep(
     formula="g = given + guides' last 3, at the output's size; filtered = sum a_q c_q, a = "
     "softmax_q(guides_q - |p - q|^2 / (2 "
     f"{KERNEL_SIGMA_PX:g}^2)), 3 x 3 samples q around the LR pixel, output pixels; frame = "
-    "lerp(color, filtered, sigmoid(g_2)); weight = sigmoid(g_0 + log(worth) - log(max(history "
+    f"lerp(color, filtered, sigmoid(g_2)), worth' = lerp(worth, {FILTERED_WORTH:g}, "
+    "sigmoid(g_2)); weight = sigmoid(g_0 + log(worth') - log(max(history "
     f"worth, {LEAST_HISTORY:g}))), at least reactive, 1 where there is no history; clip = "
     f"sigmoid(g_1) (1 - exp(-|motion| / {STILL_PX:g})); clipped: history within mean +- "
     f"{CLIPPED_DEVIATIONS:g} deviation, each channel of YCoCg, of the 3 x 3 samples around each "
@@ -167,7 +168,7 @@ def describe(config: CgtsConfig) -> NetworkGraphs:
             for name, made, reset in (
                 ("color", "color' of the frame before", "the frame's own"),
                 ("counter", "counter + 1, 0 where visibility ghosting is likeliest", "0"),
-                ("worth", f"min(worth / weight, {MOST_WORTH:g})", "0"),
+                ("worth", f"min(worth' / weight, {MOST_WORTH:g})", "0"),
                 (
                     "range",
                     f"wider of own and lerp(carried, own, {RANGE_RATE:g}); own where counter is 0",

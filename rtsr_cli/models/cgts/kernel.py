@@ -24,6 +24,9 @@ TAPS = 9
 KERNEL_SIGMA_PX = 0.7
 """Spread of the untrained kernel, in output pixels."""
 
+FILTERED_WORTH = 0.5
+"""Samples that a filtered pixel is worth, wherever samples lie: so no grid of them is left."""
+
 
 def measure_reach(scale: int, jitter_px: Jitter, like: Tensor) -> Tensor:
     """-|p - q|^2 / (2 sigma^2) of every tap and output pixel of an LR pixel, n taps*S*S 1 1.

@@ -34,7 +34,7 @@ from rtsr_cli.models.cgts.inputs import (
     clip_history,
     limit_clipping,
 )
-from rtsr_cli.models.cgts.kernel import TAPS, continue_samples, filter_samples
+from rtsr_cli.models.cgts.kernel import FILTERED_WORTH, TAPS, continue_samples, filter_samples
 
 CLASSIFIED_CHANNELS = 20
 """Colour 3, depth 1, motion 2, counter 1, range 6, depth difference 1, logits 6."""
@@ -226,11 +226,11 @@ class CgtsNetwork(nn.Module):
         logits = told["logits"]
         useless = (find_hidden(logits) | (history.inside == 0)).to(logits.dtype)
         counter = count_frames(history.counter, useless)
-        color, weight = self._compose(inputs, history, span, told, counter)
+        color, weight, worth = self._compose(inputs, history, span, told, counter)
         kept = CgtsState(
             color=color,
             counter=counter,
-            worth=(inputs["worth"] / weight.detach()).clamp(max=MOST_WORTH),
+            worth=(worth / weight).detach().clamp(max=MOST_WORTH),
             span=merge_range(span, history.span, useless),
             depth=inputs["depth"],
             logits=logits.detach().clamp(-MOST_LOGIT, MOST_LOGIT),
@@ -295,8 +295,11 @@ class CgtsNetwork(nn.Module):
         span: Image,
         told: Tensors,
         counter: Plane,
-    ) -> tuple[Color, Plane]:
-        """Frame and history, weighted; the weight is 1 where there is no history."""
+    ) -> tuple[Color, Plane, Plane]:
+        """Frame and history, weighted, the weight, and what the frame is worth.
+
+        The weight is 1 where there is no history.
+        """
         seen = {
             "logits": told["logits"],
             "counter": counter,
@@ -323,15 +326,15 @@ class CgtsNetwork(nn.Module):
             # samples have a row more to each side
             own = {n: t[:, :, top : bottom + 2 * (n == "samples")] for n, t in small.items()}
             parts.append(self._compose_pixels(shown, own, inputs))
-        colors, weights = zip(*parts, strict=True)
-        return torch.cat(colors, dim=2), torch.cat(weights, dim=2)
+        colors, weights, worths = (torch.cat(strips, dim=2) for strips in zip(*parts, strict=True))
+        return colors, weights, worths
 
     def _compose_pixels(
         self, seen: Tensors, small: Tensors, inputs: Tensors
-    ) -> tuple[Color, Plane]:
+    ) -> tuple[Color, Plane, Plane]:
         shown = seen["logits"].clamp(-MOST_LOGIT, MOST_LOGIT)
         known = {**seen, "motion": seen["motion"].nan_to_num()}
-        history, color = seen["history"], seen["color"]
+        history, color, worth = seen["history"], seen["color"], seen["worth"]
         if self.surroundings.guides:
             known["clipped"] = clip_history(history, seen["around"])
         channels = [
@@ -340,19 +343,21 @@ class CgtsNetwork(nn.Module):
             *(seen[name] for name in ("difference", "color", "history")),
             self.surroundings.see(known),
         ]
-        start = self.surroundings.start(seen["worth"], seen["history_worth"])
         given = self.weigh({"known": torch.cat(channels, dim=1).float()})["given"]
         if self.surroundings.guides:
             kernels = TAPS * self.scale * self.scale
             given = given + F.pixel_shuffle(small["guides"][:, kernels:], self.scale)
             logits = small["guides"][:, :kernels] + inputs["reach"]
             filtered = filter_samples(small["samples"], logits, self.scale)
-            color = torch.lerp(color, filtered, torch.sigmoid(given[:, 2:]).to(color.dtype))
+            share = torch.sigmoid(given[:, 2:])
+            color = torch.lerp(color, filtered, share.to(color.dtype))
+            worth = worth + share * (FILTERED_WORTH - worth)
             share = limit_clipping(torch.sigmoid(given[:, 1:2]), known["motion"])
             history = torch.lerp(history, known["clipped"], share.to(history.dtype))
+        start = self.surroundings.start(worth, seen["history_worth"])
         weight = torch.sigmoid(given[:, :1] + start)
         weight = torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
-        return torch.lerp(history, color, weight.to(history.dtype)), weight
+        return torch.lerp(history, color, weight.to(history.dtype)), weight, worth
 
 
 def find_hidden(logits: Image) -> Tensor:

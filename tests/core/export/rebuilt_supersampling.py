@@ -189,9 +189,11 @@ def accumulate(shown: Shown, logits: Array, guides: Array, given: Array) -> Stat
     """What is written, and goes on."""
     given = given + enlarge_corrections(guides, shown.scale)
     filtered = filter_samples(shown.samples, guides, shown.scale, shown.jitter)
-    frame = shown.color + (filtered - shown.color) / (1 + np.exp(-given[2]))[None]
+    share = 1 / (1 + np.exp(-given[2]))
+    frame = shown.color + share * (filtered - shown.color)
+    worth = shown.worth + share * (C["FILTERED_WORTH"] - shown.worth)
     hidden = (logits[0] >= np.maximum(logits[1], logits[2])) | ~shown.inside
-    start = np.log(shown.worth) - np.log(np.maximum(shown.history_worth, C["LEAST_HISTORY"]))
+    start = np.log(worth) - np.log(np.maximum(shown.history_worth, C["LEAST_HISTORY"]))
     a = np.where(shown.inside, 1 / (1 + np.exp(-(given[0] + start))), 1)
     speed = np.linalg.norm(shown.motion, axis=0)
     s = 1 / (1 + np.exp(-given[1])) * (1 - np.exp(-speed / C["STILL_PX"]))
@@ -203,7 +205,7 @@ def accumulate(shown: Shown, logits: Array, guides: Array, given: Array) -> Stat
     return State(
         color=h + a * (frame - h),
         counter=np.where(hidden, 0, shown.counter + 1),
-        worth=np.minimum(shown.worth / a, C["CGTS_MOST_WORTH"]),
+        worth=np.minimum(worth / a, C["CGTS_MOST_WORTH"]),
         low=np.where(hidden, low, wide_low),
         high=np.where(hidden, high, wide_high),
         d=shown.d,

@@ -120,6 +120,7 @@ CONSTANTS = {
     "LEAST_HISTORY": cgts_inputs.LEAST_HISTORY,
     "STILL_PX": cgts_inputs.STILL_PX,
     "KERNEL_SIGMA": cgts_kernel.KERNEL_SIGMA_PX,
+    "FILTERED_WORTH": cgts_kernel.FILTERED_WORTH,
     "DEVIATIONS": cgts_inputs.CLIPPED_DEVIATIONS,
     "RANGE_RATE": auxiliary_buffers.RANGE_RATE,
     "CGTS_MOST_WORTH": cgts_network.MOST_WORTH,
