@@ -24,6 +24,12 @@ from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
 RANGE_RATE = 1.0 / 8.0
 """Share of a frame's own range in the one that is carried on."""
 
+FRONT_REACH_PX = 0.75
+"""LR pixels, along an axis, within which samples count for the motion of an output pixel.
+
+A square, not a circle: along an upright silhouette rows do not differ.
+"""
+
 
 def enlarge_depth(depth_m: Plane, scale: int, jitter_px: Jitter) -> Plane:
     """D of the nearest sample of every output pixel, 1/m."""
@@ -48,9 +54,9 @@ def enlarge_motion(motion_px: MotionPx, depth_m: Plane, scale: int, jitter_px: J
 def enlarge_front_motion(
     motion_px: MotionPx, depth_m: Plane, scale: int, jitter_px: Jitter
 ) -> MotionPx:
-    """Motion of the nearest surface among the samples within an LR pixel of each output pixel.
+    """Motion of the nearest surface among the samples around each output pixel.
 
-        argmin_q z(q),   |u - q| < 1,   u = (X + 0.5) / S - 0.5 - jitter
+        argmin_q z(q),   |u - q| < 3/4 along both axes,   u = (X + 0.5) / S - 0.5 - jitter
 
     One to four samples count, of two as near the closer one. Silhouettes are widened to where they
     may lie between samples, and no farther: `enlarge_motion` gives a foreground's motion to two
@@ -91,13 +97,12 @@ def enlarge_front_motion(
 
 
 def _list_around(u: float, v: float) -> list[tuple[int, int]]:
-    """Rows and columns of the samples within one pixel of (u, v), the nearest first."""
+    """Rows and columns of the samples that count at (u, v), the nearest first."""
     found = []
     for y in (math.floor(v), math.floor(v) + 1):
         for x in (math.floor(u), math.floor(u) + 1):
-            square = (y - v) ** 2 + (x - u) ** 2
-            if square < 1.0 - 1e-9:
-                found.append((square, y, x))
+            if max(abs(y - v), abs(x - u)) < FRONT_REACH_PX:
+                found.append(((y - v) ** 2 + (x - u) ** 2, y, x))
     return [(y, x) for _, y, x in sorted(found)]
 
 

@@ -9,7 +9,7 @@ from rtsr_cli.core.graphs import (
     NetworkGraphs,
     OutsideStep,
 )
-from rtsr_cli.core.imaging.auxiliary_buffers import RANGE_RATE
+from rtsr_cli.core.imaging.auxiliary_buffers import FRONT_REACH_PX, RANGE_RATE
 from rtsr_cli.core.imaging.sample_splats import MAX_ENCODED
 from rtsr_cli.core.lighting.graph_steps import require_own_preset
 from rtsr_cli.models.cgts.config import CgtsConfig
@@ -105,10 +105,10 @@ ENLARGE = OutsideStep(
 CARRY = OutsideStep(
     name="carry history",
     when="before",
-    formula="state at x + motion(x), motion of the nearest surface of the samples within an LR "
-    "pixel of the output pixel, times S: colour by Catmull-Rom, within 0..1, logits bilinearly, "
-    "counter, worth, range and D of the nearest pixel; colours c become g c / (1 + (g - 1) c), g "
-    "the ratio of pre-exposures",
+    formula="state at x + motion(x), motion of the nearest surface of the samples less than "
+    f"{FRONT_REACH_PX:g} LR pixels from the output pixel along both axes, times S: colour by "
+    "Catmull-Rom, within 0..1, logits bilinearly, counter, worth, range and D of the nearest "
+    "pixel; colours c become g c / (1 + (g - 1) c), g the ratio of pre-exposures",
 )
 ACCUMULATE = OutsideStep(
     name="accumulate",

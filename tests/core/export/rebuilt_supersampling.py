@@ -50,7 +50,7 @@ def repeat_nearest(image: Array, scale: int, jitter: Jitter) -> Array:
 
 
 def find_front_motion(side: Side, scale: int) -> Array:
-    """Of the nearest surface of the samples within an LR pixel, output pixels."""
+    """Of the nearest surface of the samples around, output pixels."""
     height, width = side.depth.shape
     (x, y), motion = side.jitter, side.color("motion", "XY")
     v = (np.arange(scale * height) + 0.5) / scale - 0.5 - y
@@ -62,9 +62,10 @@ def find_front_motion(side: Side, scale: int) -> Array:
         for across in (0, 1):
             rows, columns = np.floor(v).astype(int) + down, np.floor(u).astype(int) + across
             square = ((rows - v) ** 2)[:, None] + ((columns - u) ** 2)[None]
+            reach = np.maximum(np.abs(rows - v)[:, None], np.abs(columns - u)[None])
             at = np.ix_(np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1))
             z = side.depth[at]
-            nearer = (square < 1 - 1e-9) & ((z < best) | ((z == best) & (square < apart)))
+            nearer = (reach < C["FRONT_REACH"]) & ((z < best) | ((z == best) & (square < apart)))
             best, apart = np.where(nearer, z, best), np.where(nearer, square, apart)
             chosen = np.where(nearer, motion[(slice(None), *at)], chosen)
     return scale * chosen

@@ -119,6 +119,7 @@ CONSTANTS = {
     "MOST_BETWEEN": sample_splats.MAX_ENCODED,
     "LEAST_HISTORY": cgts_inputs.LEAST_HISTORY,
     "STILL_PX": cgts_inputs.STILL_PX,
+    "FRONT_REACH": auxiliary_buffers.FRONT_REACH_PX,
     "KERNEL_SIGMA": cgts_kernel.KERNEL_SIGMA_PX,
     "FILTERED_WORTH": cgts_kernel.FILTERED_WORTH,
     "DEVIATIONS": cgts_inputs.CLIPPED_DEVIATIONS,
