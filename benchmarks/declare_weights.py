@@ -116,10 +116,9 @@ DECLARED: Mapping[str, Declared] = {
         unknown="seeds and frames of the scenes",
     ),
     "cgts-2x": Declared(
-        scenes=40,
-        source="the file (46 shots); docs/supersampling.md: six captures and 45 scenes, classifier "
-        "and composition together",
-        unknown="seeds and frames of the scenes, and which of the 45 the file's are",
+        scenes=44,
+        source="the file (50 shots); docs/supersampling.md (six captures and 44 scenes)",
+        unknown="seeds and frames of the scenes",
     ),
     "rt-percept-flip-16": RATES,
     "rt-percept-jnflip-16": RATES,

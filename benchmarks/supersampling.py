@@ -10,7 +10,9 @@ evaluate` has them. `oracle` is what the weights of `cgts` could reach: each pix
 of the frame against its history that comes nearest to the truth.
 `--classes` adds how often the classifier is right: F1 of each class, strictly and with labels and
 predictions within one pixel of each other, macro-F1 beside that of taking the commonest class
-always, and the confusion of classes.
+always, and the confusion of classes. `truth before` is the truth of the frame before, fetched along
+the motion as history is, and the frame's own colour where it comes from outside: how well a history
+without fault would do alone.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import json
 import statistics
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +50,7 @@ from rtsr_cli.models.cgts.config import CgtsConfig
 from rtsr_cli.models.cgts.inputs import CgtsState, carry_history, prepare
 
 SYSTEMS = ("bicubic", "taau", "cgts")
-ORACLE = "oracle"
+ORACLE, BEFORE = "oracle", "truth before"
 SCALE, SAMPLES = 2, 2
 SIMULATION = ("--simulate-lr", SCALE, "--samples-per-pixel", SAMPLES, "--jitter", "halton")
 FIRST = 4
@@ -94,13 +97,14 @@ def list_frames(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.exr"))[FIRST - 1 :]
 
 
-def draw_oracle(data: Path, out: Path) -> None:
-    """Write a sequence by weights that know the truth."""
+def draw_marks(data: Path, oracle: Path, before: Path) -> None:
+    """Write a sequence by weights that know the truth, and by the truth of the frame before."""
     system, config = load_system("cgts"), CgtsConfig()
     simulation = Simulation(scale=SCALE, samples_per_pixel=SAMPLES, jitter=JitterMode.HALTON)
     [(_, source)] = open_pairs(data, ReadOptions(), simulation=simulation)
     inputs = resolve_system_inputs(system, NonfinitePolicy.ERROR)
     state: CgtsState | None = None
+    known: CgtsState | None = None
     for number, path in zip(source.reader.numbers, sorted(data.glob("*.exr")), strict=True):
         window = FrameWindow(lr=(source.load(number, inputs).lr,), scale=SCALE)
         seen = prepare(config, window)
@@ -122,7 +126,10 @@ def draw_oracle(data: Path, out: Path) -> None:
             exposure=seen["exposure"],
             linked=0,
         )
-        write_exr(out / path.name, split_image("", decode_reinhard(color), "RGB"))
+        carried = carry_history(known, seen, span_colors(seen["color"]))
+        known = replace(state, color=truth)
+        for out, image in ((oracle, color), (before, carried.color)):
+            write_exr(out / path.name, split_image("", decode_reinhard(image), "RGB"))
 
 
 def judge_shot(out: Path, data: Path, labels: Path) -> list[float]:
@@ -226,9 +233,11 @@ def main(
             SAMPLES, "-q",
         )  # fmt: skip
         for shot in shots:
-            (work / ORACLE / shot).mkdir(parents=True, exist_ok=True)
-            draw_oracle(work / "data" / shot, work / ORACLE / shot)
-        judged = (*SYSTEMS, ORACLE)
+            marks = [work / name / shot for name in (ORACLE, BEFORE)]
+            for folder in marks:
+                folder.mkdir(parents=True, exist_ok=True)
+            draw_marks(work / "data" / shot, *marks)
+        judged = (*SYSTEMS, ORACLE, BEFORE)
         means = evaluate([work / n for n in judged], work / "data", work, ",".join(metrics))
         print("| sequence | |", " | ".join(heads), "|")
         print("|---|---|" + "---:|" * len(heads))

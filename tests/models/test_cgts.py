@@ -28,6 +28,7 @@ from rtsr_cli.models.cgts.inputs import (
     limit_clipping,
     prepare,
 )
+from rtsr_cli.models.cgts.kernel import FILTERED_WORTH
 from rtsr_cli.models.cgts.loss import (
     ALIASING_ORDER,
     GHOSTING_ORDER,
@@ -62,11 +63,19 @@ def trained(config: CgtsConfig = CONFIG) -> CgtsNetwork:
     return network
 
 
+def sharp(network: CgtsNetwork) -> CgtsNetwork:
+    """The same, samples where they lie: nothing is filtered."""
+    with torch.no_grad():
+        network.composition.weight.weight[2:] = 0.0
+        network.composition.weight.bias[2:] = -1e4
+    return network
+
+
 def test_networks_have_the_sizes_of_the_design() -> None:
     network = build(CgtsConfig(preset=Preset.PAPER))
     assert count_parameters(network.classifier) == 122_354
     assert count_parameters(network.composition) == 1_025
-    assert count_parameters(build().classifier) == 122_354
+    assert count_parameters(build().classifier) == 122_354 + 4 * 5 * 32 + 48 * 33
 
 
 def test_multiplications_of_an_output_pixel() -> None:
@@ -105,7 +114,7 @@ def test_inference_gives_the_same(make_windows: MakeWindows) -> None:
 def test_the_first_frame_is_the_frame(make_windows: MakeWindows) -> None:
     window = make_windows(SYSTEM, 2)[0]
     inputs = prepare(CONFIG, window)
-    (outputs,) = run(trained(), [window])
+    (outputs,) = run(sharp(trained()), [window])
     assert torch.equal(outputs["color"], inputs["color"])
     assert bool((outputs["weight"] == 1.0).all())
     assert bool((outputs["counter"] == 0.0).all())
@@ -130,7 +139,26 @@ def test_what_was_learnt_nothing_yet_is_a_running_mean_of_samples(
     inputs = [prepare(CONFIG, w) for w in windows]
     summed = sum(i["color"] * i["worth"] for i in inputs)
     mean = summed / sum(i["worth"] for i in inputs)
-    torch.testing.assert_close(run(build(), windows)[-1]["color"], mean, rtol=1e-4, atol=1e-5)
+    color = run(sharp(build()), windows)[-1]["color"]
+    torch.testing.assert_close(color, mean, rtol=1e-4, atol=1e-5)
+
+
+def test_a_filtered_frame_weighs_the_same_wherever_samples_lie(make_windows: MakeWindows) -> None:
+    network = build()
+    with torch.no_grad():
+        network.composition.weight.bias[2] = 1e4
+        inputs = prepare(CONFIG, make_windows(SYSTEM, 2)[0])
+        state = make_state(inputs)
+        known = replace(state, worth=torch.ones_like(state.worth))
+        outputs, kept = network(inputs, known)
+    inside = outputs["weight"][outputs["weight"] < 1.0]
+    torch.testing.assert_close(
+        inside, torch.full_like(inside, FILTERED_WORTH / (1 + FILTERED_WORTH))
+    )
+    assert float(inputs["worth"].amax() - inputs["worth"].amin()) > 0.5
+    assert isinstance(kept, CgtsState)
+    inner = kept.worth[..., :-4]
+    torch.testing.assert_close(inner, torch.full_like(inner, 1.0 + FILTERED_WORTH))
 
 
 def make_state(inputs: Tensors, exposure: float = 1.0) -> CgtsState:
@@ -184,7 +212,7 @@ def test_history_is_brought_to_the_frame_s_exposure(make_windows: MakeWindows) -
 
 def test_reactive_pixels_take_the_frame(make_windows: MakeWindows) -> None:
     windows = make_windows(SYSTEM, 2, optional=True)
-    outputs = run(trained(), windows)[-1]
+    outputs = run(sharp(trained()), windows)[-1]
     inputs = prepare(CONFIG, windows[-1])
     reactive = inputs["reactive"].expand_as(outputs["color"]) == 1.0
     assert bool(reactive.any())
@@ -334,7 +362,7 @@ def test_untrained_it_is_held_half_way_within_the_colours_around(
     """The pattern moves by two pixels a frame; a history of 1 is brighter than all around."""
     inputs = prepare(CONFIG, make_windows(SYSTEM, 2)[0])
     white = replace(make_state(inputs), color=torch.ones_like(inputs["color"]))
-    network = build()
+    network = sharp(build())
     with torch.no_grad():
         outputs, _ = network(inputs, white)
     clipped = clip_history(torch.ones_like(inputs["color"]), inputs["around"])

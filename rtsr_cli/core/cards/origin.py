@@ -67,7 +67,8 @@ def describe_data(weights: SavedWeights) -> list[str]:
     lines: list[str] = []
     for use in USES:
         lines += _describe_part(use, find_fact(data, use, dict) or {})
-    return lines
+    # what shots say of themselves leaves out what is known of them
+    return lines if declared is None else [*lines, *_describe_declared(weights.about, declared)]
 
 
 def _describe_older(about: Mapping[str, Any]) -> str:

@@ -9,10 +9,13 @@ Conventions: LR buffers only (radiance, depth, motion); state and history are to
 c / (1 + c), at the output's size; history moves along (x, y) + motion.
 
 Departs from the publication in the preset `rtsr`: samples count where they lie, and what is
-interpolated between them little; the composition network corrects the weight that a running mean of
-these samples has, and sees what frame and history are worth, how far history lies out of the
-frame's range, and how the surface moves. `paper` keeps the published channels around the same
-layers. Losses are ours, as the published ones are not known.
+interpolated between them little; motion is that of the nearest surface of the few samples around a
+pixel, not of 3 x 3; the composition network corrects the weight that a running mean of these
+samples has, and sees what frame and history are worth, how far history lies out of the frame's
+range, and how the surface moves. The classifier sees how far history is from the frame, and its
+decoder also tells a kernel that the frame's samples are filtered by where history is of no use.
+`paper` keeps the published channels around the same layers. Losses are ours, as the published ones
+are not known.
 """
 
 from __future__ import annotations

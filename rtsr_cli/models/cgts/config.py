@@ -8,10 +8,11 @@ from enum import StrEnum
 
 from rtsr_cli.core.choices import Preset
 from rtsr_cli.core.errors import ConfigError
+from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.pixel_classes import ClassConfig
 from rtsr_cli.core.settings import check_numbers
-from rtsr_cli.core.shapes import Color, Image, Plane
+from rtsr_cli.core.shapes import Color, Image, MotionPx, Plane
 from rtsr_cli.core.system import Tensors
 
 CLASSES = 3
@@ -37,19 +38,25 @@ class CgtsSurroundings:
     Attributes:
         enlarge: (LR frame, scale) -> its colour at the output's size, tone-mapped, and how many
             samples every pixel of it is worth.
+        move: (motion in LR pixels, depth, scale, jitter) -> motion at the output's size.
         signals: what the composition network sees beside the published 14 channels.
         see: (frame and carried history, by name) -> these channels, n signals h w.
         start: (worth of the frame's colour, of the history) -> logit of the frame's weight that the
             network corrects.
-        clips: whether the network also tells how far moving history is held within the colours
-            around.
+        shown: what the classifier sees beside the published 20 channels.
+        show: (frame and carried history, by name) -> these channels, n shown h w.
+        guides: whether the networks also tell how far moving history is held within the colours
+            around, and how the frame's samples are filtered.
     """
 
     enlarge: Callable[[Frame, int], tuple[Color, Plane]]
+    move: Callable[[MotionPx, Plane, int, Jitter], MotionPx]
     signals: int
     see: Callable[[Tensors], Image]
     start: Callable[[Plane, Plane], Plane]
-    clips: bool
+    shown: int
+    show: Callable[[Tensors], Image]
+    guides: bool
 
 
 @dataclass(frozen=True, kw_only=True)

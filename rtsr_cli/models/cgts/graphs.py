@@ -9,7 +9,7 @@ from rtsr_cli.core.graphs import (
     NetworkGraphs,
     OutsideStep,
 )
-from rtsr_cli.core.imaging.auxiliary_buffers import RANGE_RATE
+from rtsr_cli.core.imaging.auxiliary_buffers import FRONT_REACH_PX, RANGE_RATE
 from rtsr_cli.core.imaging.sample_splats import MAX_ENCODED
 from rtsr_cli.core.lighting.graph_steps import require_own_preset
 from rtsr_cli.models.cgts.config import CgtsConfig
@@ -23,7 +23,9 @@ from rtsr_cli.models.cgts.inputs import (
     SAMPLE_SIGMA_PX,
     STILL_PX,
 )
+from rtsr_cli.models.cgts.kernel import FILTERED_WORTH, KERNEL_SIGMA_PX, TAPS
 from rtsr_cli.models.cgts.network import (
+    CORRECTIONS,
     MOST_FRAMES,
     MOST_LOGIT,
     MOST_MOTION,
@@ -33,6 +35,18 @@ from rtsr_cli.models.cgts.network import (
 
 MULTIPLE = 8
 """LR pixels: 16 of the output's."""
+
+BLOCK = tuple(f"output pixel ({x}, {y}) of the LR pixel" for y in range(2) for x in range(2))
+ADDED = ("weight", "clipping", "filtering")
+GUIDES = (
+    *(
+        f"logit of the sample at ({tap % 3 - 1:+d}, {tap // 3 - 1:+d}), {pixel}"
+        for tap in range(TAPS)
+        for pixel in BLOCK
+    ),
+    *(f"added to given_{i}, {ADDED[i]}, {pixel}" for i in range(CORRECTIONS) for pixel in BLOCK),
+)
+"""Of 2x, the one scale."""
 
 LOGITS = (
     "logit of visibility ghosting",
@@ -56,6 +70,9 @@ SEEN = (
     *(f"carried {channel}" for channel in RANGE),
     DIFFERENCE,
     *(f"carried {channel}" for channel in LOGITS),
+    *(f"carried {c} - {c}" for c in "RGB"),
+    "samples that the frame's colour is worth",
+    "log(1 + samples that history is worth) / 4",
 )
 KNOWN = (
     *(f"{channel}, -{MOST_LOGIT:g}..{MOST_LOGIT:g}" for channel in LOGITS),
@@ -88,19 +105,23 @@ ENLARGE = OutsideStep(
 CARRY = OutsideStep(
     name="carry history",
     when="before",
-    formula="state at x + motion(x), motion of the nearest sample, of the nearest surface of the "
-    "3 x 3 samples around it, times S: colour by Catmull-Rom, within 0..1, logits bilinearly, "
-    "counter, worth, range and D of the nearest pixel; colours c become g c / (1 + (g - 1) c), g "
-    "the ratio of pre-exposures",
+    formula="state at x + motion(x), motion of the nearest surface of the samples less than "
+    f"{FRONT_REACH_PX:g} LR pixels from the output pixel along both axes, times S: colour by "
+    "Catmull-Rom, within 0..1, logits bilinearly, counter, worth, range and D of the nearest "
+    "pixel; colours c become g c / (1 + (g - 1) c), g the ratio of pre-exposures",
 )
 ACCUMULATE = OutsideStep(
     name="accumulate",
     when="after",
-    formula="weight = sigmoid(given_0 + log(worth) - log(max(history worth, "
-    f"{LEAST_HISTORY:g}))), at least reactive, 1 where there is no history; clip = "
-    f"sigmoid(given_1) (1 - exp(-|motion| / {STILL_PX:g})); clipped: history within mean +- "
+    formula="g = given + guides' last 3, at the output's size; filtered = sum a_q c_q, a = "
+    "softmax_q(guides_q - |p - q|^2 / (2 "
+    f"{KERNEL_SIGMA_PX:g}^2)), 3 x 3 samples q around the LR pixel, output pixels; frame = "
+    f"lerp(color, filtered, sigmoid(g_2)), worth' = lerp(worth, {FILTERED_WORTH:g}, "
+    "sigmoid(g_2)); weight = sigmoid(g_0 + log(worth') - log(max(history "
+    f"worth, {LEAST_HISTORY:g}))), at least reactive, 1 where there is no history; clip = "
+    f"sigmoid(g_1) (1 - exp(-|motion| / {STILL_PX:g})); clipped: history within mean +- "
     f"{CLIPPED_DEVIATIONS:g} deviation, each channel of YCoCg, of the 3 x 3 samples around each "
-    "sample, linear between; color' = lerp(lerp(history, clipped, clip), color, weight); "
+    "sample, linear between; color' = lerp(lerp(history, clipped, clip), frame, weight); "
     "radiance = color' / (1 - color')",
 )
 
@@ -118,9 +139,12 @@ def describe(config: CgtsConfig) -> NetworkGraphs:
                 method="classify",
                 summary="frame and carried history -> classes of every output pixel",
                 inputs=(GraphTensor(name="seen", channels=SEEN, least=-1.0),),
-                outputs=(GraphTensor(name="logits", channels=LOGITS),),
+                outputs=(
+                    GraphTensor(name="logits", channels=LOGITS),
+                    GraphTensor(name="guides", channels=GUIDES),
+                ),
                 multiple=MULTIPLE,
-                padding="repeat the last row and column; drop them from logits",
+                padding="repeat the last row and column; drop them from logits and guides",
             ),
             Graph(
                 method="weigh",
@@ -129,7 +153,11 @@ def describe(config: CgtsConfig) -> NetworkGraphs:
                 outputs=(
                     GraphTensor(
                         name="given",
-                        channels=("added to the logit of the frame's weight", "logit of clipping"),
+                        channels=(
+                            "added to the logit of the frame's weight",
+                            "logit of clipping",
+                            "logit of filtering",
+                        ),
                     ),
                 ),
             ),
@@ -140,7 +168,7 @@ def describe(config: CgtsConfig) -> NetworkGraphs:
             for name, made, reset in (
                 ("color", "color' of the frame before", "the frame's own"),
                 ("counter", "counter + 1, 0 where visibility ghosting is likeliest", "0"),
-                ("worth", f"min(worth / weight, {MOST_WORTH:g})", "0"),
+                ("worth", f"min(worth' / weight, {MOST_WORTH:g})", "0"),
                 (
                     "range",
                     f"wider of own and lerp(carried, own, {RANGE_RATE:g}); own where counter is 0",

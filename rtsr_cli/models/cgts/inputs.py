@@ -3,12 +3,14 @@
 color     3   c / (1 + c), un-jittered
 worth     1   samples that a pixel of it is worth
 depth     1   D = 1 / z of the nearest sample, sky 0
-motion    2   of the nearest sample, widened, output pixels
+motion    2   of the nearest surface around, output pixels
 reactive  1   1 where history is not to be trusted; 0 where no such buffer is there
 exposure  1   pre-exposure, n 1 1 1
 around    6   mean and deviation of the samples around, YCoCg; not in the preset `paper`
+samples   3   c / (1 + c), of LR's size; not in `paper`
+reach    36   of the kernel around every output pixel, n 36 1 1; not in `paper`
 
-Colours are c / (1 + c), all is of the output's size, history moves along (x, y) + motion.
+Colours are c / (1 + c), all else is of the output's size, history moves along (x, y) + motion.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.auxiliary_buffers import (
     enlarge_depth,
-    enlarge_motion,
+    enlarge_front_motion,
     measure_depth_difference,
 )
 from rtsr_cli.core.imaging.color import relight_reinhard
@@ -45,6 +47,7 @@ from rtsr_cli.core.imaging.warping import backward_warp, fetch_nearest
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, CgtsSurroundings
+from rtsr_cli.models.cgts.kernel import measure_reach
 from rtsr_cli.models.cgts.published import PUBLISHED
 
 SAMPLE_SIGMA_PX = 0.4
@@ -73,6 +76,10 @@ CERTAIN = 4.0
 
 SIGNALS = 9
 """Channels of `see_signals`."""
+
+
+SHOWN = 5
+"""Channels of `show_history`."""
 
 
 def enlarge_samples(frame: Frame, scale: int) -> tuple[Color, Plane]:
@@ -116,6 +123,15 @@ def see_signals(known: Tensors) -> Image:
     return torch.cat(seen, dim=1)
 
 
+def show_history(known: Tensors) -> Image:
+    """How far history is from the frame, a colour; worth of the frame and of history.
+
+    What neighbours have in common of that tells a change from aliasing, whose signs differ.
+    """
+    worth = torch.log1p(known["history_worth"]) / 4.0
+    return torch.cat([known["history"] - known["color"], known["worth"], worth], dim=1)
+
+
 def _measure_width(span: Image) -> Plane:
     return (span[:, 3:] - span[:, :3]).amax(1, keepdim=True)
 
@@ -128,22 +144,26 @@ def start_from_worth(worth: Plane, history_worth: Plane) -> Plane:
 SURROUNDINGS: Mapping[Preset, CgtsSurroundings] = {
     Preset.RTSR: CgtsSurroundings(
         enlarge=enlarge_samples,
+        move=enlarge_front_motion,
         signals=SIGNALS,
         see=see_signals,
         start=start_from_worth,
-        clips=True,
+        shown=SHOWN,
+        show=show_history,
+        guides=True,
     ),
     Preset.PAPER: PUBLISHED,
 }
 """What surrounds the layers, by preset."""
 
 
-def find_motion(window: FrameWindow) -> MotionPx:
+def find_motion(config: CgtsConfig, window: FrameWindow) -> MotionPx:
     """Motion of the window's frame, output pixels."""
+    move = SURROUNDINGS[config.preset].move
     frame = window.current
     buffers = frame.gbuffer
     jitter_px = frame.camera.jitter_px
-    return enlarge_motion(buffers[Buffer.MOTION], buffers[Buffer.DEPTH], window.scale, jitter_px)
+    return move(buffers[Buffer.MOTION], buffers[Buffer.DEPTH], window.scale, jitter_px)
 
 
 def prepare(config: CgtsConfig, window: FrameWindow) -> Tensors:
@@ -156,13 +176,15 @@ def prepare(config: CgtsConfig, window: FrameWindow) -> Tensors:
         "color": color,
         "worth": worth.float(),
         "depth": enlarge_depth(buffers[Buffer.DEPTH], scale, jitter_px),
-        "motion": find_motion(window),
+        "motion": find_motion(config, window),
         "reactive": _enlarge_reactive(frame, scale, like=worth),
         "exposure": worth.new_full((1, 1, 1, 1), frame.camera.pre_exposure),
     }
-    if surroundings.clips:
-        samples = to_ycocg(encode_samples(frame))
-        inputs["around"] = measure_neighbourhood(samples, scale, jitter_px)
+    if surroundings.guides:
+        samples = encode_samples(frame)
+        inputs["around"] = measure_neighbourhood(to_ycocg(samples), scale, jitter_px)
+        inputs["samples"] = samples
+        inputs["reach"] = measure_reach(scale, jitter_px, samples)
     return inputs
 
 

@@ -47,7 +47,7 @@ def goal(config: CgtsConfig, window: FrameWindow, reference: Frame) -> Tensors:
     if len(captures) > 1:
         radiance = box_mean(captures[1].gbuffer[Buffer.COLOR], k)
         ratio = exposure_ratio(captures[0], captures[1])
-        before, _ = backward_warp(encode_reinhard(radiance * ratio), find_motion(window))
+        before, _ = backward_warp(encode_reinhard(radiance * ratio), find_motion(config, window))
     return {
         "color": color,
         "before": before,

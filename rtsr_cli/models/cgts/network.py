@@ -34,6 +34,7 @@ from rtsr_cli.models.cgts.inputs import (
     clip_history,
     limit_clipping,
 )
+from rtsr_cli.models.cgts.kernel import FILTERED_WORTH, TAPS, continue_samples, filter_samples
 
 CLASSIFIED_CHANNELS = 20
 """Colour 3, depth 1, motion 2, counter 1, range 6, depth difference 1, logits 6."""
@@ -52,6 +53,9 @@ HIDDEN = 64
 
 DIVISOR = 16
 """Sizes that the classifier takes are multiples of it: a half, then three halvings."""
+
+CORRECTIONS = 3
+"""Logits of a pixel that both networks add to: of the frame's weight, of clipping, of filtering."""
 
 MOST_FRAMES = 16.0
 """Frames that the counter is shown to the networks up to."""
@@ -91,32 +95,37 @@ def make_decoder() -> nn.Sequential:
 
 
 class Classifier(nn.Module):
-    """n 20 h w -> logits n 6 h w; 122,354 parameters."""
+    """n c h w -> logits n 6 h w and guides n g h/2 w/2; 122,354 parameters at 20 and none."""
 
-    def __init__(self) -> None:
-        """Make the layers."""
+    def __init__(self, channels: int, guides: int) -> None:
+        """Make the layers; that of guides starts at 0."""
         super().__init__()
         halves = [width // 2 for width in WIDTHS[:-1]]
-        before = (4 * CLASSIFIED_CHANNELS, *halves)
+        before = (4 * channels, *halves)
         self.halve: nn.Module = nn.PixelUnshuffle(2)
         self.scales = nn.ModuleList(
             make_scale(c, width) for c, width in zip(before, WIDTHS, strict=True)
         )
         self.decoder = make_decoder()
+        self.guide: nn.Conv2d | None = None
+        if guides:
+            self.guide = nn.Conv2d(DECODED, guides, 1)
+            nn.init.zeros_(self.guide.weight)
+            nn.init.zeros_(cast(Tensor, self.guide.bias))
 
     def for_inference(self) -> Classifier:
         """Return the same function whose first layer takes 2 x 2 pixels as they lie."""
         merged = copy.deepcopy(self)
         first = cast(nn.Sequential, merged.scales[0])
         layer = cast(nn.Conv2d, first[0])
-        blocks = nn.Conv2d(CLASSIFIED_CHANNELS, layer.out_channels, 2, stride=2)
+        blocks = nn.Conv2d(layer.in_channels // 4, layer.out_channels, 2, stride=2)
         # the order in which pixels are unshuffled: channel, row, column
         blocks.weight = nn.Parameter(layer.weight.reshape(blocks.weight.shape))
         blocks.bias = layer.bias
         first[0], merged.halve = blocks, nn.Identity()
         return merged
 
-    def forward(self, seen: Image) -> Image:
+    def forward(self, seen: Image) -> tuple[Image, Image | None]:
         """Classify; sides are multiples of 16."""
         rest = self.halve(seen)
         parts = []
@@ -128,14 +137,19 @@ class Classifier(nn.Module):
             parts.append(own if level == 0 else F.pixel_shuffle(own, 1 << level))
             if not last:
                 rest = F.max_pool2d(features[:, half:], 2)
-        small: Image = self.decoder(torch.cat(parts, dim=1))
-        return F.interpolate(small.float(), scale_factor=2.0, mode="bilinear", align_corners=False)
+        decoded = self.decoder[:-2](torch.cat(parts, dim=1))
+        small: Image = self.decoder[-2:](decoded)
+        guides = None if self.guide is None else self.guide(decoded).float()
+        logits = F.interpolate(
+            small.float(), scale_factor=2.0, mode="bilinear", align_corners=False
+        )
+        return logits, guides
 
 
 class Composition(nn.Module):
-    """n c h w -> logits, n 1 h w or n 2 h w; 1,025 parameters at 14 channels and one logit.
+    """n c h w -> logits, n 1 h w or n 3 h w; 1,025 parameters at 14 channels and one logit.
 
-    The frame's weight, and how much history is clipped.
+    The frame's weight, how much history is clipped, and how much of the frame is filtered.
     """
 
     def __init__(self, channels: int, logits: int) -> None:
@@ -175,14 +189,17 @@ class CgtsNetwork(nn.Module):
     """Both networks and what goes from frame to frame; its state is a `CgtsState`."""
 
     def __init__(self, config: CgtsConfig, scale: int) -> None:
-        """Make the layers; they are the same at every scale."""
+        """Make the layers."""
         super().__init__()
-        del scale
         self.config, self.strip_pixels = config, 0
         self.surroundings = SURROUNDINGS[config.preset]
-        self.classifier = Classifier()
+        self.scale, guided = scale, self.surroundings.guides
+        self.classifier = Classifier(
+            CLASSIFIED_CHANNELS + self.surroundings.shown,
+            (TAPS + CORRECTIONS) * scale * scale if guided else 0,
+        )
         self.composition: nn.Module = Composition(
-            COMPOSED_CHANNELS + self.surroundings.signals, 2 if self.surroundings.clips else 1
+            COMPOSED_CHANNELS + self.surroundings.signals, CORRECTIONS if guided else 1
         )
 
     def train(self, mode: bool = True) -> CgtsNetwork:
@@ -205,14 +222,15 @@ class CgtsNetwork(nn.Module):
         before = cast(CgtsState | None, state)
         span = span_colors(inputs["color"])
         history = carry_history(before, inputs, span)
-        logits = self._classify(inputs, history)
+        told = self._classify(inputs, history)
+        logits = told["logits"]
         useless = (find_hidden(logits) | (history.inside == 0)).to(logits.dtype)
         counter = count_frames(history.counter, useless)
-        color, weight = self._compose(inputs, history, span, logits, counter)
+        color, weight, worth = self._compose(inputs, history, span, told, counter)
         kept = CgtsState(
             color=color,
             counter=counter,
-            worth=(inputs["worth"] / weight.detach()).clamp(max=MOST_WORTH),
+            worth=(worth / weight).detach().clamp(max=MOST_WORTH),
             span=merge_range(span, history.span, useless),
             depth=inputs["depth"],
             logits=logits.detach().clamp(-MOST_LOGIT, MOST_LOGIT),
@@ -228,9 +246,16 @@ class CgtsNetwork(nn.Module):
         }
         return outputs, kept if kept.linked < self.config.gradient_frames else kept.detached()
 
-    def _classify(self, inputs: Tensors, history: CarriedHistory) -> Image:
+    def _classify(self, inputs: Tensors, history: CarriedHistory) -> dict[str, Tensor]:
         depth = inputs["depth"]
         motion = (inputs["motion"].nan_to_num() / MOTION_UNIT_PX).clamp(-MOST_MOTION, MOST_MOTION)
+        known = {
+            "color": inputs["color"],
+            "worth": inputs["worth"],
+            # its colours are learnt by the picture alone
+            "history": history.color.detach(),
+            "history_worth": history.worth,
+        }
         seen = torch.cat(
             [
                 inputs["color"],
@@ -240,6 +265,7 @@ class CgtsNetwork(nn.Module):
                 history.span,
                 history.difference,
                 history.logits,
+                self.surroundings.show(known),
             ],
             dim=1,
         ).float()
@@ -247,17 +273,19 @@ class CgtsNetwork(nn.Module):
         padded = {"seen": continue_borders(seen, DIVISOR)}
         if self.config.stage is Stage.COMPOSITION:
             with torch.no_grad():
-                logits = self.classify(padded)["logits"]
+                told = self.classify(padded)
         else:
-            logits = self.classify(padded)["logits"]
-        return logits[:, :, :height, :width]
+            told = self.classify(padded)
+        sizes = {"logits": (height, width), "guides": (height // 2, width // 2)}
+        return {name: t[:, :, : sizes[name][0], : sizes[name][1]] for name, t in told.items()}
 
-    def classify(self, tensors: Tensors) -> Tensors:
-        """`seen` -> `logits` of both kinds of classes: a graph."""
-        return {"logits": self.classifier(tensors["seen"])}
+    def classify(self, tensors: Tensors) -> dict[str, Tensor]:
+        """`seen` -> `logits` of both kinds of classes, and `guides` of the picture: a graph."""
+        logits, guides = self.classifier(tensors["seen"])
+        return {"logits": logits} if guides is None else {"logits": logits, "guides": guides}
 
     def weigh(self, tensors: Tensors) -> Tensors:
-        """`known` -> `given`, logits of the frame's weight and of clipping: a graph."""
+        """`known` -> `given`, logits of the frame's weight, of clipping and filtering: a graph."""
         return {"given": self.composition(tensors["known"])}
 
     def _compose(
@@ -265,12 +293,15 @@ class CgtsNetwork(nn.Module):
         inputs: Tensors,
         history: CarriedHistory,
         span: Image,
-        logits: Image,
+        told: Tensors,
         counter: Plane,
-    ) -> tuple[Color, Plane]:
-        """Frame and history, weighted; the weight is 1 where there is no history."""
+    ) -> tuple[Color, Plane, Plane]:
+        """Frame and history, weighted, the weight, and what the frame is worth.
+
+        The weight is 1 where there is no history.
+        """
         seen = {
-            "logits": logits,
+            "logits": told["logits"],
             "counter": counter,
             "difference": history.difference,
             "color": inputs["color"],
@@ -282,23 +313,29 @@ class CgtsNetwork(nn.Module):
             "reactive": inputs["reactive"],
             "inside": history.inside,
         }
-        if self.surroundings.clips:
+        small: dict[str, Tensor] = {}
+        if self.surroundings.guides:
             seen |= {"around": inputs["around"], "history_span": history.span}
+            small = {"samples": continue_samples(inputs["samples"]), "guides": told["guides"]}
         if not self.strip_pixels:
-            return self._compose_pixels(seen)
-        strips = cut_pixels((span.shape[2], span.shape[3]), self.strip_pixels)
-        parts = [
-            self._compose_pixels({n: t[:, :, r.start : r.stop] for n, t in seen.items()})
-            for r in strips
-        ]
-        colors, weights = zip(*parts, strict=True)
-        return torch.cat(colors, dim=2), torch.cat(weights, dim=2)
+            return self._compose_pixels(seen, small, inputs)
+        size, parts = (span.shape[2], span.shape[3]), []
+        for rows in cut_pixels(size, self.strip_pixels, multiple=self.scale):
+            shown = {n: t[:, :, rows.start : rows.stop] for n, t in seen.items()}
+            top, bottom = rows.start // self.scale, rows.stop // self.scale
+            # samples have a row more to each side
+            own = {n: t[:, :, top : bottom + 2 * (n == "samples")] for n, t in small.items()}
+            parts.append(self._compose_pixels(shown, own, inputs))
+        colors, weights, worths = (torch.cat(strips, dim=2) for strips in zip(*parts, strict=True))
+        return colors, weights, worths
 
-    def _compose_pixels(self, seen: Tensors) -> tuple[Color, Plane]:
+    def _compose_pixels(
+        self, seen: Tensors, small: Tensors, inputs: Tensors
+    ) -> tuple[Color, Plane, Plane]:
         shown = seen["logits"].clamp(-MOST_LOGIT, MOST_LOGIT)
         known = {**seen, "motion": seen["motion"].nan_to_num()}
-        history = seen["history"]
-        if self.surroundings.clips:
+        history, color, worth = seen["history"], seen["color"], seen["worth"]
+        if self.surroundings.guides:
             known["clipped"] = clip_history(history, seen["around"])
         channels = [
             shown if self.config.classes else torch.zeros_like(shown),
@@ -306,14 +343,21 @@ class CgtsNetwork(nn.Module):
             *(seen[name] for name in ("difference", "color", "history")),
             self.surroundings.see(known),
         ]
-        start = self.surroundings.start(seen["worth"], seen["history_worth"])
         given = self.weigh({"known": torch.cat(channels, dim=1).float()})["given"]
+        if self.surroundings.guides:
+            kernels = TAPS * self.scale * self.scale
+            given = given + F.pixel_shuffle(small["guides"][:, kernels:], self.scale)
+            logits = small["guides"][:, :kernels] + inputs["reach"]
+            filtered = filter_samples(small["samples"], logits, self.scale)
+            share = torch.sigmoid(given[:, 2:])
+            color = torch.lerp(color, filtered, share.to(color.dtype))
+            worth = worth + share * (FILTERED_WORTH - worth)
+            share = limit_clipping(torch.sigmoid(given[:, 1:2]), known["motion"])
+            history = torch.lerp(history, known["clipped"], share.to(history.dtype))
+        start = self.surroundings.start(worth, seen["history_worth"])
         weight = torch.sigmoid(given[:, :1] + start)
         weight = torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
-        if self.surroundings.clips:
-            share = limit_clipping(torch.sigmoid(given[:, 1:]), known["motion"])
-            history = torch.lerp(history, known["clipped"], share.to(history.dtype))
-        return torch.lerp(history, seen["color"], weight.to(history.dtype)), weight
+        return torch.lerp(history, color, weight.to(history.dtype)), weight, worth
 
 
 def find_hidden(logits: Image) -> Tensor:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import torch
 
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.auxiliary_buffers import enlarge_motion
 from rtsr_cli.core.imaging.resampling import KEYS_A
 from rtsr_cli.core.imaging.sample_splats import (
     encode_samples,
@@ -41,5 +42,12 @@ def start_from_nothing(worth: Plane, history_worth: Plane) -> Plane:
 
 
 PUBLISHED = CgtsSurroundings(
-    enlarge=enlarge_bicubic, signals=0, see=see_nothing, start=start_from_nothing, clips=False
+    enlarge=enlarge_bicubic,
+    move=enlarge_motion,
+    signals=0,
+    see=see_nothing,
+    start=start_from_nothing,
+    shown=0,
+    show=see_nothing,
+    guides=False,
 )

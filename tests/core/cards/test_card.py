@@ -105,6 +105,21 @@ def test_what_pages_declare_stands_with_what_is_not_known(tmp_path: Path) -> Non
     assert "In training, on c/d, by `rtsr train gather DATA" in card
 
 
+def test_what_is_known_of_recorded_data_stands_beside_them(tmp_path: Path) -> None:
+    recorded = describe_data([clip_of("a", "not declared")])
+    declared = {
+        "training": [{"name": "a", "shots": 1, "frames": 2, "licence": "CC0"}],
+        "validation": [],
+        "source": "a page",
+        "unknown": "seeds",
+    }
+    data = {"training": recorded, "validation": recorded}
+    card = card_of(tmp_path, {"data": data, "declared": declared})
+    assert "For training: 2 frames of 1 shot" in card
+    assert "| training | a | 1 | 2 | CC0 |" in card
+    assert "Not known: seeds." in card
+
+
 def test_declarations_of_another_shape_break_no_card(tmp_path: Path) -> None:
     card = card_of(
         tmp_path, {"declared": {"training": 3, "source": ["x"]}, "measured": {"lines": 1}}

@@ -49,13 +49,53 @@ def repeat_nearest(image: Array, scale: int, jitter: Jitter) -> Array:
     return image
 
 
-def widen_motion(side: Side) -> Array:
-    """Of the nearest surface of 3 x 3 samples."""
-    z = np.stack(around(side.depth, 1, np.inf))
-    motion = np.stack(around(side.color("motion", "XY"), 1, 0.0))
-    best = z.argmin(0)
-    chosen = np.take_along_axis(motion, best[None, None], axis=0)[0]
-    return np.where(z.min(0) < side.depth, chosen, side.color("motion", "XY"))
+def find_front_motion(side: Side, scale: int) -> Array:
+    """Of the nearest surface of the samples around, output pixels."""
+    height, width = side.depth.shape
+    (x, y), motion = side.jitter, side.color("motion", "XY")
+    v = (np.arange(scale * height) + 0.5) / scale - 0.5 - y
+    u = (np.arange(scale * width) + 0.5) / scale - 0.5 - x
+    best = np.full((v.size, u.size), np.inf)
+    apart = np.full((v.size, u.size), np.inf)
+    chosen = np.zeros((2, v.size, u.size))
+    for down in (0, 1):
+        for across in (0, 1):
+            rows, columns = np.floor(v).astype(int) + down, np.floor(u).astype(int) + across
+            square = ((rows - v) ** 2)[:, None] + ((columns - u) ** 2)[None]
+            reach = np.maximum(np.abs(rows - v)[:, None], np.abs(columns - u)[None])
+            at = np.ix_(np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1))
+            z = side.depth[at]
+            nearer = (reach < C["FRONT_REACH"]) & ((z < best) | ((z == best) & (square < apart)))
+            best, apart = np.where(nearer, z, best), np.where(nearer, square, apart)
+            chosen = np.where(nearer, motion[(slice(None), *at)], chosen)
+    return scale * chosen
+
+
+def filter_samples(t: Array, guides: Array, scale: int, jitter: Jitter) -> Array:
+    """By kernels of 3 x 3 samples around the LR pixel."""
+    height, width = t.shape[1:]
+    neighbours = around(t, 1, None)
+    made = np.zeros((3, scale * height, scale * width))
+    for row in range(scale):
+        for column in range(scale):
+            place = row * scale + column
+            logits = []
+            for tap in range(9):
+                down = (tap // 3 - 1 + jitter[1] + 0.5) * scale - row - 0.5
+                across = (tap % 3 - 1 + jitter[0] + 0.5) * scale - column - 0.5
+                reach = (down**2 + across**2) / (2 * C["KERNEL_SIGMA"] ** 2)
+                logits.append(guides[tap * scale**2 + place] - reach)
+            shares = np.exp(np.array(logits) - np.max(logits, axis=0))
+            shares /= shares.sum(0)
+            total = sum(a * q for a, q in zip(shares, neighbours, strict=True))
+            made[:, row::scale, column::scale] = total
+    return made
+
+
+def enlarge_corrections(guides: Array, scale: int) -> Array:
+    """The last three of every output pixel."""
+    added = guides[9 * scale**2 :].reshape(3, scale, scale, *guides.shape[1:])
+    return added.transpose(0, 3, 1, 4, 2).reshape(3, scale * guides.shape[1], -1)
 
 
 def catmull_rom(image: Array, motion: Array) -> Array:
@@ -110,12 +150,15 @@ class Shown:
     worth: Array
     d: Array
     clipped: Array
+    samples: Array
+    jitter: Jitter
+    scale: int
 
 
 def show(side: Side, before: State | None, scale: int) -> Shown:
     t = side.color("") / (1 + side.color(""))
     color, worth = splat(t, scale, side.jitter)
-    motion = scale * repeat_nearest(widen_motion(side), scale, side.jitter)
+    motion = find_front_motion(side, scale)
     d = repeat_nearest(np.where(side.sky, 0, 1 / side.depth), scale, side.jitter)
     low, high = (pick(around(color, 1, None), axis=0) for pick in (np.min, np.max))
     doubt = np.zeros((6, *d.shape))
@@ -139,14 +182,19 @@ def show(side: Side, before: State | None, scale: int) -> Shown:
     return Shown(
         color=color, motion=motion, counter=counter, low=low, high=high, history=history,
         history_worth=gained, logits=logits, inside=there, worth=worth, d=d,
-        clipped=clamp(held, 0, 1),
+        clipped=clamp(held, 0, 1), samples=t, jitter=side.jitter, scale=scale,
     )  # fmt: skip
 
 
-def accumulate(shown: Shown, logits: Array, given: Array) -> State:
+def accumulate(shown: Shown, logits: Array, guides: Array, given: Array) -> State:
     """What is written, and goes on."""
+    given = given + enlarge_corrections(guides, shown.scale)
+    filtered = filter_samples(shown.samples, guides, shown.scale, shown.jitter)
+    share = 1 / (1 + np.exp(-given[2]))
+    frame = shown.color + share * (filtered - shown.color)
+    worth = shown.worth + share * (C["FILTERED_WORTH"] - shown.worth)
     hidden = (logits[0] >= np.maximum(logits[1], logits[2])) | ~shown.inside
-    start = np.log(shown.worth) - np.log(np.maximum(shown.history_worth, C["LEAST_HISTORY"]))
+    start = np.log(worth) - np.log(np.maximum(shown.history_worth, C["LEAST_HISTORY"]))
     a = np.where(shown.inside, 1 / (1 + np.exp(-(given[0] + start))), 1)
     speed = np.linalg.norm(shown.motion, axis=0)
     s = 1 / (1 + np.exp(-given[1])) * (1 - np.exp(-speed / C["STILL_PX"]))
@@ -156,9 +204,9 @@ def accumulate(shown: Shown, logits: Array, given: Array) -> State:
     wide_low = np.minimum(low, shown.low + rate * (low - shown.low))
     wide_high = np.maximum(high, shown.high + rate * (high - shown.high))
     return State(
-        color=h + a * (shown.color - h),
+        color=h + a * (frame - h),
         counter=np.where(hidden, 0, shown.counter + 1),
-        worth=np.minimum(shown.worth / a, C["CGTS_MOST_WORTH"]),
+        worth=np.minimum(worth / a, C["CGTS_MOST_WORTH"]),
         low=np.where(hidden, low, wide_low),
         high=np.where(hidden, high, wide_high),
         d=shown.d,

@@ -53,6 +53,7 @@ from rtsr_cli.core.network.load import LoadedNetwork
 from rtsr_cli.core.system import Tensors
 from rtsr_cli.core.vrs.reprojection import SAME_SURFACE
 from rtsr_cli.models.cgts import inputs as cgts_inputs
+from rtsr_cli.models.cgts import kernel as cgts_kernel
 from rtsr_cli.models.cgts import network as cgts_network
 from rtsr_cli.models.gather import network as gather_network
 from rtsr_cli.models.nsrd import inputs as nsrd_inputs
@@ -126,6 +127,9 @@ CONSTANTS = {
     "MOST_BETWEEN": sample_splats.MAX_ENCODED,
     "LEAST_HISTORY": cgts_inputs.LEAST_HISTORY,
     "STILL_PX": cgts_inputs.STILL_PX,
+    "FRONT_REACH": auxiliary_buffers.FRONT_REACH_PX,
+    "KERNEL_SIGMA": cgts_kernel.KERNEL_SIGMA_PX,
+    "FILTERED_WORTH": cgts_kernel.FILTERED_WORTH,
     "DEVIATIONS": cgts_inputs.CLIPPED_DEVIATIONS,
     "RANGE_RATE": auxiliary_buffers.RANGE_RATE,
     "CGTS_MOST_WORTH": cgts_network.MOST_WORTH,
@@ -454,6 +458,7 @@ def test_history_of_cgts_is_carried_and_accumulated_as_the_page_says(tmp_path: P
     for i, ((lr, _), tensors) in enumerate(zip(sides, classes, strict=True)):
         shown = supersampling.show(lr, state, 2)
         seen, logits = (tensors[name][:, :height, :width] for name in ("seen", "logits"))
+        guides = tensors["guides"][:, : height // 2, : width // 2]
         parts = strips[i * count : (i + 1) * count]
         known, given = (
             np.concatenate([part[name] for part in parts], axis=1) for name in ("known", "given")
@@ -463,7 +468,10 @@ def test_history_of_cgts_is_carried_and_accumulated_as_the_page_says(tmp_path: P
             (shown.motion / 16, seen[4:6]),
             (shown.counter / 16, seen[6]),
             (np.concatenate([shown.low, shown.high]), seen[7:13]),
-            (shown.logits, seen[14:]),
+            (shown.logits, seen[14:20]),
+            (shown.history - shown.color, seen[20:23]),
+            (shown.worth, seen[23]),
+            (np.log1p(shown.history_worth) / 4, seen[24]),
             (shown.history, known[11:14]),
             (shown.worth, known[14]),
             (np.log1p(shown.history_worth) / 4, known[15]),
@@ -471,7 +479,7 @@ def test_history_of_cgts_is_carried_and_accumulated_as_the_page_says(tmp_path: P
         )
         for found, expected in pairs:
             assert (np.abs(found - expected) > 1e-3).mean() < 1e-3
-        state = supersampling.accumulate(shown, logits, given)
+        state = supersampling.accumulate(shown, logits, guides, given)
     assert state is not None
     assert state.counter.max() == 2
     planes = read_channels(tmp_path / "o" / "frame.0003.exr", "RGB")

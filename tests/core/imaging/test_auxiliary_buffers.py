@@ -7,9 +7,11 @@ import torch
 
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M
 from rtsr_cli.core.imaging.auxiliary_buffers import (
+    FRONT_REACH_PX,
     RANGE_RATE,
     count_frames,
     enlarge_depth,
+    enlarge_front_motion,
     enlarge_motion,
     measure_depth_difference,
     merge_range,
@@ -100,6 +102,36 @@ def test_motion_is_the_nearest_surface_s_within_one_pixel_in_output_pixels() -> 
     motion[:, 0, :, 3:] = 1.5
     large = enlarge_motion(motion, depth, 2, (0.0, 0.0))
     assert large[0, 0, 0].tolist() == [0, 0, 0, 0, 3, 3, 3, 3, 3, 3]
+
+
+@pytest.mark.parametrize("jitter", [(0.0, 0.0), (0.375, -0.125), (-0.25, 0.25)])
+def test_front_motion_is_that_of_the_nearest_surface_around(
+    jitter: tuple[float, float],
+) -> None:
+    generator = torch.Generator().manual_seed(4)
+    depth = 1.0 + torch.rand(1, 1, 5, 6, generator=generator)
+    motion = torch.rand(1, 2, 5, 6, generator=generator)
+    large = enlarge_front_motion(motion, depth, 2, jitter)
+    for row in range(2, 8):
+        for column in range(2, 10):
+            v, u = (row + 0.5) / 2 - 0.5 - jitter[1], (column + 0.5) / 2 - 0.5 - jitter[0]
+            near = [
+                (float(depth[0, 0, y, x]), y, x)
+                for y in range(5)
+                for x in range(6)
+                if max(abs(y - v), abs(x - u)) < FRONT_REACH_PX
+            ]
+            _, y, x = min(near)
+            assert torch.equal(large[0, :, row, column], 2.0 * motion[0, :, y, x])
+
+
+def test_front_motion_widens_a_silhouette_to_the_samples_beside_it() -> None:
+    depth = torch.tensor([9.0, 9.0, 9.0, 2.0, 2.0]).view(1, 1, 1, 5)
+    motion = torch.zeros(1, 2, 1, 5)
+    motion[:, 0, :, 3:] = 1.5
+    large = enlarge_front_motion(motion, depth, 2, (-0.125, 0.0))
+    # 0.625 LR pixels from the foreground's first sample, 0.375 from the background's last
+    assert large[0, 0, 0].tolist() == [0, 0, 0, 0, 0, 3, 3, 3, 3, 3]
 
 
 def test_what_was_hidden_has_a_difference_above_zero() -> None:

@@ -1,0 +1,73 @@
+"""A frame's samples at the output's size, by a kernel that the network finds for every pixel.
+
+    c(p) = sum_q a_q c_q,   a = softmax_q(l_q - |p - q|^2 / (2 sigma^2))
+
+over the 3 x 3 samples q around the LR pixel that p lies in; l is what the network tells, 0 before
+it has learnt anything. This is what stands where history is of no use; samples where they lie,
+which history sharpens, leave a grid there.
+
+Conventions: LR tensors; channels of taps by rows, of each the S x S output pixels by rows.
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from rtsr_cli.core.frames.motion import Jitter
+from rtsr_cli.core.shapes import Color, Image
+
+TAPS = 9
+"""Samples of a kernel, 3 x 3."""
+
+KERNEL_SIGMA_PX = 0.7
+"""Spread of the untrained kernel, in output pixels."""
+
+FILTERED_WORTH = 0.5
+"""Samples that a filtered pixel is worth, wherever samples lie: so no grid of them is left."""
+
+
+def measure_reach(scale: int, jitter_px: Jitter, like: Tensor) -> Tensor:
+    """-|p - q|^2 / (2 sigma^2) of every tap and output pixel of an LR pixel, n taps*S*S 1 1.
+
+    Args:
+        scale: S.
+        jitter_px: of the samples, LR pixels.
+        like: whose kind of numbers it takes.
+    """
+    place = (torch.arange(scale, dtype=torch.float64) + 0.5) / scale - 0.5
+    taps = torch.arange(-1.0, 2.0, dtype=torch.float64)
+    across, down = (
+        ((place[None, :] - taps[:, None] - jitter) * scale).square() for jitter in jitter_px
+    )
+    # tap row, tap column, pixel row, pixel column
+    squares = down[:, None, :, None] + across[None, :, None, :]
+    reach = -0.5 * squares / KERNEL_SIGMA_PX**2
+    return reach.reshape(1, -1, 1, 1).to(like.device, torch.float32)
+
+
+def continue_samples(samples: Image) -> Image:
+    """Repeat the samples at the borders, for `filter_samples`."""
+    return F.pad(samples, (1, 1, 1, 1), mode="replicate")
+
+
+def filter_samples(samples: Image, logits: Image, scale: int) -> Color:
+    """The sum above.
+
+    Args:
+        samples: n 3 h+2 w+2, `continue_samples`.
+        logits: of the kernels, n taps*S*S h w.
+        scale: S.
+
+    Returns:
+        n 3 S*h S*w.
+    """
+    n, _, height, width = logits.shape
+    shares = logits.to(samples.dtype).view(n, TAPS, scale * scale, height, width).softmax(1)
+    total = samples.new_zeros(())
+    for tap in range(TAPS):
+        row, column = divmod(tap, 3)
+        shifted = samples[:, :, None, row : row + height, column : column + width]
+        total = total + shares[:, None, tap] * shifted
+    return F.pixel_shuffle(total.flatten(1, 2), scale)
