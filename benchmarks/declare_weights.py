@@ -99,10 +99,10 @@ DECLARED: Mapping[str, Declared] = {
     "fusesr-fast-4x": EARLY,
     "nsrd-4x": EARLY,
     "extranet": Declared(
-        scenes=12,
-        source="the file, which names them; docs/extrapolate.md (24 scenes, shared by two "
-        "processes, of which this is the first's half)",
-        unknown="seeds and frames of the scenes",
+        scenes=44,
+        source="the file (50 shots); docs/extrapolate.md (44 scenes, and 24 more of the weights "
+        "that the training began with)",
+        unknown="seeds and frames of the scenes that it began with",
     ),
     "gather-2x": Declared(
         scenes=17,
@@ -110,10 +110,14 @@ DECLARED: Mapping[str, Declared] = {
         "scenes in all)",
         unknown="seeds and frames of the scenes, and which of them the other process had",
     ),
-    "gather-4x": Declared(
-        scenes=40,
-        source="the file (46 shots), docs/gather.md (the train sequences and forty scenes)",
-        unknown="seeds and frames of the scenes",
+    **dict.fromkeys(
+        # weights of 4x serve 3x, too
+        ("gather-3x", "gather-4x"),
+        Declared(
+            scenes=40,
+            source="the file (46 shots), docs/gather.md (the train sequences and forty scenes)",
+            unknown="seeds and frames of the scenes",
+        ),
     ),
     "cgts-2x": Declared(
         scenes=44,

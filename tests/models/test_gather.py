@@ -75,6 +75,34 @@ def test_of_filtered_radiance_nothing_is_corrected(make_windows: MakeWindows) ->
     torch.testing.assert_close(image_of(ours), image_of(theirs), rtol=1e-4, atol=1e-5)
 
 
+def blend(agreement: float, worth_logit: float, share_logit: float) -> torch.Tensor:
+    """e' and c of pixels whose light has changed, history being worth 4 samples."""
+    plane = torch.ones(1, 1, 4, 4)
+    given = torch.zeros(1, 5, 4, 4)
+    given[:, 3], given[:, 4] = worth_logit, share_logit
+    images = {
+        **{"encoded": 0.3 * plane.expand(1, 3, 4, 4), "change": -0.4 * plane.expand(1, 3, 4, 4)},
+        **{"fit": 0.2 * plane, "seen": plane, "agreement": agreement * plane, "given": given},
+        **{"history": 0.8 * plane.expand(1, 3, 4, 4), "worth": 4.0 * plane},
+    }
+    return build()._blend(images)
+
+
+@pytest.mark.parametrize("corrections", [(2.0, 0.0), (0.0, -3.0)])
+def test_where_samples_agree_on_a_change_history_is_given_no_belief(
+    corrections: tuple[float, float],
+) -> None:
+    assert torch.equal(blend(1.0, *corrections), blend(1.0, 0.0, 0.0))
+    assert not torch.allclose(blend(0.0, *corrections), blend(0.0, 0.0, 0.0), atol=1e-3)
+
+
+@pytest.mark.parametrize("corrections", [(-2.0, 0.0), (0.0, 3.0)])
+def test_where_samples_agree_on_a_change_belief_may_be_taken(
+    corrections: tuple[float, float],
+) -> None:
+    assert not torch.allclose(blend(1.0, *corrections), blend(1.0, 0.0, 0.0), atol=1e-3)
+
+
 def test_channels_are_those_of_the_table(make_windows: MakeWindows) -> None:
     from rtsr_cli.core.lighting.lighting_history import enlarge_frame
 

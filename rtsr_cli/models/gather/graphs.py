@@ -105,9 +105,10 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
         f"t = clamp(3 |d|^2 / max(E, {LEAST_SQUARE:g}) - 2, 0, 1), E = guided enlargement of "
         f"|change|^2, d and E over that of seen, d 0 where that is not above "
         f"{LEAST_KNOWN_SHARE:g}, squares as means of three; "
-        f"c' = min({config.age:g} c exp(r4) / (1 + (1 + {config.change_agreed:g} t) |d|^2 / "
-        f"{config.change_spread:g}^2), {MOST_KEPT:g} c); "
-        f"b = sigmoid(logit({config.change:g}) + r5) "
+        f"c' = min({config.age:g} c exp(r4 - t max(r4, 0)) / "
+        f"(1 + (1 + {config.change_agreed:g} t) |d|^2 / {config.change_spread:g}^2), "
+        f"{MOST_KEPT:g} c); "
+        f"b = sigmoid(logit({config.change:g}) + r5 - t min(r5, 0)) "
         f"max(min(1, fit / {config.change_fit:g}) min(1, {config.change_worth:g} / c'), t); "
         f"h' = h + b d; n = fit^{config.fit_power:g}; e = (c' h' + n g) / (c' + n), g = guided "
         f"enlargement of e; worth = c' + n, at most {MOST_WORTH:g}",

@@ -5,11 +5,14 @@ pixel and its eight neighbours, and the trunk's features of the sample that the 
 belongs to. Both are the same at every scale: where a pixel lies in its block is among what it sees.
 
     f = exp(r_1..3)           factors of distance, normal and depth in log w: `guided_kernel`
-    c' = min(a c e^r_4 / (...), z c),   b' = sigmoid(logit(b) + r_5), the rest of `lighting_history`
+    c' = min(a c e^r_4' / (...), z c),   b' = sigmoid(logit(b) + r_5')
+    r_4' = r_4 - t max(r_4, 0),   r_5' = r_5 - t min(r_5, 0),   the rest of `lighting_history`
 
-r is 0 before any training: the network is `demod-temporal` then. It is 0, too, where a pixel filter
-went over radiance: parting what it mixed takes away whatever r changes, and training on that lets r
-grow beyond all bounds. History of another surface is worth nothing whatever r_4 is.
+Where samples agree on a change (t), history is worth no more, and the change no less, than without
+the network, which would keep moving shadows a frame longer. r is 0 before any training: the network
+is `demod-temporal` then. It is 0, too, where a pixel filter went over radiance: parting what it
+mixed takes away whatever r changes, and training on that lets r grow beyond all bounds. History of
+another surface is worth nothing whatever r_4 is.
 
 Change d is enlarged with factors of 1, as in `demod-temporal`: what it adds to history comes back
 in the change of frames to come, and wider kernels let that grow. For the same reason worth fades
@@ -234,6 +237,9 @@ class GatherNetwork(nn.Module):
             aged = age_worth(images["worth"], frame, config)
             share: Tensor | float = config.change
             if config.history:
+                agreed = frame.agreement
+                worth_logit = torch.lerp(worth_logit, worth_logit.clamp(max=0.0), agreed)
+                share_logit = torch.lerp(share_logit, share_logit.clamp(min=0.0), agreed)
                 aged = aged * worth_logit.clamp(-MOST_LOGIT, MOST_LOGIT).exp()
                 aged = torch.minimum(aged, MOST_KEPT * images["worth"])
                 share = torch.sigmoid(share_logit + find_logit(config.change))
