@@ -217,7 +217,7 @@ class VectorEvidence:
     def limit(self) -> float:
         """A share of what moves, as vectors may be half floats or of rounded pixels."""
         moved = [
-            float(vector_length(frame.motion_px).median()) * self.thinning
+            float(vector_length(frame.motion_px).nanmedian()) * self.thinning
             for frames in self.frames.values()
             for frame in frames.values()
             if frame.motion_px is not None

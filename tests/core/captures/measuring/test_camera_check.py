@@ -382,6 +382,36 @@ def test_a_single_frame_is_verified_where_positions_or_normals_are(
     assert check(one, one.cameras, *kinds).certain
 
 
+def clear_sky(room: Room, value: float) -> Room:
+    """Put one value over a third of the depth."""
+    frames = {n: replace(f, depth=f.depth.clone()) for n, f in room.frames.items()}
+    for frame in frames.values():
+        frame.depth[..., : SIZE[0] // 3, :] = value
+    return replace(room, frames=frames)
+
+
+@pytest.mark.parametrize("sky", [math.nan, math.inf, -math.inf, 0.0, -1.0, 65504.0])
+@pytest.mark.parametrize("kind", ["motion", "normals"])
+def test_whatever_the_sky_s_depth_is_cameras_are_checked_by_the_rest(
+    room: Room, kind: str, sky: float
+) -> None:
+    cleared = clear_sky(room, sky)
+    assert check(cleared, room.cameras, kind).certain
+    spoil, text = WRONG["transposed, clip space kept"]
+    assert text in check(cleared, {n: spoil(m) for n, m in room.cameras.items()}, kind).unfit
+
+
+def test_vectors_of_the_sky_that_are_no_numbers_do_not_end_the_check(room: Room) -> None:
+    frames = dict(room.frames)
+    for number, frame in frames.items():
+        if frame.motion_px is not None:
+            motion = frame.motion_px.clone()
+            motion[..., : SIZE[0] // 3, :] = math.nan
+            frames[number] = replace(frame, motion_px=motion)
+    cleared = clear_sky(replace(room, frames=frames), math.nan)
+    assert check(cleared, room.cameras, "motion").certain
+
+
 def test_a_camera_that_stands_still_is_not_verified_by_motion(room: Room) -> None:
     still = dict.fromkeys(room.cameras, room.cameras[1])
     frames = {n: replace(room.frames[1], motion_px=torch.zeros(1, 2, *SIZE)) for n in room.cameras}
