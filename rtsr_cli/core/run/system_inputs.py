@@ -163,10 +163,12 @@ def check_inputs(
         raise FrameFolderError(
             f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"
         )
-    unfit = next((r.camera_unfit for r in source.readers if r.camera_unfit), "")
+    unfit = next((r for r in source.readers if r.camera_unfit), None)
     needs_camera = any(CAMERA in m.split() for m in missing)
-    if unfit and needs_camera:
-        raise FrameFolderError(f"{root}: {reads} needs the camera, but {unfit}")
+    if unfit is not None and needs_camera:
+        raise FrameFolderError(
+            f"{unfit.frames.root}: {reads} needs the camera, but {unfit.camera_unfit}"
+        )
     if needs_camera:
         remedy = f"{CAMERA_REMEDY}{remedy}"
     if missing:

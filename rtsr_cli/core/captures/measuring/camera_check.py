@@ -22,7 +22,7 @@ from rtsr_cli.core.captures.measuring.camera_structure import (
     find_view_fault,
     is_sound,
 )
-from rtsr_cli.core.frames.camera_convention import CameraConvention
+from rtsr_cli.core.frames.camera_convention import CameraConvention, CameraWord
 from rtsr_cli.core.frames.camera_needs import say_frames
 
 ALIKE = 2.0
@@ -397,10 +397,16 @@ def _describe_unfit(
     found = ": ".join((*looks, fault or proof))
     remedy = OTHER_WORLD if reading is not None and reading.mirrors_world else OWN
     remedy = OTHER_FRAME if reading is not None and reading.of_neighbour else remedy
+    if reading is not None and _is_undone(convention, reading):
+        remedy = UNDECLARE
     return f"{first}{found}; {remedy}{_word_declaration(reading, convention)}"
 
 
 OWN = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
+
+UNDECLARE = (
+    "take the line [camera] convention out of capture.toml: what the files hold is right without it"
+)
 
 OTHER_FRAME = "write each frame's own"
 
@@ -408,6 +414,12 @@ OTHER_WORLD = (
     "write matrices of the world that positions and normals are in (docs/frames.md), or, if it is "
     "their channels that are mixed up, name those in the order x, y, z ([buffers] normal, position)"
 )
+
+
+def _is_undone(convention: CameraConvention, reading: CameraReading) -> bool:
+    """Tell whether a reading takes back all that is declared."""
+    declared = set(convention.words) - {CameraWord.ROW_VECTORS, CameraWord.OPENGL}
+    return bool(declared) and declared == set(reading.undoes)
 
 
 def _word_likeness(text: str) -> str:
