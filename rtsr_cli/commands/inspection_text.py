@@ -213,7 +213,7 @@ def _describe_place(reader: FrameReader, buffer: Buffer) -> str:
     samples = reader.samples.get(buffer, ())
     if samples and bound == stand_for_pixel(buffer, samples):
         return describe_samples(buffer, samples, streams=several)
-    if bound.is_computed:
+    if not bound.is_as_stored:
         return bound.describe(streams=several)
     channels = " ".join(c.channel for c in bound)
     place = ", ".join(dict.fromkeys(c.stream for c in bound)) if several else ""

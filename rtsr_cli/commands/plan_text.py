@@ -99,7 +99,7 @@ def log_binding(reader: FrameReader) -> None:
     """Say which channel of which file sequence is which buffer (`-v`)."""
     for buffer, bound in reader.binding.items():
         places = ", ".join(f"{c.stream}: {c.channel}" if c.stream else c.channel for c in bound)
-        computed = bound.is_computed
+        computed = not bound.is_as_stored
         LOG.debug("    %s = %s", buffer, bound.describe(streams=True) if computed else places)
 
 

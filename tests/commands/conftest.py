@@ -34,14 +34,14 @@ def measured_once() -> Iterator[None]:
     measure = decision.measure_storage
 
     def remembered(
-        reader: FrameReader, presumed: Conventions, *, motion: bool = True
+        reader: FrameReader, presumed: Conventions, **options: Any
     ) -> StorageMeasurement:
         files = sorted(p for s in reader.frames.streams.values() for p in s.files.values())
         stats = [(str(p.resolve()), p.stat().st_mtime_ns, p.stat().st_size) for p in files]
         cameras = [reader.camera_values(n) for n in reader.numbers]
-        key = digest_values(stats, reader.declaration, repr(presumed), cameras, motion)
+        key = digest_values(stats, reader.declaration, repr(presumed), cameras, repr(options))
         if key not in known:
-            known[key] = measure(reader, presumed, motion=motion)
+            known[key] = measure(reader, presumed, **options)
         return known[key]
 
     patch = pytest.MonkeyPatch()

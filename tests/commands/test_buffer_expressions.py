@@ -77,6 +77,16 @@ def test_sums_constants_and_differences_are_read_and_shown(rtsr: Run, tmp_path: 
     assert "1 - smooth.R" in said
 
 
+def test_factors_are_shown_as_they_are_understood(rtsr: Run, tmp_path: Path) -> None:
+    factors = 'roughness = "0.5 * smooth.R"\nmaterial = ["dif.R", "0 - dif.G", "dif.B"]\n'
+    declare(write_shot(tmp_path / "in"), factors)
+    found = facts_of(rtsr, tmp_path / "in")
+    assert found["roughness"]["expression"] == "0.5 * f:smooth.R"
+    said = rtsr("inspect", tmp_path / "in").output
+    assert "0.5 * smooth.R" in said
+    assert "dif.R, -1 * dif.G, dif.B" in said
+
+
 def test_what_is_computed_divides(rtsr: Run, tmp_path: Path) -> None:
     declare(write_shot(tmp_path / "in"), BUFFERS)
     result = rtsr("demodulate", tmp_path / "in", tmp_path / "out")

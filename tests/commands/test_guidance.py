@@ -6,6 +6,7 @@ import json
 import shutil
 import tomllib
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -270,7 +271,7 @@ def test_what_one_size_has_under_another_name_is_named_with_the_line(
     words = ("upscale", shot, tmp_path / "out", "--system", "demod-guided", "--dry-run")
     refused = rtsr(*words)
     assert refused.exit_code == 3
-    assert f"; perhaps, below [buffers] in capture.toml: {line}" in refused.output
+    assert f"; perhaps, below [buffers] in capture.toml:\n    {line}\n" in refused.output
     assert line in planned(rtsr, shot)["better"]
     with (shot / "capture.toml").open("a") as file:
         file.write(f"\n[buffers]\n{line}\n")
@@ -294,6 +295,23 @@ def test_what_a_capture_has_under_another_name_is_named_with_the_line(
     folder = capture(SURFACE if "mat.R" in renamed.values() else (), renamed)
     assert line in planned(rtsr, folder, "--simulate-lr", 4)["better"]
     assert line in {fix["line"] for fix in inspected(rtsr, folder)["fixes"]}
+
+
+@pytest.mark.parametrize("options", [("--system", "demod-guided"), ("--dry-run",)])
+def test_the_lines_of_a_refusal_and_of_the_hint_can_be_pasted_together(
+    rtsr: Run, capture: Copy, options: tuple[str, ...]
+) -> None:
+    renamed = {f"albedo.{c}": f"basecol.{c}" for c in "RGB"} | {"metallic": "mtl"}
+    folder = capture((), renamed)
+    run = ("upscale", folder, folder.parent / "out", "--simulate-lr", 4)
+    said = rtsr(*run, *options).output
+    _, _, pasted = said.partition("perhaps, below [buffers] in capture.toml:\n")
+    lines = list(takewhile(lambda line: " = " in line, pasted.splitlines()))
+    assert set(tomllib.loads("\n".join(lines))) == {"albedo", "metallic"}
+    path = folder / "capture.toml"
+    path.write_text("\n".join((path.read_text(), "[buffers]", *lines)))
+    mended = rtsr(*run, "--system", "demod-guided", "--dry-run")
+    assert mended.exit_code == 0, mended.output
 
 
 COLOURS = ("albedo.R", "albedo.G", "albedo.B")

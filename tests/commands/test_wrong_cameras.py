@@ -112,6 +112,52 @@ def test_hr_cameras_that_are_not_the_lr_ones_are_named(
         assert said in " ".join(rtsr(*words).output.split())
 
 
+@pytest.mark.parametrize("word", ["column-vectors", "opencv"])
+def test_of_a_declaration_that_spoils_right_matrices_the_remedy_is_to_take_it_out(
+    make_shot: Any, rtsr: Any, word: str
+) -> None:
+    shot = make_shot(f'[camera]\nconvention = "{word}"\n', transpose=False)
+    said = inspect_camera(rtsr, shot)["refused"]
+    assert f"read as declared: {word}" in said
+    assert "take the line [camera] convention out of capture.toml" in said
+    assert "write row vectors" not in said
+
+
+def test_a_side_car_without_a_projection_says_that_it_lacks(make_shot: Any, rtsr: Any) -> None:
+    shot = make_shot('[camera]\nfile = "camera.csv"\n', transpose=False)
+    lines = ["frame,worldToCamera"]
+    for number, path in enumerate(sorted((shot / "hr").glob("*.exr")), start=1):
+        view = np.asarray(read_header(path).attributes["worldToCamera"]).ravel()
+        lines.append(f"{number},{' '.join(map(str, view))}")
+    (shot / "camera.csv").write_text("\n".join(lines), encoding="utf-8")
+    said = " ".join(rtsr("inspect", shot).output.split())
+    assert "frames 1-3: worldToCamera is there, the projection is not" in said
+    assert "no matrices" not in said
+
+
+def test_hr_cameras_that_fail_are_refused_alike_by_inspect_and_upscale(
+    make_shot: Any, tmp_path: Path, rtsr: Any
+) -> None:
+    """HR motion, which no frame is made of, tells what normals do not; LR's cameras stay."""
+    shot = make_shot(transpose=False)
+    flip = np.diag([-1.0, 1.0, 1.0, 1.0])
+    for path in sorted((shot / "hr").glob("*.exr")):
+        header = read_header(path)
+        view, ndc = (np.asarray(header.attributes[n], np.float64) for n in MATRICES)
+        wrong = view @ flip, view @ flip @ np.linalg.inv(view) @ ndc
+        attributes = dict(zip(MATRICES, (m.astype(np.float32) for m in wrong), strict=True))
+        write_exr(path, read_pixels(path, sorted(header.channels))[0], attributes=attributes)
+    facts = json.loads(rtsr("inspect", shot, "--json").stdout)
+    assert facts["systems"]["demod-guided"]["missing"] == ["hr camera"]
+    refused = rtsr("upscale", shot, tmp_path / "out", "--system", "demod-guided", "--dry-run")
+    assert refused.exit_code == 3
+    assert f"{shot / 'hr'}: system 'demod-guided' needs the camera" in refused.output
+    assert "its x axis flipped" in refused.output
+    runs = rtsr("upscale", shot, tmp_path / "out", "--system", "taau", "--dry-run")
+    assert runs.exit_code == 0
+    assert "its x axis flipped" in runs.output
+
+
 def write_synth(rtsr: Any, folder: Path, frames: int) -> Path:
     """A made shot whose camera moves; depth, motion, normals."""
     made = rtsr("synth", folder, "--size", "96x56", "--frames", f"1-{frames}", "--seed", "3")

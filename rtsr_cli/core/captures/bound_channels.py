@@ -65,6 +65,11 @@ class BoundBuffer:
         return not all(component.is_one_channel for component in self.components)
 
     @property
+    def is_as_stored(self) -> bool:
+        """Tell whether it is channels of files, one a component, and no factor is on any."""
+        return not self.is_computed and all(channel.is_plain for channel in self)
+
+    @property
     def is_inverted(self) -> bool:
         """Tell whether a channel is taken from something: `1 - x`."""
         return any(channel.factor < 0.0 for channel in self)

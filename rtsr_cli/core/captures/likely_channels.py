@@ -53,7 +53,7 @@ def guess_further(
 
 
 def suggest_lines(readers: Iterable[FrameReader], lacking: Collection[str]) -> tuple[str, ...]:
-    """Write the lines of `[buffers]` by which frames would have what they lack.
+    """Write the lines of `[buffers]` by which frames would have what they lack, one a buffer.
 
     Args:
         readers: of the frames, of each size.
@@ -64,7 +64,11 @@ def suggest_lines(readers: Iterable[FrameReader], lacking: Collection[str]) -> t
     if not wanted:
         return ()
     lines = (line for reader in readers for line in _suggest_of(reader, wanted))
-    return tuple(dict.fromkeys(lines))
+    by_key: dict[str, str] = {}
+    for line in lines:
+        # a key that is there twice is no TOML
+        by_key.setdefault(line.partition(" = ")[0], line)
+    return tuple(by_key.values())
 
 
 def _suggest_of(reader: FrameReader, wanted: frozenset[Buffer]) -> Iterator[str]:

@@ -85,6 +85,7 @@ class FrameReader:
         undecided: why nothing but radiance can be read, empty if the rest can.
         matrices: how the files store camera matrices; `cameras` are in memory's convention.
         camera_unfit: why camera matrices are not used; empty if they are.
+        camera_certain: whether what the frames show proves them.
         faulty: buffers in which something is wrong in frames that were looked at.
         motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
         motion_distrust: what would make vectors relied upon that are not; empty if unknown.
@@ -123,6 +124,7 @@ class FrameReader:
     undecided: str = ""
     matrices: CameraConvention = field(default_factory=CameraConvention)
     camera_unfit: str = ""
+    camera_certain: bool = False
     faulty: frozenset[Buffer] = frozenset()
     motion_trusted: bool = False
     motion_distrust: str = ""

@@ -95,7 +95,7 @@ class CameraSource:
             world_to_ndc=matrices[1],
             jitter_px=jitter if self._jittered else (0.0, 0.0),
             pre_exposure=row.pre_exposure,
-            fault="" if matrices[0] is not None else row.fault,
+            fault=_describe_half(*matrices) if matrices != (None, None) else row.fault,
             cut=row.cut or number in capture.camera_cuts,
         )
 
@@ -124,6 +124,16 @@ def _check_table(frames: FrameSet, name: str, table: object, numbers: set[int]) 
             f"{frames.root}: capture.toml's {name} has no entry for frames "
             f"{format_ranges(lacking)}; add them"
         )
+
+
+def _describe_half(view: Tensor | None, ndc: Tensor | None) -> str:
+    """Say which half of a camera is not there; empty where both are."""
+    if view is not None and ndc is None:
+        return (
+            "worldToCamera is there, the projection is not (worldToNDC, or in a side-car "
+            "projection, or fov_x or fov_y with near)"
+        )
+    return "worldToNDC is there, worldToCamera is not" if view is None else ""
 
 
 def _find_impossible(cameras: Mapping[int, CameraMetadata]) -> set[int]:

@@ -85,7 +85,7 @@ def _describe_buffer(
     return {
         "channels": [f"{c.stream}:{c.channel}" if c.stream else c.channel for c in bound],
         **({"samples": len(samples)} if samples else {}),
-        **({"expression": bound.describe(streams=True)} if bound.is_computed else {}),
+        **({"expression": bound.describe(streams=True)} if not bound.is_as_stored else {}),
         "min": statistics.low,
         "max": statistics.high,
         "median": statistics.median,

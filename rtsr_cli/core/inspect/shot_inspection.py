@@ -191,9 +191,8 @@ def inspect_shot(
         opened = error
     surveyed = [_survey_headers(s, headers) for s in (shot.frames, shot.hr) if s is not None]
     capture, wrong = _read_declarations(opened, surveyed)
-    main, *others = [
-        _inspect_set(one, opened, lr=i == 0, every=every) for i, one in enumerate(surveyed)
-    ]
+    main = _inspect_set(surveyed[0], opened, every=every)
+    others = [_inspect_set(s, opened, every=every, beside=main) for s in surveyed[1:]]
     main = replace(main, problems=_drop_repeats((*wrong, *main.problems)))
     hr = others[0] if others else None
     if hr is not None:
@@ -349,8 +348,14 @@ def _inspect_unread_set(
 
 
 def _inspect_set(
-    surveyed: _Surveyed, opened: OpenedShot | RtsrError, *, lr: bool, every: bool
+    surveyed: _Surveyed,
+    opened: OpenedShot | RtsrError,
+    *,
+    every: bool,
+    beside: SetInspection | None = None,
 ) -> SetInspection:
+    """Inspect the frames that lead, or the HR frames beside those."""
+    lr = beside is None
     headers, problems = surveyed.headers, surveyed.problems
     inspection = _inspect_unread_set(surveyed.frames, headers, problems)
     if not headers:
@@ -360,7 +365,13 @@ def _inspect_set(
     try:
         if isinstance(opened, RtsrError):
             raise opened
-        settled = measure_set(surveyed.readable, opened, jittered=lr, headers=headers)
+        settled = measure_set(
+            surveyed.readable,
+            opened,
+            jittered=lr,
+            headers=headers,
+            beside=None if beside is None else beside.settled,
+        )
     except LayerChoiceError as error:
         problem = _make_problem(error, "a choice of layer")
         return replace(inspection, layers=error.layers, problems=(*problems, problem))

@@ -174,7 +174,12 @@ def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
 
 
 def open_set(
-    frames: FrameSet, opened: OpenedShot, *, jittered: bool, vectors: bool = True
+    frames: FrameSet,
+    opened: OpenedShot,
+    *,
+    jittered: bool,
+    vectors: bool = True,
+    beside: MeasuredReader | None = None,
 ) -> FrameReader:
     """Survey one resolution of a shot, and settle how it is read; see `measure_set`.
 
@@ -182,7 +187,7 @@ def open_set(
         RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
     """
     return require_decision(
-        measure_set(frames, opened, jittered=jittered, vectors=vectors),
+        measure_set(frames, opened, jittered=jittered, vectors=vectors, beside=beside),
         sharded=opened.options.sharded,
     )
 
@@ -194,6 +199,7 @@ def measure_set(
     jittered: bool,
     vectors: bool = True,
     headers: Headers | None = None,
+    beside: MeasuredReader | None = None,
 ) -> MeasuredReader:
     """Survey one resolution of a shot, and measure how it is stored; nothing need be decided.
 
@@ -203,6 +209,7 @@ def measure_set(
         jittered: whether declared jitter applies.
         vectors: whether motion will be read; of HR frames beside LR ones nobody does.
         headers: of all files, if they are read already.
+        beside: the LR frames beside HR ones.
 
     Raises:
         RtsrError: a file or declaration is wrong.
@@ -210,7 +217,7 @@ def measure_set(
     known = opened.declarations
     reader = survey_set(frames, opened, jittered=jittered, headers=headers)
     settled = measure_and_decide(
-        reader, known.capture, named=known.layout is not None, motion=vectors
+        reader, known.capture, named=known.layout is not None, motion=vectors, beside=beside
     )
     # said once, with the frames that lead
     remarks = (*opened.shot.remarks, *known.remarks) if vectors else ()
@@ -332,9 +339,11 @@ def open_pair(
     shot = opened.shot
     if simulation is not None:
         return open_simulated_pairs(open_capture(opened), simulation)
-    lr = open_set(shot.frames, opened, jittered=True)
-    target = None if hr is None else open_set(hr, opened, jittered=False, vectors=False)
-    if target is not None:
+    measured = measure_set(shot.frames, opened, jittered=True)
+    lr = require_decision(measured, sharded=opened.options.sharded)
+    target = None
+    if hr is not None:
+        target = open_set(hr, opened, jittered=False, vectors=False, beside=measured)
         lr, target = share_verdicts(lr, target)
     return open_real_pairs(
         lr,

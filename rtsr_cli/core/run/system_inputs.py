@@ -17,6 +17,7 @@ from rtsr_cli.core.pairs.point_samples import is_point_sampled
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, PairInputs, PairSource
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.system import System
+from rtsr_cli.core.visible_text import INDENTED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,10 +163,12 @@ def check_inputs(
         raise FrameFolderError(
             f"{root}: {reads} reads motion, but {source.reader.motion_undecided}"
         )
-    unfit = next((r.camera_unfit for r in source.readers if r.camera_unfit), "")
+    unfit = next((r for r in source.readers if r.camera_unfit), None)
     needs_camera = any(CAMERA in m.split() for m in missing)
-    if unfit and needs_camera:
-        raise FrameFolderError(f"{root}: {reads} needs the camera, but {unfit}")
+    if unfit is not None and needs_camera:
+        raise FrameFolderError(
+            f"{unfit.frames.root}: {reads} needs the camera, but {unfit.camera_unfit}"
+        )
     if needs_camera:
         remedy = f"{CAMERA_REMEDY}{remedy}"
     if missing:
@@ -180,12 +183,15 @@ def check_inputs(
 def describe_likely(source: PairSource, missing: Collection[str]) -> str:
     """Say which lines would bind what is missing by channels that are there; empty if none would.
 
+    Each stands on a line of its own, so that all of them can be pasted at once.
+
     Args:
         source: the shot's pairs.
         missing: names of buffers, with or without their size.
     """
     lines = suggest_lines(source.readers, missing)
-    return f"; perhaps, below [buffers] in capture.toml: {', '.join(lines)}" if lines else ""
+    said = "; perhaps, below [buffers] in capture.toml:"
+    return "".join((said, *(f"{INDENTED}{line}" for line in lines))) if lines else ""
 
 
 def _suggest_parent(source: PairSource) -> str:

@@ -22,7 +22,8 @@ from rtsr_cli.core.captures.measuring.camera_structure import (
     find_view_fault,
     is_sound,
 )
-from rtsr_cli.core.frames.camera_convention import CameraConvention
+from rtsr_cli.core.frames.camera_convention import CameraConvention, CameraWord
+from rtsr_cli.core.frames.camera_needs import say_frames
 
 ALIKE = 2.0
 """Of readings whose errors are within this factor of the best one's, the simplest is named."""
@@ -75,6 +76,8 @@ class _Trial:
     own: float
     pairs: Mapping[int, tuple[float, float]]
     """By index of the reading: its error, and that of the matrices as given on the same frames."""
+    spread: frozenset[int] = frozenset()
+    """Indices of the readings that are better in most of the frames, and not for one of them."""
 
     @property
     def fits(self) -> bool:
@@ -91,7 +94,8 @@ class _Trial:
         error, own = self.pairs.get(index, (float("inf"), 0.0))
         slack = self.evidence.slack
         most = self.evidence.limit if backed else self.evidence.sure
-        return error <= most and own > max(self.evidence.factor * error, error + slack)
+        better = own > max(self.evidence.factor * error, error + slack)
+        return error <= most and better and index in self.spread
 
     def is_worse(self, index: int) -> bool:
         """Tell whether a reading is ruled out."""
@@ -121,6 +125,7 @@ def check_cameras(
     *,
     step: int,
     convention: CameraConvention,
+    silent: Sequence[str] = (),
 ) -> CameraFinding:
     """Hold the matrices of some frames against all that can tell.
 
@@ -129,6 +134,7 @@ def check_cameras(
         evidence: the strongest first; empty where nothing tells.
         step: numbers from a frame to the next.
         convention: as it was declared, and taken into account.
+        silent: why what is there is no evidence, for the user.
     """
     readings = list_readings(given, step)
     for number, matrices in given.items():
@@ -149,7 +155,16 @@ def check_cameras(
         text = _describe_unfit(min(given), "", found.reading, convention, found.describe())
         declared = _list_words(found.reading, convention)
         return CameraFinding(unfit=text, declared=declared, errors=errors)
-    return _judge_unopposed(given, readings, trials, errors)
+    lone = _find_lone(trials, given)
+    if lone:
+        return CameraFinding(unfit=lone, errors=errors)
+    return _judge_unopposed(given, readings, trials, errors, (*silent, *_list_too_few(evidence)))
+
+
+def _list_too_few(evidence: Sequence[CameraEvidence]) -> Iterator[str]:
+    """Say what cannot be compared; asked where nothing at all could be."""
+    for one in evidence:
+        yield f"{one.name} are of too few pixels, or of frames without neighbours"
 
 
 def _find_fault(matrices: CameraMatrices) -> str:
@@ -181,7 +196,7 @@ def _try_readings(
         return None
     mean = mean_error(own.values())
     closely = mean <= evidence.slack
-    pairs = {}
+    pairs, spread = {}, set()
     for index, reading in enumerate(readings):
         # a frame's vectors from the one before are those to it under the next frame's matrices
         alone = closely and not reading.of_neighbour
@@ -190,7 +205,43 @@ def _try_readings(
         common = (errors.keys() & own.keys() or errors.keys() | own.keys()) if errors else ()
         if common:
             pairs[index] = tuple(mean_error(e[n] for n in common if n in e) for e in (errors, own))
-    return _Trial(evidence=evidence, own=mean, pairs=pairs)  # type: ignore[arg-type]
+            same = errors.keys() & own.keys()
+            improved = [n for n in same if own[n] > errors[n] + evidence.slack]
+            if 2 * len(improved) > len(same) or not same:
+                spread.add(index)
+    return _Trial(evidence=evidence, own=mean, pairs=pairs, spread=frozenset(spread))  # type: ignore[arg-type]
+
+
+def _find_lone(trials: Sequence[_Trial], given: Cameras) -> str:
+    """Say which frames' matrices fail where those of most frames agree; empty if none do.
+
+    Motion tells of two frames at once: one that has a part in what agrees is right.
+    """
+    for trial in trials:
+        evidence = trial.evidence
+        own = evidence.measure(given, closely=False)
+        wrong = {n for n, error in own.items() if error > evidence.limit}
+        agreeing = own.keys() - wrong
+        if not evidence.tells_step or not wrong or len(agreeing) <= len(wrong):
+            continue
+        parts = {
+            n: own.keys() - evidence.measure(_leave_out(given, n), closely=False).keys()
+            for n in given
+        }
+        lone = [n for n, told in parts.items() if told & wrong and not told & agreeing]
+        if lone:
+            worst, usual = (mean_error(own[n] for n in part) for part in (wrong, agreeing))
+            return (
+                f"the camera matrices are not used: those of {say_frames(lone)} do not agree with "
+                f"what is seen, though those of the other frames do (by {evidence.name}, "
+                f"{_format(worst, trial)} there and {_format(usual, trial)} elsewhere): matrices "
+                f"of another frame, or an axis flipped? {OTHER_FRAME.capitalize()}"
+            )
+    return ""
+
+
+def _leave_out(given: Cameras, number: int) -> Cameras:
+    return {n: matrices for n, matrices in given.items() if n != number}
 
 
 def _find_rival(
@@ -241,6 +292,7 @@ def _judge_unopposed(
     readings: Sequence[CameraReading],
     trials: Sequence[_Trial],
     errors: Mapping[str, float],
+    silent: Sequence[str],
 ) -> CameraFinding:
     proofs = [t for t in trials if t.fits]
     mirrored = bool(are_mirrored(next(iter(given.values())).view))
@@ -250,9 +302,13 @@ def _judge_unopposed(
     told = len(open_) < len(plausible)
     # what agrees is no proof where something that tells more does not
     if not proofs or not told or not trials[0].fits:
-        doubt = " ".join(_describe_doubt(trials, mirrored=mirrored, resting=_rest(given)))
+        doubt = " ".join(_describe_doubt(trials, silent, mirrored=mirrored, resting=_rest(given)))
         stuck = _rest(given) and any(t.evidence.tells_step and not t.fits for t in trials)
         return CameraFinding(doubt=doubt, stuck=stuck, errors=errors)
+    if mirrored and any(not readings[i].mirrors_world for i in own):
+        # what agrees as well with a camera that does not mirror speaks for that one
+        doubt = " ".join(_describe_mirrored(proofs, [readings[i] for i in own]))
+        return CameraFinding(doubt=doubt, errors=errors)
     undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))
     if _rest(given) and not any(t.evidence.tells_step for t in proofs):
         # where one camera is in all frames, no neighbour's is another reading
@@ -265,6 +321,13 @@ def _judge_unopposed(
         errors=errors,
         certain=not own,
     )
+
+
+def _describe_mirrored(proofs: Sequence[_Trial], others: Sequence[CameraReading]) -> Iterator[str]:
+    names = " and ".join(t.evidence.name for t in proofs)
+    likenesses = dict.fromkeys(_word_likeness(_shorten(r)) for r in others)
+    yield f"{UNVERIFIED}: {names} cannot tell them from {', or '.join(likenesses)}."
+    yield from (MIRROR, NOTHING_MEASURED)
 
 
 OF_NEIGHBOUR = "those of a neighbouring frame"
@@ -285,8 +348,14 @@ def _shorten(reading: CameraReading) -> str:
 
 UNVERIFIED = "the camera matrices are unverified"
 
+MIRROR = "They mirror: world and camera space are of different handedness."
 
-def _describe_doubt(trials: Sequence[_Trial], *, mirrored: bool, resting: bool) -> Iterator[str]:
+NOTHING_MEASURED = "No other convention is measured by them; rtsr's own is in docs/frames.md."
+
+
+def _describe_doubt(
+    trials: Sequence[_Trial], silent: Sequence[str], *, mirrored: bool, resting: bool
+) -> Iterator[str]:
     apart = [t for t in trials if not t.fits]
     if apart:
         listed = "; ".join(f"{t.evidence.name}: {_format(t.own, t)}" for t in apart)
@@ -298,14 +367,16 @@ def _describe_doubt(trials: Sequence[_Trial], *, mirrored: bool, resting: bool) 
             )
     elif trials:
         yield f"{UNVERIFIED}: nothing in these frames moves or turns so that it could tell."
+    elif silent:
+        yield f"{UNVERIFIED}: what is there cannot tell: {'; '.join(silent)}."
     else:
         yield (
             f"{UNVERIFIED}: nothing in the files can tell: that takes world positions, depth with "
             "motion that is read, or depth with normals of the world that face several ways."
         )
     if mirrored:
-        yield "They mirror: world and camera space are of different handedness."
-    yield "No other convention is measured by them; rtsr's own is in docs/frames.md."
+        yield MIRROR
+    yield NOTHING_MEASURED
 
 
 def _format(error: float, trial: _Trial) -> str:
@@ -326,10 +397,16 @@ def _describe_unfit(
     found = ": ".join((*looks, fault or proof))
     remedy = OTHER_WORLD if reading is not None and reading.mirrors_world else OWN
     remedy = OTHER_FRAME if reading is not None and reading.of_neighbour else remedy
+    if reading is not None and _is_undone(convention, reading):
+        remedy = UNDECLARE
     return f"{first}{found}; {remedy}{_word_declaration(reading, convention)}"
 
 
 OWN = "write row vectors of a camera with x right, y up that looks along -z (docs/frames.md)"
+
+UNDECLARE = (
+    "take the line [camera] convention out of capture.toml: what the files hold is right without it"
+)
 
 OTHER_FRAME = "write each frame's own"
 
@@ -337,6 +414,12 @@ OTHER_WORLD = (
     "write matrices of the world that positions and normals are in (docs/frames.md), or, if it is "
     "their channels that are mixed up, name those in the order x, y, z ([buffers] normal, position)"
 )
+
+
+def _is_undone(convention: CameraConvention, reading: CameraReading) -> bool:
+    """Tell whether a reading takes back all that is declared."""
+    declared = set(convention.words) - {CameraWord.ROW_VECTORS, CameraWord.OPENGL}
+    return bool(declared) and declared == set(reading.undoes)
 
 
 def _word_likeness(text: str) -> str:

@@ -46,6 +46,8 @@ def _follow_finding(
         reader = settled.reader.without_matrices(unfit)
         settled = replace(_hold_finding(settled, replace(found, unfit=unfit)), reader=reader)
         return add_warning(settled, f"{unfit}; {REFUSED}")
+    if found.certain:
+        settled = replace(settled, reader=replace(settled.reader, camera_certain=True))
     strays = "" if run is None or not leads else _find_strays(settled.reader, run)
     if strays:
         settled = add_warning(_hold_finding(settled, replace(found, strays=strays)), strays)
@@ -100,12 +102,15 @@ def _is_mirrored(settled: MeasuredReader) -> bool:
 def share_verdicts(lr: FrameReader, hr: FrameReader) -> tuple[FrameReader, FrameReader]:
     """Settle the cameras of both resolutions of a shot, whose cameras are the same.
 
-    Matrices that are not used at one are not used at the other; where they differ, that is said.
+    Matrices that are not used at one are not used at the other, unless its own frames prove them;
+    where they differ, that is said.
     """
     unfit = lr.camera_unfit or hr.camera_unfit
     if unfit:
-        lr = lr if lr.camera_unfit else lr.without_matrices(unfit)
-        return lr, hr if hr.camera_unfit else hr.without_matrices(unfit)
+        lr, hr = (
+            r if r.camera_unfit or r.camera_certain else r.without_matrices(unfit) for r in (lr, hr)
+        )
+        return lr, hr
     differing = _describe_apart(lr, hr)
     return lr, replace(hr, warnings=(*hr.warnings, differing)) if differing else hr
 

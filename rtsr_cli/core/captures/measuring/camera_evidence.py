@@ -45,6 +45,9 @@ MOST_SURFACE_PIXELS = 1 << 14
 ALIKE = math.cos(math.radians(12.0))
 """Cosine of a normal and the surface that it stands on; bumps lean it."""
 
+FAR_PX = 8.0
+"""Of errors in pixels, those beyond are alike: whatever a frame was read as, it is wrong."""
+
 Errors = Mapping[int, float]
 """By frame number; frames that tell nothing are not there."""
 
@@ -112,9 +115,18 @@ def mean_error(errors: Iterable[float]) -> float:
     return sum(listed) / len(listed) if listed else math.inf
 
 
-def pick_best(trials: Sequence[Errors]) -> int:
-    """Index of the trial with the smallest mean error."""
-    return min(range(len(trials)), key=lambda i: mean_error(trials[i].values()))
+def pick_best(trials: Sequence[Errors], *, most: float = math.inf) -> int:
+    """Index of the trial with the smallest mean error.
+
+    Args:
+        trials: to choose from.
+        most: errors beyond it count as it, so that no single frame decides.
+    """
+
+    def measure(errors: Errors) -> float:
+        return mean_error(min(error, most) for error in errors.values())
+
+    return min(range(len(trials)), key=lambda i: measure(trials[i]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +159,7 @@ class PositionEvidence:
         """Median distance from the pixels, pixels of the frame."""
         units = self.units[:1] if closely else self.units
         trials = [self._measure(cameras, unit) for unit in units]
-        return trials[pick_best(trials)]
+        return trials[pick_best(trials, most=FAR_PX)]
 
     def _measure(self, cameras: Cameras, unit: float) -> Errors:
         found = {}
@@ -162,7 +174,7 @@ class PositionEvidence:
 
     def choose_unit(self, cameras: Cameras) -> float:
         """The unit under which matrices fit best."""
-        return self.units[pick_best([self._measure(cameras, unit) for unit in self.units])]
+        return self.units[pick_best([self._measure(cameras, u) for u in self.units], most=FAR_PX)]
 
 
 def measure_landing_error(position: Vector3, frame: StoredGeometry) -> float | None:
@@ -217,7 +229,7 @@ class VectorEvidence:
     def limit(self) -> float:
         """A share of what moves, as vectors may be half floats or of rounded pixels."""
         moved = [
-            float(vector_length(frame.motion_px).median()) * self.thinning
+            float(vector_length(frame.motion_px).nanmedian()) * self.thinning
             for frames in self.frames.values()
             for frame in frames.values()
             if frame.motion_px is not None
@@ -232,7 +244,7 @@ class VectorEvidence:
     def measure(self, cameras: Cameras, *, closely: bool) -> Errors:
         """Median difference of the vectors, pixels of the frame."""
         trials = [self._measure(cameras, source) for source in self._list_sources(closely=closely)]
-        return trials[pick_best(trials)] if trials else {}
+        return trials[pick_best(trials, most=FAR_PX)] if trials else {}
 
     def _list_sources(self, *, closely: bool) -> list[MotionSource]:
         if closely and self.best is not None:
@@ -248,7 +260,8 @@ class VectorEvidence:
         sources = self._list_sources(closely=False)
         if not sources:
             return self
-        return replace(self, best=sources[pick_best([self._measure(cameras, s) for s in sources])])
+        trials = [self._measure(cameras, source) for source in sources]
+        return replace(self, best=sources[pick_best(trials, most=FAR_PX)])
 
     def _measure(self, cameras: Cameras, source: MotionSource) -> Errors:
         motion, depth = source

@@ -40,6 +40,7 @@ class CameraReading:
         text: what they look like then.
         words: what would have to be declared; none where no declaration says it.
         cameras: as they would be, by frame.
+        undoes: words of a convention that it takes back, if they are declared.
         mirrors_world: the world is of another handedness, or of other axes, which only positions
             and normals tell.
         of_neighbour: they belong to another frame.
@@ -50,6 +51,7 @@ class CameraReading:
     cameras: Cameras
     mirrors_world: bool = False
     of_neighbour: bool = False
+    undoes: tuple[CameraWord, ...] = ()
 
 
 def _invert(matrix: Matrix4) -> Matrix4:
@@ -147,7 +149,7 @@ def _list_all(given: Cameras, step: int) -> Iterator[CameraReading]:
         for cameras in _list_pairs(given, change):
             sound = _keep_sound(cameras)
             if text and sound:
-                yield CameraReading(text=text, words=words, cameras=sound)
+                yield CameraReading(text=text, words=words, cameras=sound, undoes=words)
             yield from _list_axes(text, words, cameras)
     yield from _list_ndc_flips(given)
 
@@ -213,6 +215,8 @@ def _turn_camera(
         text=_join(text, _describe_turn(axes)),
         words=() if built or named is None else (*words, named),
         cameras=_keep_sound(turned),
+        # each of these turns is its own inverse
+        undoes=() if named in {None, CameraWord.UNREAL} else (*words, named),
     )
 
 
@@ -242,5 +246,6 @@ def _list_ndc_flips(given: Cameras) -> Iterator[CameraReading]:
     yield CameraReading(
         text="of a clip space whose y grows downwards",
         words=(CameraWord.NDC_Y_DOWN,),
+        undoes=(CameraWord.NDC_Y_DOWN,),
         cameras=_keep_sound(turned),
     )

@@ -71,12 +71,15 @@ def check_reader_cameras(
     given = list_matrices(reader, tuple(stored))
     if not given:
         return None
+    normals, silent = _gather_normals(reader, stored, presumed, given)
     evidence = (
         *_gather_positions(reader, stored, presumed, given),
         *_gather_motion(reader, stored, presumed, motions, given),
-        *_gather_normals(reader, stored, presumed, given),
+        *normals,
     )
-    found = check_cameras(given, evidence, step=reader.step, convention=reader.matrices)
+    found = check_cameras(
+        given, evidence, step=reader.step, convention=reader.matrices, silent=silent
+    )
     units = [e.units[0] for e in evidence if isinstance(e, PositionEvidence)]
     proven = found.fits and PositionEvidence.name in found.proofs
     return replace(found, position_unit_m=units[0]) if proven else found
@@ -144,11 +147,11 @@ def _gather_motion(
 
 def _gather_normals(
     reader: FrameReader, stored: Stored, presumed: Conventions, given: Cameras
-) -> list[CameraEvidence]:
-    """Normals and depths; nothing where the normals are of the camera's own axes."""
+) -> tuple[list[CameraEvidence], tuple[str, ...]]:
+    """Normals and depths; where the normals are of the camera's own axes, why they tell nothing."""
     buffer = Buffer.GEONORMAL if Buffer.GEONORMAL in reader.stored else Buffer.NORMAL
     if not {buffer, Buffer.DEPTH} <= reader.stored:
-        return []
+        return [], ()
     frames, normals = {}, {}
     for number, buffers in list(stored.items())[-MOST_NORMAL_FRAMES:]:
         unit = unpack_normals(buffers[buffer])
@@ -158,9 +161,20 @@ def _gather_normals(
             _make_geometry(reader, number, buffers, Buffer.DEPTH), MOST_SURFACE_PIXELS
         )
         normals[number] = ThinnedFrame(thinning).image(unit)
+    if not frames:
+        return [], (NO_DIRECTIONS,)
     depths = list_likely_depths(presumed.depth)[:5]
     evidence = NormalEvidence(frames=frames, normals=normals, depths=depths)
-    return [] if are_of_camera(evidence, given) else [evidence.hold(given)]
+    return ([], (OF_CAMERA,)) if are_of_camera(evidence, given) else ([evidence.hold(given)], ())
+
+
+NO_DIRECTIONS = "normals are neither of length 1 nor packed into 0..1"
+
+OF_CAMERA = (
+    "normals fit the surfaces that depth shows in the camera's own axes, and not in those of these "
+    "matrices' world: normals of the view, or of the world with matrices that are wrong"
+)
+"""Why normals with depth are no evidence."""
 
 
 def are_of_camera(evidence: NormalEvidence, given: Cameras) -> bool:

@@ -61,7 +61,12 @@ CLEAR = 0.75
 
 
 def measure_and_decide(
-    reader: FrameReader, capture: CaptureDeclaration, *, named: bool, motion: bool = True
+    reader: FrameReader,
+    capture: CaptureDeclaration,
+    *,
+    named: bool,
+    motion: bool = True,
+    beside: MeasuredReader | None = None,
 ) -> MeasuredReader:
     """Measure a few frames and decide; nothing is raised, what is not decided is said.
 
@@ -70,9 +75,11 @@ def measure_and_decide(
         capture: what the user declares.
         named: whether the user named the layout.
         motion: whether vectors are of interest.
+        beside: frames of the same shot at another size, which lead.
     """
     wanted = motion and Buffer.MOTION in reader.stored
-    measured = measure_storage(reader, reader.conventions, motion=wanted)
+    motions = () if beside is None else _list_motions(beside)
+    measured = measure_storage(reader, reader.conventions, motion=wanted, motions=motions)
     settled = MeasuredReader(
         reader=reader, measured=measured, warnings=reader.warnings, notes=reader.notes
     )
@@ -118,6 +125,14 @@ def measure_and_decide(
         jitter_trusted=is_jitter_trusted(settled.measured.jitter),
     )
     return replace(settled, reader=_bind_forward_motion(reader))
+
+
+def _list_motions(settled: MeasuredReader) -> tuple[MotionConvention, ...]:
+    """How vectors are read; nothing where there are none, or that is not decided."""
+    reader = settled.reader
+    if reader.motion_undecided or not {Buffer.MOTION, Buffer.FORWARD} & reader.stored:
+        return ()
+    return (reader.conventions.motion,)
 
 
 def _describe_undocumented(reader: FrameReader) -> str:

@@ -314,7 +314,9 @@ def measure_position_error(frame: StoredGeometry, reading: DepthConvention) -> f
 def find_surface(frame: StoredGeometry, metres: Tensor) -> Tensor:
     """Pixels that some reading may take for surfaces: finite, and not the largest value stored."""
     stored = frame.depth
-    return torch.isfinite(stored) & (stored < stored.amax().clamp(max=SKY_DEPTH_M)) & (metres > 0)
+    # where NaN is there it is the sky's, as infinity is: what is largest else is a surface's
+    farthest = stored.nan_to_num(nan=torch.inf, posinf=torch.inf).amax()
+    return torch.isfinite(stored) & (stored < farthest.clamp(max=SKY_DEPTH_M)) & (metres > 0)
 
 
 def _median(error: Tensor, valid: Tensor) -> float | None:

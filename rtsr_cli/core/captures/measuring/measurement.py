@@ -13,6 +13,8 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
+from rtsr_cli.core.captures.measuring.camera_evidence import PositionEvidence, VectorEvidence
 from rtsr_cli.core.captures.measuring.camera_measurement import check_reader_cameras, drop_matrices
 from rtsr_cli.core.captures.measuring.depth_median import find_median_depth
 from rtsr_cli.core.captures.measuring.empty_buffers import (
@@ -58,7 +60,11 @@ PICTURES = (Buffer.COLOR, Buffer.ALBEDO, Buffer.NORMAL, Buffer.POSITION)
 
 
 def measure_storage(
-    reader: FrameReader, presumed: Conventions, *, motion: bool = True
+    reader: FrameReader,
+    presumed: Conventions,
+    *,
+    motion: bool = True,
+    motions: Sequence[MotionConvention] = (),
 ) -> StorageMeasurement:
     """Read a few frames and measure.
 
@@ -66,6 +72,8 @@ def measure_storage(
         reader: surveyed frames.
         presumed: conventions of the preset and the declarations, which take part as hypotheses.
         motion: whether vectors are of interest.
+        motions: by which vectors are read at another size of the shot: where cameras agree with
+            those, they are proven.
 
     Pixels that cannot be read are not reported here: the run that needs them will. Where not all
     files have pixels, nothing is measured.
@@ -76,7 +84,7 @@ def measure_storage(
         if not stored:
             continue
         candidate = run_single_threaded(
-            partial(_measure_group, narrowed, stored, presumed, motion=motion)
+            partial(_measure_group, narrowed, stored, presumed, motion=motion, motions=motions)
         )
         if measured.motion is None or _measure_movement(candidate) > _measure_movement(measured):
             measured = candidate
@@ -84,7 +92,17 @@ def measure_storage(
             break
     if measured.sky is not None and not (measured.sky.share or measured.sky.impossible):
         measured = replace(measured, sky=_look_elsewhere(reader, presumed) or measured.sky)
+    if not motion and Buffer.MOTION in reader.stored and _could_motion_tell(measured.camera):
+        # nobody reads these vectors; what they say of cameras is not left unsaid for that
+        with_motion = measure_storage(reader, presumed, motions=motions)
+        measured = replace(measured, camera=with_motion.camera)
     return measured
+
+
+def _could_motion_tell(camera: CameraFinding | None) -> bool:
+    """Tell whether there are cameras that nothing has proven which tells as much as motion."""
+    told = {PositionEvidence.name, VectorEvidence.name}
+    return camera is not None and told.isdisjoint(camera.proofs)
 
 
 def _look_elsewhere(reader: FrameReader, presumed: Conventions) -> SkyFinding | None:
@@ -150,6 +168,7 @@ def _measure_group(
     presumed: Conventions,
     *,
     motion: bool,
+    motions: Sequence[MotionConvention],
 ) -> StorageMeasurement:
     measured = StorageMeasurement(frames=tuple(stored))
     if reader.stored & {Buffer.DEPTH, Buffer.NORMAL}:
@@ -172,8 +191,10 @@ def _measure_group(
         )
     placed = measured.camera
     if placed is None or not (placed.fits or placed.unfit):
-        motions = _list_motions(measured, presumed)
-        placed = check_reader_cameras(reader, surfaces, presumed, motions)
+        placed = check_reader_cameras(reader, surfaces, presumed, motions) if motions else None
+        if placed is None or VectorEvidence.name not in placed.proofs:
+            own = _list_motions(measured, presumed)
+            placed = check_reader_cameras(reader, surfaces, presumed, own)
         measured = replace(measured, camera=placed)
     last = max(stored)
     if Buffer.DEPTH in reader.stored:

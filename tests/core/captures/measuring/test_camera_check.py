@@ -213,6 +213,24 @@ def test_matrices_of_another_frame_are_refused(room: Room, kind: str, offset: in
     assert "of another frame" in check(room, given, kind).unfit
 
 
+@pytest.mark.parametrize("kinds", [("positions",), ("motion",), ("motion", "normals")])
+@pytest.mark.parametrize("spoil", [None, WRONG["z flipped, rebuilt"][0]], ids=["frame 1", "z"])
+def test_one_wrong_frame_is_named_and_no_shift_of_all_is_claimed(
+    room: Room, kinds: tuple[str, ...], spoil: Spoil | None
+) -> None:
+    wrong = room.cameras[1] if spoil is None else spoil(room.cameras[4])
+    found = check(room, {**room.cameras, 4: wrong}, *kinds)
+    assert "those of frame 4 do not agree" in found.unfit
+    assert "the frame before it" not in found.unfit
+    assert not found.fits
+
+
+def test_of_two_frames_that_disagree_none_is_named(room: Room) -> None:
+    """Motion from frame 2 to 3 and from 3 to 4 disagrees: most of what is measured."""
+    found = check(room, {**room.cameras, 3: room.cameras[1]}, "motion")
+    assert "unverified" in found.doubt
+
+
 class TwoReadings:
     """Vectors that fit the given matrices nearly when read one way, and a neighbour's exactly
     when read the other, as of a camera that went straight on and stood still before."""
@@ -382,6 +400,36 @@ def test_a_single_frame_is_verified_where_positions_or_normals_are(
     assert check(one, one.cameras, *kinds).certain
 
 
+def clear_sky(room: Room, value: float) -> Room:
+    """Put one value over a third of the depth."""
+    frames = {n: replace(f, depth=f.depth.clone()) for n, f in room.frames.items()}
+    for frame in frames.values():
+        frame.depth[..., : SIZE[0] // 3, :] = value
+    return replace(room, frames=frames)
+
+
+@pytest.mark.parametrize("sky", [math.nan, math.inf, -math.inf, 0.0, -1.0, 65504.0])
+@pytest.mark.parametrize("kind", ["motion", "normals"])
+def test_whatever_the_sky_s_depth_is_cameras_are_checked_by_the_rest(
+    room: Room, kind: str, sky: float
+) -> None:
+    cleared = clear_sky(room, sky)
+    assert check(cleared, room.cameras, kind).certain
+    spoil, text = WRONG["transposed, clip space kept"]
+    assert text in check(cleared, {n: spoil(m) for n, m in room.cameras.items()}, kind).unfit
+
+
+def test_vectors_of_the_sky_that_are_no_numbers_do_not_end_the_check(room: Room) -> None:
+    frames = dict(room.frames)
+    for number, frame in frames.items():
+        if frame.motion_px is not None:
+            motion = frame.motion_px.clone()
+            motion[..., : SIZE[0] // 3, :] = math.nan
+            frames[number] = replace(frame, motion_px=motion)
+    cleared = clear_sky(replace(room, frames=frames), math.nan)
+    assert check(cleared, room.cameras, "motion").certain
+
+
 def test_a_camera_that_stands_still_is_not_verified_by_motion(room: Room) -> None:
     still = dict.fromkeys(room.cameras, room.cameras[1])
     frames = {n: replace(room.frames[1], motion_px=torch.zeros(1, 2, *SIZE)) for n in room.cameras}
@@ -481,6 +529,52 @@ def test_a_lens_that_nothing_moves_under_is_told_by_positions_alone(room: Room) 
     resting = Room(dict.fromkeys(room.cameras, right), frames, normals)
     assert "another field of view" in check(resting, still, "normals").likenesses
     assert not check(resting, still, "positions").fits
+
+
+class FloorAlone:
+    """Normals of which all stand on a floor: they tell which way is up, and nothing else."""
+
+    name, unit = "normals with depth", "% of the surfaces elsewhere"
+    tells_world, tells_step, tells_lens = True, False, False
+    slack, factor, limit, sure = 8.0, 1.1, 70.0, 25.0
+
+    def __init__(self, right: Cameras) -> None:
+        self.right = right
+
+    def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
+        del closely
+        same = np.diag([0.0, 1.0, 0.0])
+        return {
+            n: 40.0
+            if np.allclose(m.view[:3, :3] @ same, self.right[n].view[:3, :3] @ same)
+            else 90.0
+            for n, m in cameras.items()
+        }
+
+
+@pytest.mark.parametrize("axis", "xz")
+def test_what_mirrors_is_unverified_where_what_does_not_agrees_as_well(
+    room: Room, axis: str
+) -> None:
+    evidence = (FloorAlone(room.cameras),)
+    given = {n: WRONG[f"{axis} flipped, rebuilt"][0](m) for n, m in room.cameras.items()}
+    found = check_cameras(given, evidence, step=1, convention=CameraConvention())
+    assert not found.fits
+    assert "normals with depth cannot tell them from ones that look like its x axis" in found.doubt
+    assert "They mirror" in found.doubt
+    right = check_cameras(room.cameras, evidence, step=1, convention=CameraConvention())
+    assert right.fits
+
+
+def test_what_is_there_and_tells_nothing_is_said_with_the_reason(room: Room) -> None:
+    said = check_cameras(
+        room.cameras, (), step=1, convention=CameraConvention(), silent=("normals are odd",)
+    ).doubt
+    assert "what is there cannot tell: normals are odd." in said
+    assert "that takes" not in said
+    tiny = {n: replace(f, depth=f.depth * math.nan) for n, f in room.frames.items()}
+    few = check(replace(room, frames=tiny), room.cameras, "normals").doubt
+    assert "normals with depth are of too few pixels" in few
 
 
 def test_what_could_tell_is_named_where_nothing_does(room: Room) -> None:
