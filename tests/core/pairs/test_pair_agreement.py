@@ -89,7 +89,7 @@ def test_textures_that_fit_the_next_frame_better_name_no_moment() -> None:
     own = change(render(), albedo=torch.rand(1, 3, *SIZE))
     other = change(render(), albedo=render()[Buffer.ALBEDO])
     lr = keep(render(), 4, (2, 2))
-    assert (measure_strays(lr, own, 4) or 0.0) > 0.1
+    assert (measure_strays(lr, own, 4) or 0.0) > 0.03
     assert measure_strays(lr, other, 4) == 0.0
     assert judge({1: lr}, {1: own, 2: other}) is None
 
