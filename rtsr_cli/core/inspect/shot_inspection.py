@@ -216,10 +216,10 @@ def inspect_shot(
             filter_width_px=pairs.filter_width_px,
             filter_measured=pairs.filter_measured,
         )
-        if pairs.filter_doubt:
-            doubt = ShotProblem(text=pairs.filter_doubt)
-            main = replace(main, problems=_drop_repeats((*main.problems, doubt)))
-            inspection = replace(inspection, main=main)
+        texts = (pairs.filter_doubt, pairs.misfit, pairs.misfit_doubt)
+        doubts = [ShotProblem(text=text) for text in texts if text]
+        main = replace(main, problems=_drop_repeats((*main.problems, *doubts)))
+        inspection = replace(inspection, main=main)
     known = ShotSources(
         main=main.reader,
         in_time=main.in_time,

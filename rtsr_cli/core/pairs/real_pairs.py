@@ -19,7 +19,9 @@ from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.dark_material import leave_outshining
 from rtsr_cli.core.pairs.material_agreement import leave_contradicting
 from rtsr_cli.core.pairs.nonfinite import apply_policy
+from rtsr_cli.core.pairs.pair_agreement import COMPARED, Misfit, find_misfit
 from rtsr_cli.core.pairs.sources import (
+    FITTING_HR,
     HR_FRAMES,
     FramePair,
     PairInputs,
@@ -98,6 +100,8 @@ class RealPairs:
         lacking = describe_missing(reads.lr.missing, self.lr, size)
         read = self.lr.numbers if numbers is None else numbers
         lacking = (*lacking, *describe_lacking(read, reads.lr.stored, self.lr, size))
+        if inputs.hr + inputs.hr_optional and self.misfit:
+            lacking = (*lacking, FITTING_HR)
         if not inputs.hr:
             return lacking
         if self.hr is None:
@@ -146,6 +150,51 @@ class RealPairs:
         return (
             f"filter_width_px is declared as {declared:g}, but LR radiance looks {looks}; the "
             "declaration is obeyed: correct it, or leave it out, and it is measured"
+        )
+
+    @property
+    def misfit(self) -> str:
+        """What HR looks like beside LR, and what to do."""
+        found = self._misfit
+        if self.hr is None or found is None or not found.looks:
+            return ""
+        return (
+            f"{self.hr.frames.root}: frame {found.frame}: beside {self.lr.frames.root}, HR looks "
+            f"{found.looks}: as it is, {found.strays:.1%} of the LR samples are unlike all HR "
+            f"pixels around them; {found.remedy}"
+        )
+
+    @property
+    def misfit_doubt(self) -> str:
+        """The share of samples that no HR pixel is like."""
+        found = self._misfit
+        if self.hr is None or found is None or found.looks:
+            return ""
+        return (
+            f"LR and HR ({self.hr.frames.root}) hardly show one picture: in frame {found.frame} "
+            f"{found.strays:.0%} of the LR samples are unlike all HR pixels around them in "
+            f"{', '.join(self._compared)}; render both of one scene, with one camera"
+        )
+
+    @cached_property
+    def _compared(self) -> tuple[Buffer, ...]:
+        """Buffers that both sizes hold, and that are the same at both."""
+        return tuple(b for b in COMPARED if all(b in reader.readable for reader in self.readers))
+
+    @cached_property
+    def _misfit(self) -> Misfit | None:
+        """How HR frames differ from LR's; None where nothing says that they do."""
+        lr, hr, compared = self.lr, self.hr, self._compared
+        numbers = [n for n in lr.numbers if n not in lr.held]
+        if hr is None or not compared or not numbers:
+            return None
+        return find_misfit(
+            lambda number: lr.read(number, compared).gbuffer,
+            lambda number: hr.read(number, compared).gbuffer,
+            numbers,
+            self.scale,
+            stored=set(hr.numbers).difference(hr.held),
+            step=lr.step,
         )
 
     def load(self, number: int, inputs: PairInputs) -> FramePair:

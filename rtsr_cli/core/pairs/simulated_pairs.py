@@ -82,6 +82,16 @@ class SimulatedPairs:
         return ""
 
     @property
+    def misfit(self) -> str:
+        """There is none: both sizes are of one capture."""
+        return ""
+
+    @property
+    def misfit_doubt(self) -> str:
+        """There is none."""
+        return ""
+
+    @property
     def frame_bytes(self) -> int:
         """The capture's."""
         return self.capture.frame_bytes

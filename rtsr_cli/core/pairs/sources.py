@@ -34,6 +34,9 @@ NAMED_LAYOUT = "a named layout"
 HR_FRAMES = "hr frames"
 """What is missing where a system reads both resolutions, and only one is there."""
 
+FITTING_HR = "frames of hr that fit lr"
+"""What is missing where those that are there are turned, or of other moments."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PairInputs:
@@ -151,6 +154,14 @@ class PairSource(Protocol):
     @property
     def filter_doubt(self) -> str:
         """Say that a declared width is not what the frames have; empty where nothing says so."""
+
+    @property
+    def misfit(self) -> str:
+        """Say how HR frames are turned beside LR's, or of other moments; empty if they are not."""
+
+    @property
+    def misfit_doubt(self) -> str:
+        """Say that both sizes hardly show one picture, and nothing tells why; empty if they do."""
 
     @property
     def frame_bytes(self) -> int:

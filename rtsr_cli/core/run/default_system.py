@@ -10,7 +10,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
-from rtsr_cli.core.pairs.sources import DECLARED_MOTION, HR_FRAMES, PairSource
+from rtsr_cli.core.pairs.sources import DECLARED_MOTION, FITTING_HR, HR_FRAMES, PairSource
 from rtsr_cli.core.run.system_inputs import (
     SystemTable,
     describe_likely,
@@ -115,6 +115,8 @@ def judge_preferred(
         others = None if rendered is None else set(source.reader.numbers).difference(rendered)
         unshaded = source.missing(resolve_unshaded_inputs(system, policy), others)
         missing = tuple(dict.fromkeys((*missing, *unshaded)))
+    if FITTING_HR in missing:
+        return PassedOver(system=system, reason=f"the HR G-buffer is not read: {source.misfit}")
     if missing:
         held = frozenset(b.value for reader in source.readers for b in reader.stored)
         return PassedOver(system=system, missing=missing, held=held)

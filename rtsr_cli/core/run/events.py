@@ -17,7 +17,7 @@ BETTER = "better"
 
 FILTER, FILTER_DOUBT = "filter", "filter_doubt"
 """Details of a plan: which pixel filter of LR radiance it reckons with, and that a declared one is
-not what frames have; may be empty."""
+not what frames have, or that both sizes hardly show one picture; may be empty."""
 
 
 class Status(StrEnum):

@@ -14,7 +14,7 @@ from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
-from rtsr_cli.core.pairs.sources import DECLARED_MOTION, PairInputs, PairSource
+from rtsr_cli.core.pairs.sources import DECLARED_MOTION, FITTING_HR, PairInputs, PairSource
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.system import System
 from rtsr_cli.core.visible_text import INDENTED
@@ -154,6 +154,8 @@ def check_inputs(
     """
     root = source.reader.frames.root
     missing = source.missing(inputs, numbers)
+    if FITTING_HR in missing:
+        raise FrameFolderError(f"{source.misfit}{remedy} ({reads} reads the HR G-buffer)")
     unproven = next((r for r in source.readers if r.undecided), None)
     if missing and unproven is not None:
         raise FrameFolderError(

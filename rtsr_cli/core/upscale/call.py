@@ -189,5 +189,13 @@ def _describe_details(
         "size": [width * scale, height * scale],
         BETTER: describe_passed_over(source, passed_over),
         FILTER: describe_filter_width(source, reading.inputs),
-        FILTER_DOUBT: source.filter_doubt if reading.inputs.filter_known else "",
+        FILTER_DOUBT: _describe_doubts(reading),
     }
+
+
+def _describe_doubts(reading: PairReading) -> str:
+    """What the frames say against a declared filter, and against each other."""
+    source, inputs = reading.source, reading.inputs
+    filtered = source.filter_doubt if inputs.filter_known else ""
+    unlike = source.misfit_doubt if inputs.hr else ""
+    return "; ".join(text for text in (filtered, unlike) if text)

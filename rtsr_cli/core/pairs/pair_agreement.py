@@ -1,0 +1,220 @@
+"""Whether HR frames show what LR frames show: what both sizes hold, at the places of LR samples.
+
+    sample q strays in b  <=>  b_lr(q) < min b_hr - t   or   b_lr(q) > max b_hr + t,  a channel
+
+over HR pixels of q's block and one further to each side, for every buffer b that both sizes hold;
+of object ids, where no such pixel has its id. Wherever in its pixel a sample lies, and whatever
+mean of the pixel it is, that holds of few samples. Strays are counted buffer by buffer, of samples
+that are no sky, and the mean over the buffers is what counts.
+
+HR is refused only where another reading of it explains the strays: turned upside down, mirrored,
+both, or the frame before or after by its depth. Of a right pair none does, whatever noise, filters
+or differently made buffers it strays by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.shapes import Image, Mask
+
+COMPARED = (
+    Buffer.DEPTH,
+    Buffer.NORMAL,
+    Buffer.GEONORMAL,
+    Buffer.OBJECT_ID,
+    Buffer.ALBEDO,
+    Buffer.MATERIAL,
+)
+"""Buffers that are the same at both sizes: radiance is not, and vectors are in pixels."""
+
+RELATIVE, ABSOLUTE = 5e-3, 0.02
+"""t: of depth relative to it, of others; what halves and 8 bits leave, and more."""
+
+FEW_STRAYS = 0.1
+"""Share of samples that stray up to which no turned reading is tried: right pairs have 0.05 at most
+(`benchmarks/pair_agreement.py`: textures between pixel centres), turned ones 0.41 at least."""
+
+FEW_SHIFTED = 0.015
+"""The same of depth alone, up to which no other moment is tried. Textures that are finer than HR
+pixels may fit the frame after better than their own; depth has no such, and 0.010 of it strays."""
+
+FAR_BETTER = 3.0
+"""How many times fewer samples stray where another reading is right."""
+
+MOST_STRAYS = 0.4
+"""Share of samples that stray beyond which both sizes hardly show one picture: where a buffer of
+four is empty at one size, a quarter does."""
+
+LEAST_SAMPLES = 64
+"""That are no sky; fewer tell nothing."""
+
+TURNED = {
+    "upside down": (-2,),
+    "mirrored left to right": (-1,),
+    "turned by half a turn": (-2, -1),
+}
+"""How HR pictures may lie beside LR's: dimensions that are flipped."""
+
+TURN_REMEDY = (
+    "render both sizes with one origin (pixels are read from the top left; capture.toml declares "
+    "no other), or turn the HR files"
+)
+NUMBER_REMEDY = "number the HR files like the LR files of their moments"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misfit:
+    """How HR frames do not show what LR frames show.
+
+    Attributes:
+        frame: number of the frame in which it was seen.
+        strays: share of its samples that stray, mean over the buffers.
+        looks: what HR is beside LR, as it looks; empty where nothing explains it.
+        remedy: what to do about that.
+    """
+
+    frame: int
+    strays: float
+    looks: str = ""
+    remedy: str = ""
+
+
+Read = Callable[[int], GBuffer]
+"""Number -> the buffers that are compared."""
+
+
+def find_misfit(
+    lr: Read,
+    hr: Read,
+    numbers: Sequence[int],
+    scale: int,
+    *,
+    stored: Collection[int],
+    step: int = 1,
+) -> Misfit | None:
+    """Say how both sizes differ, of the first frame that tells: the middle, the first, the last.
+
+    None where they do not, or frames cannot be read: whoever reads them next says why.
+
+    Args:
+        lr, hr: read the buffers of `COMPARED` that both sizes hold.
+        numbers: of the LR frames.
+        scale: S.
+        stored: numbers of HR frames.
+        step: from a frame's number to the next one's.
+    """
+    for number in dict.fromkeys((numbers[len(numbers) // 2], numbers[0], numbers[-1])):
+        try:
+            small, beside = lr(number), hr(number)
+            strays = measure_strays(small, beside, scale)
+            if strays is None:
+                continue
+            looks = _find_turn(small, beside, scale, strays)
+            if looks:
+                return Misfit(frame=number, strays=strays, looks=looks, remedy=TURN_REMEDY)
+            others = [n for n in (number - step, number + step) if n in stored]
+            moved = _find_moment(small, hr, scale, number, others)
+        except FrameFolderError:
+            return None
+        if moved is not None:
+            return moved
+        return Misfit(frame=number, strays=strays) if strays > MOST_STRAYS else None
+    return None
+
+
+def _find_turn(lr: GBuffer, hr: GBuffer, scale: int, strays: float) -> str:
+    """How HR is turned; empty where that does not explain the strays."""
+    if strays <= FEW_STRAYS:
+        return ""
+    found = {
+        looks: measure_strays(lr, flip(hr, dims), scale) or 0.0 for looks, dims in TURNED.items()
+    }
+    looks = min(found, key=found.__getitem__)
+    return looks if found[looks] * FAR_BETTER < strays else ""
+
+
+def _find_moment(
+    lr: GBuffer, hr: Read, scale: int, number: int, others: Sequence[int]
+) -> Misfit | None:
+    """The frame before or after, where its depth fits and the own frame's does not."""
+    if Buffer.DEPTH not in lr or not others:
+        return None
+    depth = lr.only((Buffer.DEPTH,))
+
+    def measure(other: int) -> float:
+        return measure_strays(depth, hr(other), scale) or 0.0
+
+    strays = measure(number)
+    if strays <= FEW_SHIFTED:
+        return None
+    found = {other: measure(other) for other in others}
+    best = min(found, key=found.__getitem__)
+    if found[best] * FAR_BETTER >= strays:
+        return None
+    looks = f"of another moment (HR frame {best} fits LR frame {number})"
+    return Misfit(frame=number, strays=strays, looks=looks, remedy=NUMBER_REMEDY)
+
+
+def flip(gbuffer: GBuffer, dims: tuple[int, ...]) -> GBuffer:
+    """Turn pictures; what they hold is left as it is.
+
+    Args:
+        gbuffer: to turn.
+        dims: a value of `TURNED`.
+    """
+    flipped = {buffer: image.flip(dims) for buffer, image in gbuffer.items()}
+    return gbuffer.with_buffers(flipped)
+
+
+def measure_strays(lr: GBuffer, hr: GBuffer, scale: int) -> float | None:
+    """Share of LR samples that stray, mean over the buffers; None where too few tell.
+
+    Args:
+        lr: buffers of LR samples, 1 x C x H x W.
+        hr: the same buffers of HR pixels, 1 x C x SH x SW.
+        scale: S.
+    """
+    shares = []
+    for buffer in lr.keys() & hr.keys():
+        image = lr[buffer]
+        counted = torch.isfinite(image.double()).all(1, keepdim=True)
+        if Buffer.DEPTH in lr:
+            counted &= lr[Buffer.DEPTH] < SKY_DEPTH_M
+        if int(counted.sum()) >= LEAST_SAMPLES:
+            strays = _find_strays(buffer, image, hr[buffer], scale)
+            shares.append(float(strays[counted].double().mean()))
+    return sum(shares) / len(shares) if shares else None
+
+
+def _find_strays(buffer: Buffer, image: Image, seen: Image, scale: int) -> Mask:
+    if buffer is Buffer.OBJECT_ID:
+        return _lack_id(image, seen, scale)
+    image, seen = image.float(), seen.float()
+    known = torch.isfinite(seen)
+    high = _find_largest(seen.masked_fill(~known, -torch.inf), scale)
+    low = -_find_largest(-seen.masked_fill(~known, torch.inf), scale)
+    off = RELATIVE * image.abs() if buffer is Buffer.DEPTH else ABSOLUTE
+    return ((image < low - off) | (image > high + off)).any(1, keepdim=True)
+
+
+def _find_largest(image: Image, scale: int) -> Image:
+    """Of the S x S pixels of each block, and one further to each side."""
+    return F.max_pool2d(image, scale + 2, scale, padding=1)
+
+
+def _lack_id(ids: Image, seen: Image, scale: int) -> Mask:
+    rows, columns = (side - scale + 1 for side in seen.shape[-2:])
+    # -1 is no object's
+    padded = F.pad(seen.double(), (1, 1, 1, 1), value=-1.0)
+    found = torch.zeros_like(ids, dtype=torch.bool)
+    for y in range(scale + 2):
+        for x in range(scale + 2):
+            found |= padded[..., y : y + rows : scale, x : x + columns : scale] == ids.double()
+    return ~found.all(1, keepdim=True)

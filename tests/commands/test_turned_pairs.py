@@ -1,0 +1,53 @@
+"""HR frames that are turned beside LR's: `upscale` and `inspect` say so."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def turned(small_shot: Path, changed: Callable[..., Path], tmp_path: Path) -> Path:
+    """The small shot, with HR frames whose first row is the bottom one."""
+
+    def flip(planes: dict[str, Any], number: int) -> None:
+        planes.update({name: np.ascontiguousarray(p[::-1]) for name, p in planes.items()})
+
+    shot = tmp_path / "turned"
+    shutil.copytree(small_shot / "lr", shot / "lr")
+    shutil.copy(small_shot / "capture.toml", shot)
+    changed(small_shot / "hr", flip).rename(shot / "hr")
+    return shot
+
+
+def test_upscale_reads_no_turned_gbuffer(rtsr: Run, turned: Path, tmp_path: Path) -> None:
+    refused = rtsr("upscale", turned, tmp_path / "no", "--system", "demod-guided")
+    assert refused.exit_code == 3
+    assert f"{turned / 'hr'}: frame 3: " in refused.output
+    assert "HR looks upside down" in refused.output
+    assert "choose another --system (system 'demod-guided'" in refused.output
+    assert not (tmp_path / "no").exists()
+    chosen = rtsr("upscale", turned, tmp_path / "out", "--frames", 1)
+    assert chosen.exit_code == 0, chosen.output
+    assert "system bicubic" in chosen.output
+    assert "HR looks upside down" in chosen.output
+    named = rtsr("upscale", turned, tmp_path / "named", "--frames", 1, "--system", "bicubic")
+    assert named.exit_code == 0
+    assert "upside down" not in named.output
+
+
+def test_inspect_names_a_turned_gbuffer(rtsr: Run, turned: Path, small_shot: Path) -> None:
+    said = rtsr("inspect", turned).output
+    assert f"{turned / 'hr'}: frame 3: " in said
+    assert "HR looks upside down" in said
+    (guided,) = (line for line in said.splitlines() if "demod-guided" in line)
+    assert "missing" in guided
+    assert "frames of hr that fit lr" in guided
+    assert "HR looks" not in rtsr("inspect", small_shot).output

@@ -1,0 +1,134 @@
+"""LR samples held against HR pixels at their places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+import torch
+from torch import Tensor
+
+from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.imaging.resampling import decimate
+from rtsr_cli.core.pairs.pair_agreement import (
+    FEW_STRAYS,
+    MOST_STRAYS,
+    TURNED,
+    Misfit,
+    find_misfit,
+    flip,
+    measure_strays,
+)
+
+SIZE = (48, 96)
+
+
+def render(moment: int = 0) -> GBuffer:
+    """Boxes that go to the right, on a wall that leans, below some sky."""
+    torch.manual_seed(3)
+    rows, columns = torch.meshgrid(*(torch.arange(side) for side in SIZE), indexing="ij")
+    ids = torch.zeros(SIZE, dtype=torch.int32)
+    for number in range(1, 12):
+        top, left = (int(torch.randint(0, side - 12, ())) for side in SIZE)
+        box = (rows >= top) & (rows < top + 11) & ((columns - left - 5 * moment) % SIZE[1] < 13)
+        ids[box] = number
+    depth = 5.0 + 0.02 * rows + 0.01 * columns - 0.3 * ids
+    depth[:6] = SKY_DEPTH_M
+    albedo = torch.rand(3, 12)[:, ids.long()]
+    buffers = {Buffer.DEPTH: depth[None, None], Buffer.OBJECT_ID: ids[None, None]}
+    return GBuffer(buffers | {Buffer.ALBEDO: albedo[None]}, "made by a test")
+
+
+def keep(gbuffer: GBuffer, scale: int, offset: tuple[int, int]) -> GBuffer:
+    return gbuffer.with_buffers({b: decimate(t, scale, offset) for b, t in gbuffer.items()})
+
+
+def change(gbuffer: GBuffer, **buffers: Tensor) -> GBuffer:
+    return gbuffer.with_buffers({Buffer(name): image for name, image in buffers.items()})
+
+
+def judge(lr: Mapping[int, GBuffer], hr: Mapping[int, GBuffer], scale: int = 4) -> Misfit | None:
+    return find_misfit(lr.__getitem__, hr.__getitem__, sorted(lr), scale, stored=hr)
+
+
+@pytest.mark.parametrize("scale", [2, 3, 4])
+def test_samples_wherever_in_their_pixels_agree(scale: int) -> None:
+    hr = render()
+    for offset in ((0, 0), (scale - 1, 0), (scale // 2, scale - 1)):
+        lr = keep(hr, scale, offset)
+        assert measure_strays(lr, hr, scale) == 0.0
+        # as rendered beside each other: no sample is a pixel
+        means = {b: t for b, t in lr.items() if b is not Buffer.OBJECT_ID}
+        means[Buffer.DEPTH] = means[Buffer.DEPTH] * 1.002
+        assert (measure_strays(lr.with_buffers(means), hr, scale) or 0.0) <= FEW_STRAYS / 2
+        assert judge({1: lr}, {1: hr}, scale) is None
+
+
+@pytest.mark.parametrize("looks", list(TURNED))
+def test_turned_pictures_are_named(looks: str) -> None:
+    hr = render()
+    found = judge({1: keep(hr, 4, (1, 2))}, {1: flip(hr, TURNED[looks])})
+    assert found is not None
+    assert (found.looks, found.frame) == (looks, 1)
+    assert "capture.toml declares no other" in found.remedy
+    assert found.strays > 2 * FEW_STRAYS
+
+
+@pytest.mark.parametrize("ahead", [1, -1])
+def test_frames_of_another_moment_are_named(ahead: int) -> None:
+    lr = {n: keep(render(n), 4, (2, 2)) for n in (1, 2, 3)}
+    found = judge(lr, {n: render(n + ahead) for n in (1, 2, 3)})
+    assert found is not None
+    assert f"HR frame {2 - ahead} fits LR frame 2" in found.looks
+    assert "number the HR files" in found.remedy
+
+
+def test_textures_that_fit_the_next_frame_better_name_no_moment() -> None:
+    """Between pixel centres, what is finer than HR pixels may do so."""
+    own = change(render(), albedo=torch.rand(1, 3, *SIZE))
+    other = change(render(), albedo=render()[Buffer.ALBEDO])
+    lr = keep(render(), 4, (2, 2))
+    assert (measure_strays(lr, own, 4) or 0.0) > 0.03
+    assert measure_strays(lr, other, 4) == 0.0
+    assert judge({1: lr}, {1: own, 2: other}) is None
+
+
+def test_a_buffer_that_is_wrong_at_one_size_is_no_other_picture() -> None:
+    hr = render()
+    lr = keep(hr, 4, (2, 2))
+    for name in ("albedo", "depth"):
+        bare = change(hr, **{name: torch.zeros_like(hr[Buffer(name)])})
+        assert (measure_strays(lr, bare, 4) or 0.0) > FEW_STRAYS
+        assert judge({1: lr}, {1: bare}) is None
+    noise = torch.rand_like(hr[Buffer.ALBEDO])
+    assert judge({1: lr}, {1: change(hr, albedo=noise), 2: render(1)}) is None
+
+
+def test_pictures_of_other_scenes_are_doubted_and_not_explained() -> None:
+    hr = render()
+    shuffled = torch.randperm(SIZE[0] * SIZE[1])
+    other = {b: t.flatten(2)[..., shuffled].reshape(t.shape) + 20 for b, t in hr.items()}
+    found = judge({1: keep(hr, 4, (2, 2))}, {1: hr.with_buffers(other)})
+    assert found is not None
+    assert found.looks == ""
+    assert found.strays > MOST_STRAYS
+
+
+def test_bad_values_and_sky_tell_nothing() -> None:
+    hr = render()
+    holes = hr[Buffer.DEPTH].clone()
+    holes[..., 10:20, 10:30] = torch.nan
+    lr = keep(hr, 4, (2, 2))
+    assert judge({1: keep(change(hr, depth=holes), 4, (2, 2))}, {1: hr}) is None
+    sky = torch.full_like(hr[Buffer.DEPTH], SKY_DEPTH_M)
+    assert measure_strays(keep(change(hr, depth=sky), 4, (2, 2)), hr, 4) is None
+    assert measure_strays(lr, change(hr, depth=sky), 4) == pytest.approx(1 / 3)
+
+
+def test_what_cannot_be_read_is_left_to_who_reads_it() -> None:
+    def fail(number: int) -> GBuffer:
+        raise FrameFolderError(f"frame {number} is damaged")
+
+    lr = keep(render(), 4, (2, 2))
+    assert find_misfit(lambda number: lr, fail, [1], 4, stored=[1]) is None
