@@ -15,6 +15,7 @@ from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.auxiliary_buffers import span_colors
 from rtsr_cli.core.imaging.pixel_classes import Aliasing, Ghosting
+from rtsr_cli.core.imaging.predicted_kernel import FILTERED_WORTH
 from rtsr_cli.core.network.acceleration import accelerate_network
 from rtsr_cli.core.network.cost import count_macs, count_parameters, make_uniform_window
 from rtsr_cli.core.pairs.simulation import average_samples
@@ -28,7 +29,6 @@ from rtsr_cli.models.cgts.inputs import (
     limit_clipping,
     prepare,
 )
-from rtsr_cli.models.cgts.kernel import FILTERED_WORTH
 from rtsr_cli.models.cgts.loss import (
     ALIASING_ORDER,
     GHOSTING_ORDER,

@@ -10,6 +10,7 @@ from rtsr_cli.core.graphs import (
     OutsideStep,
 )
 from rtsr_cli.core.imaging.auxiliary_buffers import FRONT_REACH_PX, RANGE_RATE
+from rtsr_cli.core.imaging.predicted_kernel import FILTERED_WORTH, KERNEL_SIGMA_PX, TAPS
 from rtsr_cli.core.imaging.sample_splats import MAX_ENCODED
 from rtsr_cli.core.lighting.graph_steps import require_own_preset
 from rtsr_cli.models.cgts.config import CgtsConfig
@@ -23,7 +24,6 @@ from rtsr_cli.models.cgts.inputs import (
     SAMPLE_SIGMA_PX,
     STILL_PX,
 )
-from rtsr_cli.models.cgts.kernel import FILTERED_WORTH, KERNEL_SIGMA_PX, TAPS
 from rtsr_cli.models.cgts.network import (
     CORRECTIONS,
     MOST_FRAMES,

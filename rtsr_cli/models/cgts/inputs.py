@@ -36,6 +36,7 @@ from rtsr_cli.core.imaging.color_neighbourhood import (
     measure_neighbourhood,
     to_ycocg,
 )
+from rtsr_cli.core.imaging.predicted_kernel import measure_reach
 from rtsr_cli.core.imaging.resampling import repeat_samples
 from rtsr_cli.core.imaging.sample_splats import (
     encode_samples,
@@ -47,7 +48,6 @@ from rtsr_cli.core.imaging.warping import backward_warp, fetch_nearest
 from rtsr_cli.core.shapes import Color, Image, Mask, MotionPx, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, CgtsSurroundings
-from rtsr_cli.models.cgts.kernel import measure_reach
 from rtsr_cli.models.cgts.published import PUBLISHED
 
 SAMPLE_SIGMA_PX = 0.4

@@ -21,6 +21,12 @@ from rtsr_cli.core.imaging.auxiliary_buffers import (
     merge_range,
     span_colors,
 )
+from rtsr_cli.core.imaging.predicted_kernel import (
+    FILTERED_WORTH,
+    TAPS,
+    continue_samples,
+    filter_samples,
+)
 from rtsr_cli.core.imaging.row_strips import cut_pixels
 from rtsr_cli.core.network.blocks import continue_borders
 from rtsr_cli.core.shapes import Color, Image, Plane
@@ -34,7 +40,6 @@ from rtsr_cli.models.cgts.inputs import (
     clip_history,
     limit_clipping,
 )
-from rtsr_cli.models.cgts.kernel import FILTERED_WORTH, TAPS, continue_samples, filter_samples
 
 CLASSIFIED_CHANNELS = 20
 """Colour 3, depth 1, motion 2, counter 1, range 6, depth difference 1, logits 6."""

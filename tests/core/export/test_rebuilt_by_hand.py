@@ -33,6 +33,7 @@ from rtsr_cli.core.imaging import (
     enlargement,
     frame_motion,
     guided_kernel,
+    predicted_kernel,
     resampling,
     sample_splats,
     splatting,
@@ -53,7 +54,6 @@ from rtsr_cli.core.network.load import LoadedNetwork
 from rtsr_cli.core.system import Tensors
 from rtsr_cli.core.vrs.reprojection import SAME_SURFACE
 from rtsr_cli.models.cgts import inputs as cgts_inputs
-from rtsr_cli.models.cgts import kernel as cgts_kernel
 from rtsr_cli.models.cgts import network as cgts_network
 from rtsr_cli.models.gather import network as gather_network
 from rtsr_cli.models.nsrd import inputs as nsrd_inputs
@@ -128,8 +128,8 @@ CONSTANTS = {
     "LEAST_HISTORY": cgts_inputs.LEAST_HISTORY,
     "STILL_PX": cgts_inputs.STILL_PX,
     "FRONT_REACH": auxiliary_buffers.FRONT_REACH_PX,
-    "KERNEL_SIGMA": cgts_kernel.KERNEL_SIGMA_PX,
-    "FILTERED_WORTH": cgts_kernel.FILTERED_WORTH,
+    "KERNEL_SIGMA": predicted_kernel.KERNEL_SIGMA_PX,
+    "FILTERED_WORTH": predicted_kernel.FILTERED_WORTH,
     "DEVIATIONS": cgts_inputs.CLIPPED_DEVIATIONS,
     "RANGE_RATE": auxiliary_buffers.RANGE_RATE,
     "CGTS_MOST_WORTH": cgts_network.MOST_WORTH,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 import torch
 
-from rtsr_cli.core.imaging.resampling import repeat_samples
-from rtsr_cli.models.cgts.kernel import (
+from rtsr_cli.core.imaging.predicted_kernel import (
     KERNEL_SIGMA_PX,
     TAPS,
     continue_samples,
     filter_samples,
     measure_reach,
 )
+from rtsr_cli.core.imaging.resampling import repeat_samples
 
 JITTERS = [(0.0, 0.0), (0.375, -0.125), (-0.375, 0.125)]
 
