@@ -73,6 +73,8 @@ def test_what_the_renderer_writes_by_itself_is_understood(rtsr: Run, shot: Path)
     assert said == {
         "material": "shot:ViewLayer.Diffuse Color.RGB + shot:ViewLayer.Glossy Color.RGB",
         "emission": "shot:ViewLayer.Emission.RGB + shot:ViewLayer.Environment.RGB",
+        # Blender's vectors to the next frame point the other way
+        "forward": "-1 * shot:ViewLayer.Vector.ZW",
     }
     assert facts["buffers"]["albedo"]["channels"][0] == "shot:ViewLayer.Diffuse Color.R"
     for system in ("demod-bicubic", "demod-guided", "fusesr", "nsrd"):
