@@ -125,6 +125,29 @@ def test_strips_of_the_head_are_the_whole(
         torch.testing.assert_close(image_of(ours), image_of(theirs), rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.parametrize("scale", [2, 4])
+def test_corrections_of_strips_are_those_of_the_graph(
+    scale: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pixels that are described strip by strip, their rows' neighbours included."""
+    monkeypatch.setattr("rtsr_cli.models.gather.network.STRIP_ROWS", 2)
+    torch.manual_seed(5)
+    one, three, two = (torch.rand(1, c, 6 * scale, 5 * scale) for c in (1, 3, 2))
+    images = {
+        **{"mask": torch.ones(1, 1, 6, 5), "depth": 1.0 + one, "roughness": one, "motion": two},
+        **{"normal": nn.functional.normalize(three - 0.5, dim=1), "material": three},
+        **{"history": three.flip(2), "worth": one, "own": three, "fit": one, "seen": one},
+        "change": three - 0.5,
+    }
+    samples, network = torch.rand(1, LR_CHANNELS, 6, 5), build(moved=0.3)
+    # what a block's mean takes from beyond a strip is a small part of what is seen
+    with torch.no_grad():
+        network.trunk.first.weight.mul_(5.0)
+        whole = network.correct({"samples": samples, "pixels": see_pixels(images)})["corrections"]
+        strips = network._correct_in_strips(samples, images)
+    torch.testing.assert_close(strips, whole, rtol=1e-4, atol=1e-4)
+
+
 def test_whatever_it_learned_another_surface_weighs_nothing(make_windows: MakeWindows) -> None:
     """History of surfaces that are not there any more, believed as far as it can be."""
     windows = make_windows(SYSTEM, 4, count=2, optional=True)
