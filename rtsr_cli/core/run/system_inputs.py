@@ -35,6 +35,11 @@ class SystemTable:
     when: Mapping[str, tuple[InputCondition, ...]] = field(default_factory=dict)
 
 
+WITHOUT_FRAMES = (
+    "frames that lack what others hold may be moved out of the folder (--on-missing skip|hold)"
+)
+"""What helps where some frames lack a buffer."""
+
 CAMERA_REMEDY = ' (cameras: matrices in the headers, or camera = "camera.csv", a row a frame)'
 """Where camera matrices are declared."""
 
@@ -178,8 +183,15 @@ def check_inputs(
             f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "
             f"{'; '.join(_describe_buffers(reader) for reader in source.readers)}. Render what is "
             f"missing, declare it in capture.toml{remedy}{_suggest_parent(source)}"
+            f"{_suggest_without(source)}"
             f"{describe_likely(source, missing)}"
         )
+
+
+def _suggest_without(source: PairSource) -> str:
+    """Say how to do without frames that lack what others hold; empty where none does."""
+    partial = any(b not in r.stored for r in source.readers for b in r.lacking)
+    return f"; {WITHOUT_FRAMES}" if partial else ""
 
 
 def describe_likely(source: PairSource, missing: Collection[str]) -> str:
