@@ -228,7 +228,8 @@ def inspect_shot(
         referenced=is_folder(shot.root / REFERENCE_FOLDER),
     )
     ready = judge_commands(commands, known, inspection.problems)
-    return replace(inspection, commands=ready, fixes=list_fixes(ready, _list_hints(main, hr)))
+    fixes = list_fixes(ready, _list_hints(main, hr, capture))
+    return replace(inspection, commands=ready, fixes=fixes)
 
 
 def _settle_cameras(main: SetInspection, hr: SetInspection) -> tuple[SetInspection, SetInspection]:
@@ -244,7 +245,9 @@ def _settle_cameras(main: SetInspection, hr: SetInspection) -> tuple[SetInspecti
     )
 
 
-def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
+def _list_hints(
+    main: SetInspection, hr: SetInspection | None, capture: CaptureDeclaration
+) -> Hints:
     """What is known that may stand for what is missing; of the frames that lead first."""
     sets = [one for one in (main, hr) if one is not None]
     guessed = {b: places for one in reversed(sets) for b, places in one.guessed.items()}
@@ -262,6 +265,7 @@ def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
         material=material,
         base_colour=_describe_base_colour(settled, main),
         camera=camera,
+        side_car=capture.camera.file or "",
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import pytest
 
 from rtsr_cli.core.frames.buffers import Buffer
@@ -39,6 +41,22 @@ def test_what_no_line_provides_has_none(missing: str) -> None:
 def test_matrices_of_another_convention_are_declared() -> None:
     hints = Hints(camera="column-vectors")
     assert lines(("lr camera", "hr camera"), hints) == ['convention = "column-vectors"']
+
+
+def test_a_side_car_that_is_declared_is_not_offered_again() -> None:
+    assert lines(("camera",), Hints(side_car="poses.csv")) == []
+    hints = Hints(side_car="poses.csv", camera="mitsuba")
+    (line,) = lines(("camera",), hints)
+    assert tomllib.loads(line) == {"camera": {"file": "poses.csv", "convention": "mitsuba"}}
+
+
+@pytest.mark.parametrize("bare", ["metallic", "roughness", "hr frames", "camera"])
+def test_what_would_unlock_nothing_is_not_offered(bare: str) -> None:
+    assert len(lines((bare,))) == 1
+    assert lines((bare, "normal")) == []
+    hints = Hints(guessed={Buffer.ALBEDO: ("base.R", "base.G", "base.B")})
+    assert len(lines((bare, "albedo"), hints)) == 2
+    assert len(lines((bare, "albedo", "normal"), hints)) == 1
 
 
 def test_a_channel_goes_before_a_constant_and_smoothness_is_turned() -> None:
