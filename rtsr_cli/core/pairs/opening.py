@@ -15,7 +15,6 @@ from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_heade
 from rtsr_cli.core.captures.layers import join_layer, list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared
 from rtsr_cli.core.captures.lent_motion import lend_motion
-from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.reader import FrameReader
@@ -35,7 +34,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import Selection
-from rtsr_cli.core.pairs.real_pairs import open_real_pairs
+from rtsr_cli.core.pairs.real_pairs import open_real_pairs, settle_cameras
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
@@ -344,14 +343,14 @@ def open_pair(
     target = None
     if hr is not None:
         target = open_set(hr, opened, jittered=False, vectors=False, beside=measured)
-        lr, target = share_verdicts(lr, target)
-    return open_real_pairs(
+    pairs = open_real_pairs(
         lr,
         target,
         scale or opened.declarations.capture.scale,
         skip_missing=opened.options.on_missing is MissingPolicy.SKIP,
         wanted=opened.options.selection.frames,
     )
+    return settle_cameras(pairs)
 
 
 def open_capture(opened: OpenedShot) -> FrameReader:
