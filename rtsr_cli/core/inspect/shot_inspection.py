@@ -56,6 +56,7 @@ from rtsr_cli.core.pairs.opening import (
     OpenedShot,
     ReadOptions,
     check_channels,
+    leave_out_absent,
     measure_set,
     open_shot,
     survey_set,
@@ -192,6 +193,9 @@ def inspect_shot(
         opened = error
     surveyed = [_survey_headers(s, headers) for s in (shot.frames, shot.hr) if s is not None]
     capture, wrong = _read_declarations(opened, surveyed)
+    if wrong and not isinstance(opened, RtsrError):
+        # said once, as what is wrong, and of the rest of the frames nothing more by it
+        opened = leave_out_absent(opened, [one.readable for one in surveyed])
     main = _inspect_set(surveyed[0], opened, every=every)
     others = [_inspect_set(s, opened, every=every, beside=main) for s in surveyed[1:]]
     main = replace(main, problems=_drop_repeats((*wrong, *main.problems)))

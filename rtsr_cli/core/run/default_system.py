@@ -174,9 +174,10 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> st
 def _describe_lacks(lacks: Collection[str], longest: Collection[str], *, plural: bool) -> str:
     """Name all that systems lack, by what they do not lack of a list just given if that is less."""
     spared = [name for name in longest if name not in lacks]
+    verb = "need" if plural else "needs"
     if set(lacks) < set(longest) and len(spared) < len(lacks):
-        return f"the same but {join_names(spared)}"
-    return f"{'need' if plural else 'needs'} {join_names(list(lacks))}"
+        return f"{verb} all of that but {join_names(spared)}"
+    return f"{verb} {join_names(list(lacks))}"
 
 
 def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:

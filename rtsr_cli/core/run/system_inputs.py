@@ -87,14 +87,22 @@ def resolve_unshaded_inputs(
     )
 
 
-def check_system(system: System, source: PairSource, inputs: PairInputs) -> None:
+def check_system(
+    system: System, source: PairSource, inputs: PairInputs, *, remedy: str = ""
+) -> None:
     """Raise if a shot cannot feed a system.
+
+    Args:
+        system: that is to run.
+        source: the shot's pairs.
+        inputs: what is read of them.
+        remedy: what else would help, as `check_inputs` has it.
 
     Raises:
         FrameFolderError: names the folder, what is missing and what would help.
     """
     another = ", or choose another --system" if system.task is SystemTask.UPSCALE else ""
-    check_inputs(f"system '{system.name}'", source, inputs, remedy=another)
+    check_inputs(f"system '{system.name}'", source, inputs, remedy=f"{another}{remedy}")
     if system.scales and source.scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)
         raise FrameFolderError(
