@@ -412,7 +412,7 @@ def test_other_letters_of_the_same_channels_are_offered(
     assert f"did you mean '{meant}'?" in refused.output
 
 
-@pytest.mark.parametrize(("lacks", "offered"), [(("metallic",), True), (MOTION, False)])
+@pytest.mark.parametrize(("lacks", "offered"), [(("albedo.G",), True), (MOTION, False)])
 def test_predict_vrs_offers_the_estimate_that_needs_less(
     rtsr: Run, capture: Copy, lacks: tuple[str, ...], offered: bool
 ) -> None:
