@@ -4,7 +4,8 @@
 
 A folder holds pairs (`rtsr synth OUT --size 192x96 --frames 1-3 --shots 4 --scale 4` writes some),
 or captures, of which samples at a corner of each block are LR. A row is a frame: as it is, the best
-of the ways in which HR may be turned; and of depth alone, as it is and HR of the next frame.
+of the ways in which HR may be turned; of depth alone, as it is and HR of the next frame; and of
+base colour alone, as it is and the best of the ways in which its channels or encoding may differ.
 """
 
 from __future__ import annotations
@@ -22,7 +23,13 @@ from rtsr_cli.core.pairs.opening import (
     open_set,
     open_shot,
 )
-from rtsr_cli.core.pairs.pair_agreement import COMPARED, TURNED, flip, measure_strays
+from rtsr_cli.core.pairs.pair_agreement import (
+    COMPARED,
+    TURNED,
+    flip,
+    measure_colour,
+    measure_strays,
+)
 
 Case = tuple[str, int, GBuffer, GBuffer, GBuffer]
 """Name, scale, LR, HR, HR of the next frame."""
@@ -68,7 +75,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     parser.add_argument("--scale", nargs="+", type=int, default=[2, 3, 4])
     asked = parser.parse_args()
-    print(f"{'':32}  as it is    turned    depth     next")
+    print(f"{'':32}  as it is    turned    depth     next   colour   others")
     for folder in asked.folders:
         for name, scale, lr, hr, other in list_cases(folder, asked.scale):
             depth = lr.only((Buffer.DEPTH,))
@@ -76,6 +83,9 @@ def main() -> None:
             found = (measure_strays(lr, hr, scale), min(share or 0.0 for share in turned))
             moved = [measure_strays(depth, image, scale) for image in (hr, other)]
             shares = [share or 0.0 for share in (*found, *moved)]
+            if Buffer.ALBEDO in lr:
+                strays, others = measure_colour(Buffer.ALBEDO, lr, hr, scale)
+                shares += [strays, min(others.values())]
             print(f"{name:28} {scale}x", *(f"{share:9.4f}" for share in shares), flush=True)
 
 

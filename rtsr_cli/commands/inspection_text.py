@@ -232,7 +232,7 @@ def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:
 
 def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str:
     if reader.camera_unfit:
-        return "matrices that do not hold are not used: see the problems"
+        return "the matrices that are there are not used: see the problems"
     if reader.has_camera:
         read = f", read as {reader.matrices}" if reader.matrices.words else ""
         return f"worldToCamera and worldToNDC of every frame{read}; {_describe_proof(settled)}"

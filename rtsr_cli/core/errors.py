@@ -93,10 +93,19 @@ MOST_LISTED, MOST_NEAREST = 20, 5
 """Names that are listed in full, and how many of the nearest of more."""
 
 
-def did_you_mean(word: str, known: Iterable[str], *, listed: str = "there are") -> str:
-    """Return `, did you mean 'x'?` for a near miss, and what there is: all, or the nearest."""
+def did_you_mean(
+    word: str, known: Iterable[str], *, listed: str = "there are", meant: str = ""
+) -> str:
+    """Return `, did you mean 'x'?` for a near miss, and what there is: all, or the nearest.
+
+    Args:
+        word: as written.
+        known: what it might have been.
+        listed: said before what there is.
+        meant: what it stands for, if that is known better than by its letters.
+    """
     names = list(known)
-    close = difflib.get_close_matches(word, names, n=1, cutoff=LEAST_LIKE)
+    close = [meant] if meant else difflib.get_close_matches(word, names, n=1, cutoff=LEAST_LIKE)
     hint = f", did you mean '{close[0]}'?" if close else ""
     if len(names) > MOST_LISTED:
         nearest = find_nearest(word, names)

@@ -77,8 +77,8 @@ def test_nothing_that_is_missing_is_hidden_and_no_advice_said_twice(
     for name in ("albedo", "metallic", "roughness", "normal", "camera", "depth", "motion"):
         assert name in best
     assert "and hr frames: give G-buffers" in best
-    assert guided.endswith("demod-guided the same but motion")
-    assert plain == "demod-bicubic the same but depth and motion"
+    assert guided.endswith("demod-guided need all of that but motion")
+    assert plain == "demod-bicubic needs all of that but depth and motion"
     assert "more" not in better
     assert better.count("--hr DIR") == better.count("side-car") == 1
 
@@ -387,3 +387,36 @@ def test_evaluate_names_what_it_did_not_search(rtsr: Run, small_shot: Path, tmp_
     assert f"Warning: {test}: not searched: {test / 'again'}" in result.output
     (plan,) = (json.loads(text) for text in rtsr(*line, "--json").stdout.splitlines())
     assert "not searched" in plan["remarks"][0]
+
+
+def test_a_mistyped_channel_is_said_once(rtsr: Run, capture: Copy) -> None:
+    folder = capture()
+    declared = 'layout = "rtsr"\n[buffers]\nalbedo = "albdo.RGB"\n'
+    (folder / "capture.toml").write_text(declared)
+    report = rtsr("inspect", folder).output
+    assert "no channel is called 'albdo.R'" in report
+    assert "holds what is declared" not in report
+
+
+@pytest.mark.parametrize(
+    ("declared", "meant"),
+    [('normal = "normal.RGB"', "normal.XYZ"), ('albedo = "albedo.XYZ"', "albedo.RGB")],
+)
+def test_other_letters_of_the_same_channels_are_offered(
+    rtsr: Run, capture: Copy, declared: str, meant: str
+) -> None:
+    folder = capture()
+    (folder / "capture.toml").write_text(f'layout = "rtsr"\n[buffers]\n{declared}\n')
+    refused = rtsr("upscale", folder, folder.parent / "out", "--simulate-lr", 4)
+    assert refused.exit_code == 3
+    assert f"did you mean '{meant}'?" in refused.output
+
+
+@pytest.mark.parametrize(("lacks", "offered"), [(("albedo.G",), True), (MOTION, False)])
+def test_predict_vrs_offers_the_estimate_that_needs_less(
+    rtsr: Run, capture: Copy, lacks: tuple[str, ...], offered: bool
+) -> None:
+    folder = capture(lacks)
+    refused = rtsr("predict-vrs", folder, folder.parent / "out", "--dry-run")
+    assert refused.exit_code == 3
+    assert ("--estimator analytic" in refused.output) is offered

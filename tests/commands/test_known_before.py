@@ -112,7 +112,7 @@ REASONS = [
     ),
     pytest.param(no_camera_once, "", SYSTEM, f"camera of frame {BAD}", id="view cosine"),
     pytest.param(singular_once, "", SYSTEM, f"camera (frame {BAD}: worldToCamera", id="singular"),
-    pytest.param(no_roughness_once, "", TAAU, f"frames {BAD}: buffer 'roughness'", id="channel"),
+    pytest.param(no_roughness_once, "", SYSTEM, f"missing: roughness of frame {BAD}", id="channel"),
     pytest.param(smaller_once, "", TAAU, f"frame {BAD} is 96 x 64", id="size"),
     pytest.param(
         spare_but_once,

@@ -71,8 +71,9 @@ def test_a_missing_hr_channel_names_folder_buffer_and_remedy(
 
 def test_a_channel_that_disappears_names_the_frame(rtsr: Run, shot: Path, tmp_path: Path) -> None:
     rewrite(shot / "hr" / "frame.0003.exr", lambda p: p.pop("roughness") is None or None)
-    message = refusal(rtsr("upscale", shot, tmp_path / "out"))
-    assert f"{shot}/hr, frames 3: buffer 'roughness' is missing" in message
+    message = refusal(rtsr("upscale", shot, tmp_path / "out", "--system", "demod-guided"))
+    assert "may be moved out of the folder (--on-missing skip|hold)" in message
+    assert "missing: hr roughness of frame 3" in message
 
 
 def test_a_frame_of_another_size(rtsr: Run, shot: Path, tmp_path: Path) -> None:

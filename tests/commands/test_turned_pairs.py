@@ -33,6 +33,7 @@ def test_upscale_reads_no_turned_gbuffer(rtsr: Run, turned: Path, tmp_path: Path
     assert f"{turned / 'hr'}: frame 3: " in refused.output
     assert "HR looks upside down" in refused.output
     assert "choose another --system (system 'demod-guided'" in refused.output
+    assert "camera matrices of frame" not in refused.output
     assert not (tmp_path / "no").exists()
     chosen = rtsr("upscale", turned, tmp_path / "out", "--frames", 1)
     assert chosen.exit_code == 0, chosen.output
@@ -47,7 +48,21 @@ def test_inspect_names_a_turned_gbuffer(rtsr: Run, turned: Path, small_shot: Pat
     said = rtsr("inspect", turned).output
     assert f"{turned / 'hr'}: frame 3: " in said
     assert "HR looks upside down" in said
+    assert "camera matrices of frame" not in said
     (guided,) = (line for line in said.splitlines() if "demod-guided" in line)
     assert "missing" in guided
-    assert "frames of hr that fit lr" in guided
+    assert guided.endswith("frames of hr that fit lr")
     assert "HR looks" not in rtsr("inspect", small_shot).output
+
+
+def test_train_records_no_turned_gbuffer(rtsr: Run, turned: Path, tmp_path: Path) -> None:
+    shutil.copytree(turned / "hr", turned / "reference")
+    few = ("--set", "training.steps=2", "--set", "training.crop=8", "--set", "training.batch=1")
+    run = ("--out", tmp_path / "run", "--cache", tmp_path / "cache", *few)
+    refused = rtsr("train", "fusesr", turned, *run)
+    assert refused.exit_code == 3, refused.output
+    assert f"{turned / 'hr'}: frame 3: " in refused.output
+    assert "HR looks upside down" in refused.output
+    assert "leave the shot out (data.exclude)" in refused.output
+    assert not list((tmp_path / "cache").rglob("*.json"))
+    assert not list((tmp_path / "run").rglob("*.safetensors"))

@@ -201,7 +201,7 @@ def test_what_one_frame_lacks_is_named(rtsr: Run, bare: Path, tmp_path: Path) ->
     broken = copy(bare, tmp_path / "broken", drop(("motion.X", "motion.Y"), (4,)))
     result = rtsr("extrapolate", broken, tmp_path / "out")
     assert result.exit_code == 3
-    assert "frames 4: buffer 'motion' is missing" in result.output
+    assert "missing: motion of frame 4" in result.output
     kinds = copy(bare, tmp_path / "kinds", drop(("motion.X", "motion.Y"), (2, 4, 6)))
     result = rtsr("extrapolate", kinds, tmp_path / "out")
     assert result.exit_code == 3

@@ -226,3 +226,34 @@ def test_facts_of_single_frames_are_those_of_the_text(rtsr: Any, tmp_path: Path)
     assert found["refused"] is None
     give_matrices(shot, {12: 12}, transpose=True)
     assert "of frame 12, worldToCamera has a last column" in inspect_camera(rtsr, shot)["refused"]
+
+
+@pytest.mark.parametrize(
+    ("column", "words"),
+    [
+        ("to_world", "column-vectors, mitsuba"),
+        ("worldToCamera", "column-vectors, camera-to-world, mitsuba"),
+        ("view", "mitsuba"),
+    ],
+)
+def test_mitsuba_matrices_beside_a_field_of_view_are_recognised(
+    rtsr: Any, tmp_path: Path, column: str, words: str
+) -> None:
+    """`to_world` looks along +z with x left; clip space follows from the field of view."""
+    shot = write_synth(rtsr, tmp_path / "shot", 3)
+    text = '[camera]\nfile = "camera.csv"\n'
+    (shot / "capture.toml").write_text(text, encoding="utf-8")
+    lines = [f"frame,{column},fov_x,near"]
+    for number, path in enumerate(sorted(shot.glob("*.exr")), start=1):
+        view, ndc = (np.asarray(read_header(path).attributes[name], float) for name in MATRICES)
+        lens = np.linalg.inv(view) @ ndc
+        turned = view @ np.diag([-1.0, 1.0, -1.0, 1.0])
+        stored = turned if column == "view" else np.linalg.inv(turned).T
+        angle = np.degrees(2.0 * np.arctan(1.0 / lens[0, 0]))
+        lines.append(f"{number},{' '.join(map(str, stored.ravel()))},{angle},0.1")
+    (shot / "camera.csv").write_text("\n".join(lines), encoding="utf-8")
+    assert f'[camera] convention = "{words}"' in inspect_camera(rtsr, shot)["refused"]
+    (shot / "capture.toml").write_text(f'{text}convention = "{words}"\n', encoding="utf-8")
+    checked = inspect_camera(rtsr, shot)
+    assert not checked["refused"]
+    assert checked["verified"]

@@ -32,7 +32,7 @@ MATRIX_COLUMNS = ("worldToCamera", "cameraToWorld", "worldToNDC", "projection")
 SPELLINGS: Mapping[str, tuple[str, ...]] = {
     "frame": ("frameNumber",),
     "worldToCamera": ("view", "viewMatrix", "worldToView"),
-    "cameraToWorld": ("viewToWorld", "inverseView"),
+    "cameraToWorld": ("viewToWorld", "inverseView", "toWorld", "matrixWorld"),
     "worldToNDC": ("worldToNdc", "viewProjection", "viewProj", "worldToClip"),
     "projection": ("projectionMatrix", "cameraToNDC", "cameraToNdc", "cameraToClip"),
     "fov_x": ("fovX", "horizontalFov", "hfov"),
@@ -185,7 +185,12 @@ class CameraRow(BaseModel):
             pre_exposure=self.pre_exposure,
             cut=self.cut,
             fault=self.fault,
+            of_lens=ndc is not None and matrices.lens is not None and not self._names_clip_space,
         )
+
+    @property
+    def _names_clip_space(self) -> bool:
+        return self.world_to_ndc is not None or self.projection is not None
 
     def _make_lens(self, size: Size | None) -> Tensor | None:
         """Perspective of one field of view or both; the other one follows from the size."""

@@ -204,24 +204,31 @@ def _bind_view(
     where: str,
     layer: str | None,
 ) -> BoundLayers:
-    """Bind what a view holds; of a layer that no layout knows, what its names hold without it."""
+    """Bind what a view holds; of a layer, what its names hold without it where that is more."""
     inside = {} if layer is None else _list_inside(names, layer)
     unknown: FrameFolderError | None = None
+    bound: BoundLayers | None = None
     try:
         bound = _bind_names(named, capture, names, where, layer)
-        if bound.layer or not inside or layer is None:
+        if not inside or layer is None:
             return bound
-    except LayerChoiceError:
-        raise
     except FrameFolderError as error:
         if not inside:
             raise
         unknown = error
     try:
-        bound = _bind_names(named, capture, inside, where, None)
+        other = _bind_names(named, capture, inside, where, None)
     except FrameFolderError as error:
+        if bound is not None and bound.layer:
+            return bound
         raise unknown or error from error
-    return replace(bound, layers=(str(layer),), layer=str(layer))
+    if isinstance(unknown, LayerChoiceError) and len(other.binding) == 1:
+        # a group of one buffer is no choice for the others
+        raise unknown
+    if bound is not None and bound.layer and len(bound.binding) >= len(other.binding):
+        return bound
+    layers = bound.layers if bound is not None and layer in bound.layers else (str(layer),)
+    return replace(other, layers=layers, layer=str(layer))
 
 
 def _list_inside(names: _Names, layer: str) -> _Names:

@@ -28,7 +28,7 @@ from rtsr_cli.core.captures.layouts import ChannelSum, Component, Layout, Term
 from rtsr_cli.core.captures.presets import LAYOUTS
 from rtsr_cli.core.documents import DocumentError, read_toml_text
 from rtsr_cli.core.errors import ConfigError, FrameFolderError, LayerChoiceError, did_you_mean
-from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.frames.conventions import Conventions
 
 
@@ -178,6 +178,22 @@ def _replace_buffers(layout: Layout | None, own: Mapping[Buffer, tuple[Component
     )
 
 
+def list_absent(
+    declared: Mapping[Buffer, tuple[Component, ...]], sets: Sequence[Streams]
+) -> tuple[Buffer, ...]:
+    """Return the buffers that a user spelled out and that no resolution's files hold.
+
+    Args:
+        declared: buffers, as they are spelled out.
+        sets: file sequences and channels of each resolution.
+    """
+    return tuple(
+        buffer
+        for buffer, components in declared.items()
+        if not any(_are_held({buffer: components}, streams) for streams in sets)
+    )
+
+
 def check_declared(
     declared: Mapping[Buffer, tuple[Component, ...]],
     sets: Sequence[Streams],
@@ -195,9 +211,8 @@ def check_declared(
     Raises:
         FrameFolderError: one is in none; names buffer, channel, and the channels there are.
     """
-    for buffer, components in declared.items():
-        if any(_are_held({buffer: components}, streams) for streams in sets):
-            continue
+    for buffer in list_absent(declared, sets):
+        components = declared[buffer]
         for term in (term for component in components for term in component.terms):
             part = Component(places=(ChannelSum(terms=(term,)),))
             if not any(_are_held({buffer: (part,)}, streams) for streams in sets):
@@ -209,6 +224,21 @@ def _are_held(buffers: Mapping[Buffer, tuple[Component, ...]], streams: Streams)
     return match_layout(Layout(name="", description="", buffers=buffers), streams).explained > 0
 
 
+LETTERS = ("RGB", "XYZ", "UVW")
+"""Components as they are written, in turn."""
+
+
+def _find_letters(buffer: Buffer, channel: str, channels: Sequence[str]) -> str:
+    """The channels of a buffer that are there under other letters: `normal.XYZ` for `normal.R`."""
+    stem, _, letter = channel.rpartition(".")
+    count = BUFFER_SPECS[buffer].channels
+    for letters in (every[:count] for every in LETTERS):
+        held = all(f"{stem}.{one}" in channels for one in letters)
+        if held and count > 1 and letter not in letters and letter in "".join(LETTERS):
+            return f"{stem}.{letters}"
+    return ""
+
+
 def _describe_absence(buffer: Buffer, term: Term, sets: Sequence[Streams], source: str) -> str:
     place = term.place
     spec = place.channel if place.file == "*" else f"{place.file}:{place.channel}"
@@ -217,9 +247,10 @@ def _describe_absence(buffer: Buffer, term: Term, sets: Sequence[Streams], sourc
     column = f"column {term.column}" if term.column else ""
     written = ", ".join(filter(None, (source, column)))
     stands = f"; it stands in {written}" if written else ""
+    meant = _find_letters(buffer, place.channel, channels)
     strange = explain_signs(place.channel) or explain_quotes(place.channel, channels)
     return (
         f"buffer '{buffer}': no channel is called '{spec}'"
-        f"{did_you_mean(place.channel, channels)}{strange}{stands}; "
+        f"{did_you_mean(place.channel, channels, meant=meant)}{strange}{stands}; "
         f"file sequences: {', '.join(map(repr, files))}"
     )

@@ -49,7 +49,8 @@ def guess_further(
         if not known.keys() & {key, key.rpartition("/")[0]}
     }
     guessed = guess_buffers(rest, check)
-    return {b: places for b, places in guessed.items() if b not in reader.binding}
+    known_buffers = reader.binding.keys() | reader.lacking.keys()
+    return {b: places for b, places in guessed.items() if b not in known_buffers}
 
 
 def suggest_lines(readers: Iterable[FrameReader], lacking: Collection[str]) -> tuple[str, ...]:

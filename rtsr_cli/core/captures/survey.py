@@ -35,6 +35,7 @@ from rtsr_cli.core.captures.unrendered_frames import (
     FirstHeaders,
     RenderedBinding,
     bind_rendered,
+    leave_out_partial,
     list_partial_streams,
     take_first,
 )
@@ -93,6 +94,7 @@ def open_frames(
         return bind_layers(layout, capture, first, str(frames.root), layer)
 
     found = bind_rendered(headers, bind) if unrendered else _bind_first(headers, bind)
+    found = leave_out_partial(found, headers, bind)
     first, bound = found.first, found.bound
     binding = bound.binding
     if capture.specular is SpecularWorkflow.F0:
@@ -114,7 +116,7 @@ def open_frames(
         layout=bound.layout,
         binding=binding,
         conventions=conventions,
-        warnings=contradictions,
+        warnings=(*contradictions, *found.warnings),
         region=region,
         places=tuple(places),
         numbers=numbers,

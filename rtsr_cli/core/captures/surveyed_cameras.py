@@ -97,6 +97,7 @@ class CameraSource:
             pre_exposure=row.pre_exposure,
             fault=_describe_half(*matrices) if matrices != (None, None) else row.fault,
             cut=row.cut or number in capture.camera_cuts,
+            of_lens=row.of_lens,
         )
 
     def _read_later(self, number: int) -> CameraMetadata:

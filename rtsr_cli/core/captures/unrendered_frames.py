@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from rtsr_cli.core.captures.bound_channels import Binding
+from rtsr_cli.core.captures.bound_channels import Binding, BoundChannel
 from rtsr_cli.core.captures.header_files import Headers
 from rtsr_cli.core.captures.layers import BoundLayers
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 
 FirstHeaders = Mapping[str, ExrHeader]
@@ -31,15 +32,17 @@ class RenderedBinding:
     Attributes:
         bound: layout and channels.
         first: what stands for the files of each sequence.
-        lacking: buffer -> frames that do not hold it: radiance, and what one kind of frames has
-            alone, which is then not bound.
-        notes: of the latter, for the user.
+        lacking: buffer -> frames that do not hold it: radiance, and what is not bound since one
+            kind of frames has it alone, or some frames have it not.
+        notes: of what one kind of frames has alone, for the user.
+        warnings: of what some frames have not.
     """
 
     bound: BoundLayers
     first: FirstHeaders
     lacking: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def take_first(headers: Headers) -> dict[str, ExrHeader]:
@@ -157,6 +160,60 @@ def _list_kept_apart(
         for buffer, without in lacking.items()
         if buffer not in RADIANCE_BUFFERS and without in (rendered, unrendered)
     ]
+
+
+def leave_out_partial(found: RenderedBinding, headers: Headers, bind: Bind) -> RenderedBinding:
+    """Bind no buffer that the files of some frames lack: the rest can be read of every frame.
+
+    Radiance stays bound, and a frame without it is refused by whoever takes it for rendered.
+
+    Args:
+        found: as bound by some files of each sequence.
+        headers: of all files that are of interest.
+        bind: finds buffers.
+    """
+    whole = found.bound.binding
+    joined = {key: join_headers(by_number.values()) for key, by_number in headers.items()}
+    if any(joined[key].channels != header.channels for key, header in found.first.items()):
+        other, _ = _try_binding(bind, joined)
+        if other is not None and other.layout == found.bound.layout:
+            whole = {**other.binding, **whole}
+    unheld = {
+        buffer: without
+        for buffer, parts in whole.items()
+        if buffer not in RADIANCE_BUFFERS | found.lacking.keys()
+        and (without := _list_without(headers, parts))
+    }
+    binding = {b: parts for b, parts in found.bound.binding.items() if b not in unheld}
+    return replace(
+        found,
+        bound=replace(found.bound, binding=binding),
+        lacking={**found.lacking, **unheld},
+        warnings=tuple(
+            _describe_partial(buffer, whole[buffer], headers, without)
+            for buffer, without in unheld.items()
+        ),
+    )
+
+
+def _list_without(headers: Headers, parts: Iterable[BoundChannel]) -> frozenset[int]:
+    """Frames whose files are there and lack a channel."""
+    return frozenset(
+        n for c in parts for n, h in headers[c.stream].items() if c.channel not in h.channels
+    )
+
+
+def _describe_partial(
+    buffer: Buffer, parts: Iterable[BoundChannel], headers: Headers, without: frozenset[int]
+) -> str:
+    held = next(c for c in parts if _list_without(headers, (c,)))
+    return (
+        f"{say_frames(without)}: buffer '{buffer}' is missing (channel '{held.channel}' is in "
+        f"other frames of '{held.stream}'), so that it is read of no frame; render "
+        f"{'this frame' if len(without) == 1 else 'these frames'} again, or move "
+        f"{'its file' if len(without) == 1 else 'their files'} out of the folder and use "
+        "--on-missing skip|hold"
+    )
 
 
 def list_partial_streams(binding: Binding) -> frozenset[str]:

@@ -49,13 +49,16 @@ class NamedPart:
         return self.name
 
     def find_view(self, channel: str) -> str:
-        """View that a channel of the part belongs to, empty if to none."""
+        """View that a channel of the part belongs to, empty if to none.
+
+        It stands before the component; before all the rest only where it does not stand there.
+        """
         if self.view or not self.views:
             return self.view
         *layers, _ = channel.split(".")
         if not layers:
             return self.views[0]
-        return layers[-1] if layers[-1] in self.views else ""
+        return next((name for name in (layers[-1], layers[0]) if name in self.views), "")
 
 
 def guess_views(channels: Sequence[str]) -> tuple[str, ...]:
@@ -63,7 +66,8 @@ def guess_views(channels: Sequence[str]) -> tuple[str, ...]:
 
     `R` beside `right.R` is of the left eye; beside `left.R` and `right.R` it is of neither.
     """
-    found = {name.split(".")[-2] for name in channels if "." in name}.intersection(STEREO)
+    layers = [name.split(".")[:-1] for name in channels if "." in name]
+    found = {name for held in layers for name in (held[-1], held[0])}.intersection(STEREO)
     if len(found) == 1 and "R" in channels:
         return (*(view for view in STEREO if view not in found), *found)
     return ("", *sorted(found)) if found else ()

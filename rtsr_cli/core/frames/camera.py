@@ -50,6 +50,7 @@ class CameraMetadata:
         pre_exposure: factor already applied to the radiance.
         cut: True where temporal history must not reach back beyond this frame.
         fault: why matrices that the files do have are none; empty if they are not at fault.
+        of_lens: whether world_to_ndc was made of world_to_camera and a field of view.
     """
 
     world_to_camera: Tensor | None = None
@@ -58,6 +59,7 @@ class CameraMetadata:
     pre_exposure: float = 1.0
     cut: bool = False
     fault: str = ""
+    of_lens: bool = False
 
     @property
     def has_matrices(self) -> bool:

@@ -39,12 +39,14 @@ class Fix:
         where: the line belongs.
         line: to paste.
         note: what it takes to be right; may be empty.
+        bare: whether nothing in the files speaks for it.
     """
 
     missing: str
     where: str
     line: str
     note: str = ""
+    bare: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +62,7 @@ class Hints:
         base_colour: what base colour is made of, where nothing else of the material is there, nor a
             camera that it would take; else empty.
         camera: convention by which matrices that are there would be right; empty if none is known.
+        side_car: file that the cameras are declared to be in; empty if none is.
     """
 
     guessed: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
@@ -69,6 +72,7 @@ class Hints:
     material: str = ""
     base_colour: str = ""
     camera: str = ""
+    side_car: str = ""
 
 
 def list_fixes(
@@ -76,17 +80,25 @@ def list_fixes(
 ) -> tuple[Fix, ...]:
     """Return the lines that would provide what the systems of commands lack.
 
+    A line that no file speaks for, a constant or a place, is offered where something would run with
+    the lines that there are; what lacks more beside it would gain nothing.
+
     Args:
         commands: by command, whether each of its systems or parts can run.
         hints: what may stand for what is missing.
     """
-    missing = dict.fromkeys(
-        name
-        for systems in commands.values()
-        for readiness in systems.values()
-        for name in map(strip_size, readiness.missing)
-    )
-    fixes = [fix for name in missing for fix in _list_fixes_of(name, hints)]
+    missing: dict[str, bool] = {}
+    for systems in commands.values():
+        for readiness in systems.values():
+            names = dict.fromkeys(map(strip_size, readiness.missing))
+            unlocks = all(any(True for _ in _list_fixes_of(name, hints)) for name in names)
+            missing.update({name: unlocks or missing.get(name, False) for name in names})
+    fixes = [
+        fix
+        for name, unlocks in missing.items()
+        for fix in _list_fixes_of(name, hints)
+        if unlocks or not fix.bare
+    ]
     # channels that may be something are worth a line even while nothing can be read at all
     known = {fix.line for fix in fixes}
     offered = [_declare_guess(b, hints) for b in hints.guessed] if _is_unread(missing) else []
@@ -113,21 +125,18 @@ UNREAD, UNNAMED = "a known layout", "a named layout"
 """What is missing where no layout fits, and where one fits that nothing proves."""
 
 
-def _is_unread(missing: Mapping[str, None]) -> bool:
+def _is_unread(missing: Mapping[str, bool]) -> bool:
     return UNREAD in missing
 
 
 def _list_fixes_of(missing: str, hints: Hints) -> Iterator[Fix]:
     if missing in {buffer.value for buffer in Buffer}:
         yield from _list_buffer_fixes(Buffer(missing), hints)
-    elif missing.startswith(CAMERA) and hints.camera:
-        line = f"convention = {write_toml_value(hints.camera)}"
-        yield Fix(missing=missing, where=CAMERA_TABLE, line=line, note="what they look like")
     elif missing.startswith(CAMERA):
-        yield Fix(missing=missing, where=HEAD, line='camera = "camera.csv"', note=CAMERA_NOTE)
+        yield from _list_camera_fixes(missing, hints)
     elif missing == HR_FRAMES:
         note = "the folder of the G-buffers of the target size"
-        yield Fix(missing=missing, where=SHELL, line="--hr DIR", note=note)
+        yield Fix(missing=missing, where=SHELL, line="--hr DIR", note=note, bare=True)
     elif hints.layout and missing == UNNAMED:
         line = f"layout = {write_toml_value(hints.layout)}"
         yield Fix(missing=missing, where=HEAD, line=line, note="or --layout")
@@ -135,6 +144,21 @@ def _list_fixes_of(missing: str, hints: Hints) -> Iterator[Fix]:
         for name in hints.layers:
             line = f"layer = {write_toml_value(name)}"
             yield Fix(missing=missing, where=HEAD, line=line, note="or --layer NAME")
+
+
+def _list_camera_fixes(missing: str, hints: Hints) -> Iterator[Fix]:
+    """Say what matrices look like, or where to give some; none where a side-car is at fault."""
+    convention = f"convention = {write_toml_value(hints.camera)}"
+    if hints.camera and hints.side_car:
+        # beside `camera = "camera.csv"` a table [camera] would be no TOML
+        line = f"camera = {{file = {write_toml_value(hints.side_car)}, {convention}}}"
+        note = "what they look like; in the place of what it says of the camera"
+        yield Fix(missing=missing, where=HEAD, line=line, note=note)
+    elif hints.camera:
+        yield Fix(missing=missing, where=CAMERA_TABLE, line=convention, note="what they look like")
+    elif not hints.side_car:
+        line = 'camera = "camera.csv"'
+        yield Fix(missing=missing, where=HEAD, line=line, note=CAMERA_NOTE, bare=True)
 
 
 def _list_buffer_fixes(buffer: Buffer, hints: Hints) -> Iterator[Fix]:
@@ -151,7 +175,7 @@ def _list_buffer_fixes(buffer: Buffer, hints: Hints) -> Iterator[Fix]:
     elif buffer in CONSTANTS and buffer not in hints.named:
         value, note = CONSTANTS[buffer]
         line = f"{buffer} = {write_toml_value(value)}"
-        yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=note)
+        yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=note, bare=True)
 
 
 def _declare_guess(buffer: Buffer, hints: Hints) -> Fix:

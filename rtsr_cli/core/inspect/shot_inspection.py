@@ -56,10 +56,12 @@ from rtsr_cli.core.pairs.opening import (
     OpenedShot,
     ReadOptions,
     check_channels,
+    leave_out_absent,
     measure_set,
     open_shot,
     survey_set,
 )
+from rtsr_cli.core.pairs.real_pairs import open_real_pairs
 from rtsr_cli.core.pairs.sources import NAMED_LAYOUT
 
 NEEDS_NO_RADIANCE = "extrapolate needs none there"
@@ -191,12 +193,15 @@ def inspect_shot(
         opened = error
     surveyed = [_survey_headers(s, headers) for s in (shot.frames, shot.hr) if s is not None]
     capture, wrong = _read_declarations(opened, surveyed)
+    if wrong and not isinstance(opened, RtsrError):
+        # said once, as what is wrong, and of the rest of the frames nothing more by it
+        opened = leave_out_absent(opened, [one.readable for one in surveyed])
     main = _inspect_set(surveyed[0], opened, every=every)
     others = [_inspect_set(s, opened, every=every, beside=main) for s in surveyed[1:]]
     main = replace(main, problems=_drop_repeats((*wrong, *main.problems)))
     hr = others[0] if others else None
     if hr is not None:
-        main, hr = _settle_cameras(main, hr)
+        main, hr = _settle_cameras(main, hr, capture.scale)
     sources: Sources = []
     if main.reader is not None and hr is None:
         sources = list_single_sources(main.reader, capture.scale)
@@ -228,23 +233,40 @@ def inspect_shot(
         referenced=is_folder(shot.root / REFERENCE_FOLDER),
     )
     ready = judge_commands(commands, known, inspection.problems)
-    return replace(inspection, commands=ready, fixes=list_fixes(ready, _list_hints(main, hr)))
+    fixes = list_fixes(ready, _list_hints(main, hr, capture))
+    return replace(inspection, commands=ready, fixes=fixes)
 
 
-def _settle_cameras(main: SetInspection, hr: SetInspection) -> tuple[SetInspection, SetInspection]:
+def _settle_cameras(
+    main: SetInspection, hr: SetInspection, scale: int | None
+) -> tuple[SetInspection, SetInspection]:
     """Read the cameras of both resolutions as commands do, and say where they differ."""
     if main.settled is None or hr.settled is None:
         return main, hr
-    lr_reader, hr_reader = share_verdicts(main.settled.reader, hr.settled.reader)
-    said = (t for t in hr_reader.warnings if t not in hr.settled.reader.warnings)
-    problems = _drop_repeats((*hr.problems, *(ShotProblem(text=text) for text in said)))
+    lr, target = main.settled.reader, hr.settled.reader
+    lr_reader, hr_reader = share_verdicts(lr, target, lambda: _read_misfit(lr, target, scale))
+    said = (t for t in hr_reader.warnings if t not in target.warnings)
+    kept = hr.problems
+    if hr_reader.camera_unfit != target.camera_unfit and target.camera_unfit:
+        kept = tuple(p for p in kept if target.camera_unfit not in p.text)
+    problems = _drop_repeats((*kept, *(ShotProblem(text=text) for text in said)))
     return (
         replace(main, settled=replace(main.settled, reader=lr_reader)),
         replace(hr, settled=replace(hr.settled, reader=hr_reader), problems=problems),
     )
 
 
-def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
+def _read_misfit(lr: FrameReader, hr: FrameReader, scale: int | None) -> str:
+    """How HR's pixels are none of LR's; empty if they are, or cannot be compared."""
+    try:
+        return open_real_pairs(lr, hr, scale, skip_missing=True).misfit
+    except RtsrError:
+        return ""
+
+
+def _list_hints(
+    main: SetInspection, hr: SetInspection | None, capture: CaptureDeclaration
+) -> Hints:
     """What is known that may stand for what is missing; of the frames that lead first."""
     sets = [one for one in (main, hr) if one is not None]
     guessed = {b: places for one in reversed(sets) for b, places in one.guessed.items()}
@@ -262,6 +284,7 @@ def _list_hints(main: SetInspection, hr: SetInspection | None) -> Hints:
         material=material,
         base_colour=_describe_base_colour(settled, main),
         camera=camera,
+        side_car=capture.camera.file or "",
     )
 
 

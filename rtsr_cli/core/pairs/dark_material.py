@@ -12,9 +12,10 @@ dark HR pixels around have no material either, so that radiance is enlarged ther
 so in all channels, or as good as 0 in one: a wall of a saturated colour keeps its lighting. So does
 metal of one, whose edges shine in all: samples that hang together with a group go with it while
 
-    in a channel  m(q) <= DARK  and  L(q) > BESIDE k
+    in a channel c  m_c(q) <= DARK  and  L_c(q) > BESIDE k  and  L_c(q) > COLOURED L_d(q)
 
-No group begins with those: lamps that dark glossy surfaces mirror look the same.
+in another one, d: light that is bright in all channels alike falls on surfaces beside lamps. No
+group begins with those: lamps that dark glossy surfaces mirror look the same.
 """
 
 from __future__ import annotations
@@ -40,6 +41,10 @@ OUTSHINES = 8.0
 
 BESIDE = 4.0
 """The same, of samples that hang together with ones that outshine their material for sure."""
+
+COLOURED = 2.0
+"""How many times more lighting one channel has than another where the material of the one is lost;
+of lamps on surfaces that are grey, or nearly so, both are alike."""
 
 STEP, MOST_STEPS = 2, 32
 """LR pixels to each side in which samples hang together, and how often that is followed."""
@@ -109,7 +114,9 @@ def find_outshining(lr: Frame) -> Mask | None:
 def _follow(outshines: Mask, lr: Frame) -> Mask:
     """Add what hangs together with samples that outshine their material and is like them."""
     gbuffer = lr.gbuffer
-    bright = gbuffer[Buffer.LIGHTING] > BESIDE * lr.lighting_scale
+    lighting = gbuffer[Buffer.LIGHTING]
+    bright = lighting > BESIDE * lr.lighting_scale
+    bright &= lighting > COLOURED * lighting.amin(1, keepdim=True)
     alike = (bright & (gbuffer[Buffer.MATERIAL] <= DARK)).any(1, keepdim=True)
     alike &= (gbuffer[Buffer.LIGHTING_MASK] > 0.5) & (gbuffer[Buffer.SKY] < 0.5)
     found = outshines

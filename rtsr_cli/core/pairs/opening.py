@@ -10,12 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from rtsr_cli.core.captures.channel_matching import Streams
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
 from rtsr_cli.core.captures.layers import join_layer, list_plain_names
-from rtsr_cli.core.captures.layout_files import check_declared
+from rtsr_cli.core.captures.layout_files import check_declared, list_absent
 from rtsr_cli.core.captures.lent_motion import lend_motion
-from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.reader import FrameReader
@@ -35,7 +35,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.selection import Selection
-from rtsr_cli.core.pairs.real_pairs import open_real_pairs
+from rtsr_cli.core.pairs.real_pairs import open_real_pairs, settle_cameras
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
@@ -166,11 +166,24 @@ def check_channels(opened: OpenedShot, sets: Sequence[FrameSet]) -> None:
         FrameFolderError: one is in none of them.
     """
     buffers = opened.declarations.spelled_out
-    if not buffers:
-        return
+    if buffers:
+        names = _list_plain_streams(opened, sets)
+        check_declared(buffers, names, str(opened.shot.root), opened.declarations.sources)
+
+
+def _list_plain_streams(opened: OpenedShot, sets: Sequence[FrameSet]) -> list[Streams]:
+    """Names of the channels of each file sequence, of each resolution."""
     first = [opened.headers.of_first(frames) for frames in sets]
-    names = [{key: list_plain_names(header) for key, header in held.items()} for held in first]
-    check_declared(buffers, names, str(opened.shot.root), opened.declarations.sources)
+    return [{key: list_plain_names(header) for key, header in held.items()} for held in first]
+
+
+def leave_out_absent(opened: OpenedShot, sets: Sequence[FrameSet]) -> OpenedShot:
+    """Forget what `[buffers]` declares of channels that none of some sets holds."""
+    known = opened.declarations
+    absent = list_absent(known.spelled_out, _list_plain_streams(opened, sets))
+    buffers = {b: text for b, text in known.capture.buffers.items() if b not in absent}
+    capture = known.capture.model_copy(update={"buffers": buffers})
+    return replace(opened, declarations=replace(known, capture=capture))
 
 
 def open_set(
@@ -344,14 +357,14 @@ def open_pair(
     target = None
     if hr is not None:
         target = open_set(hr, opened, jittered=False, vectors=False, beside=measured)
-        lr, target = share_verdicts(lr, target)
-    return open_real_pairs(
+    pairs = open_real_pairs(
         lr,
         target,
         scale or opened.declarations.capture.scale,
         skip_missing=opened.options.on_missing is MissingPolicy.SKIP,
         wanted=opened.options.selection.frames,
     )
+    return settle_cameras(pairs)
 
 
 def open_capture(opened: OpenedShot) -> FrameReader:

@@ -8,7 +8,8 @@ mean of the pixel it is, that holds of few samples. Strays are counted buffer by
 that are no sky, and the mean over the buffers is what counts.
 
 HR is refused only where another reading of it explains the strays: turned upside down, mirrored,
-both, or the frame before or after by its depth. Of a right pair none does, whatever noise, filters
+both, colours of surfaces in another order or encoded at one size alone, or the frame before or
+after by its depth. Of a right pair none does, whatever noise, filters
 or differently made buffers it strays by.
 """
 
@@ -22,6 +23,7 @@ import torch.nn.functional as F
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.imaging.color import encode_srgb
 from rtsr_cli.core.shapes import Image, Mask
 
 COMPARED = (
@@ -66,6 +68,18 @@ TURN_REMEDY = (
     "render both sizes with one origin (pixels are read from the top left; capture.toml declares "
     "no other), or turn the HR files"
 )
+COLOURS = (Buffer.ALBEDO, Buffer.MATERIAL)
+"""Buffers of three channels, which may be mixed up, or encoded."""
+
+SWAPPED, ENCODED, DECODED = (
+    "swapped in the channels of {buffer} (red and blue)",
+    "sRGB-encoded in {buffer}, and LR linear",
+    "linear in {buffer}, and LR sRGB-encoded",
+)
+"""How colours of HR may look beside LR's."""
+
+COLOUR_REMEDY = "write {buffer} alike at both sizes: linear, its channels in the order R, G, B"
+
 NUMBER_REMEDY = "number the HR files like the LR files of their moments"
 
 
@@ -119,6 +133,9 @@ def find_misfit(
             looks = _find_turn(small, beside, scale, strays)
             if looks:
                 return Misfit(frame=number, strays=strays, looks=looks, remedy=TURN_REMEDY)
+            coloured = _find_colour(small, beside, scale, number)
+            if coloured is not None:
+                return coloured
             others = [n for n in (number - step, number + step) if n in stored]
             moved = _find_moment(small, hr, scale, number, others)
         except FrameFolderError:
@@ -138,6 +155,49 @@ def _find_turn(lr: GBuffer, hr: GBuffer, scale: int, strays: float) -> str:
     }
     looks = min(found, key=found.__getitem__)
     return looks if found[looks] * FAR_BETTER < strays else ""
+
+
+def _find_colour(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit | None:
+    """Colours that fit in another order, or encoded at one size; None where they fit or do not."""
+    for buffer in COLOURS:
+        if buffer not in lr or buffer not in hr:
+            continue
+        strays, found = measure_colour(buffer, lr, hr, scale)
+        if strays <= FEW_STRAYS:
+            continue
+        looks = min(found, key=found.__getitem__)
+        if found[looks] * FAR_BETTER < strays:
+            said, remedy = (text.format(buffer=buffer) for text in (looks, COLOUR_REMEDY))
+            return Misfit(frame=number, strays=strays, looks=said, remedy=remedy)
+    return None
+
+
+def measure_colour(
+    buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int
+) -> tuple[float, dict[str, float]]:
+    """Share of LR samples that stray in one of `COLOURS`, as it is and by other readings.
+
+    Args:
+        buffer: of colours, which both sizes hold.
+        lr: buffers of LR samples, 1 x C x H x W.
+        hr: of HR pixels, 1 x C x SH x SW.
+        scale: S.
+    """
+    image, seen = lr[buffer], hr[buffer]
+    readings = {
+        SWAPPED: (image, seen.flip(1)),
+        ENCODED: (_encode(image), seen),
+        DECODED: (image, _encode(seen)),
+    }
+    found = {
+        looks: _measure_strays_of(buffer, *pair, lr, scale) or 0.0
+        for looks, pair in readings.items()
+    }
+    return _measure_strays_of(buffer, image, seen, lr, scale) or 0.0, found
+
+
+def _encode(colour: Image) -> Image:
+    return encode_srgb(colour.float())
 
 
 def _find_moment(
@@ -181,16 +241,22 @@ def measure_strays(lr: GBuffer, hr: GBuffer, scale: int) -> float | None:
         hr: the same buffers of HR pixels, 1 x C x SH x SW.
         scale: S.
     """
-    shares = []
-    for buffer in lr.keys() & hr.keys():
-        image = lr[buffer]
-        counted = torch.isfinite(image.double()).all(1, keepdim=True)
-        if Buffer.DEPTH in lr:
-            counted &= lr[Buffer.DEPTH] < SKY_DEPTH_M
-        if int(counted.sum()) >= LEAST_SAMPLES:
-            strays = _find_strays(buffer, image, hr[buffer], scale)
-            shares.append(float(strays[counted].double().mean()))
+    found = (_measure_strays_of(b, lr[b], hr[b], lr, scale) for b in lr.keys() & hr.keys())
+    shares = [share for share in found if share is not None]
     return sum(shares) / len(shares) if shares else None
+
+
+def _measure_strays_of(
+    buffer: Buffer, image: Image, seen: Image, lr: GBuffer, scale: int
+) -> float | None:
+    """The same of one buffer; LR's depth, if it is there, tells sky."""
+    counted = torch.isfinite(image.double()).all(1, keepdim=True)
+    if Buffer.DEPTH in lr:
+        counted &= lr[Buffer.DEPTH] < SKY_DEPTH_M
+    if int(counted.sum()) < LEAST_SAMPLES:
+        return None
+    strays = _find_strays(buffer, image, seen, scale)
+    return float(strays[counted].double().mean())
 
 
 def _find_strays(buffer: Buffer, image: Image, seen: Image, scale: int) -> Mask:

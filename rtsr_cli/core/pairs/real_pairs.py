@@ -8,6 +8,7 @@ from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 
+from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
 from rtsr_cli.core.captures.surveyed import SurveyedValues
@@ -15,6 +16,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.dark_material import leave_outshining
 from rtsr_cli.core.pairs.material_agreement import leave_contradicting
@@ -106,7 +108,9 @@ class RealPairs:
             return lacking
         if self.hr is None:
             return (*lacking, HR_FRAMES)
-        return tuple(dict.fromkeys((*lacking, *describe_missing(reads.hr.missing, self.hr, "hr "))))
+        # of pixels that are turned no camera is judged
+        judged = [name for name in reads.hr.missing if name != CAMERA or not self.misfit]
+        return tuple(dict.fromkeys((*lacking, *describe_missing(judged, self.hr, "hr "))))
 
     def files(self, number: int, inputs: PairInputs) -> tuple[Path, ...]:
         """Files of both resolutions."""
@@ -278,6 +282,14 @@ def open_real_pairs(
     lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
     lr = _hold_pairs(lr, hr)
     return RealPairs(lr=_take_sky_rule(lr, hr), hr=_take_sky_rule(hr, lr), scale=ratio)
+
+
+def settle_cameras(pairs: RealPairs) -> RealPairs:
+    """Let both sizes share what is found about their cameras; see `share_verdicts`."""
+    if pairs.hr is None:
+        return pairs
+    lr, hr = share_verdicts(pairs.lr, pairs.hr, lambda: pairs.misfit)
+    return replace(pairs, lr=lr, hr=hr)
 
 
 def _hold_pairs(lr: FrameReader, hr: FrameReader) -> FrameReader:

@@ -25,6 +25,10 @@ NETWORKS = "networks"
 
 GIVE_HR = "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
 NO_CAMERA = "give the cameras (headers, or a side-car in capture.toml)"
+OF_FRAMES = " of frame"
+"""Stands between a buffer and the frames that lack it, where others hold it."""
+
+SOME_FRAMES = "render those frames again, or leave them out (see the warning)"
 UNUSED_CAMERA = "the matrices that are there are not used, see the warning"
 
 CHECKS: Mapping[InputCondition, Callable[[PairSource], bool]] = {
@@ -58,7 +62,7 @@ class PassedOver:
 
     def _name(self, missing: str) -> str:
         plain = _strip_size(missing)
-        return missing if plain in self.held else plain
+        return missing if plain.partition(OF_FRAMES)[0] in self.held else plain
 
 
 def _strip_size(missing: str) -> str:
@@ -170,9 +174,10 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> st
 def _describe_lacks(lacks: Collection[str], longest: Collection[str], *, plural: bool) -> str:
     """Name all that systems lack, by what they do not lack of a list just given if that is less."""
     spared = [name for name in longest if name not in lacks]
+    verb = "need" if plural else "needs"
     if set(lacks) < set(longest) and len(spared) < len(lacks):
-        return f"the same but {join_names(spared)}"
-    return f"{'need' if plural else 'needs'} {join_names(list(lacks))}"
+        return f"{verb} all of that but {join_names(spared)}"
+    return f"{verb} {join_names(list(lacks))}"
 
 
 def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:
@@ -201,20 +206,22 @@ SURFACE = CONSTANTS | {Buffer.ALBEDO.value, Buffer.MATERIAL.value, Buffer.NOV.va
 """What material follows from."""
 
 
-def suggest_remedies(lacks: Iterable[str], *, refused: bool = False) -> tuple[str, ...]:
+def suggest_remedies(lacks: Collection[str], *, refused: bool = False) -> tuple[str, ...]:
     """Say in a few words each what would help against all that is missing.
 
     Args:
         lacks: what is missing, with or without its size.
         refused: whether there are camera matrices that are not used.
     """
-    given = set(lacks)
+    partial = {name for name in lacks if OF_FRAMES in name and not _is_camera(name)}
+    given = set(lacks) - partial
     names = set(map(_strip_size, given))
-    if names.isdisjoint(given):
+    if names and names.isdisjoint(given):
         return (f"the other size has {_say_it(names)}: render both alike",)
-    cameras = {name for name in names if name.startswith(CAMERA)}
+    cameras = set(filter(_is_camera, names))
     parts = [GIVE_HR] if HR_FRAMES in names else []
     parts += [UNUSED_CAMERA if refused else NO_CAMERA] if cameras else []
+    parts += [SOME_FRAMES] if partial else []
     left = names - cameras - {HR_FRAMES}
     if not left:
         return tuple(parts)
@@ -224,6 +231,10 @@ def suggest_remedies(lacks: Iterable[str], *, refused: bool = False) -> tuple[st
         return (*parts, "declare material")
     verb = "declare" if left == {DECLARED_MOTION} else "render or declare"
     return (*parts, f"{verb} {'the rest' if parts else _say_it(left)}")
+
+
+def _is_camera(name: str) -> bool:
+    return _strip_size(name).startswith(CAMERA)
 
 
 def _say_it(names: Collection[str]) -> str:

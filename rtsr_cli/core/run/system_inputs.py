@@ -35,6 +35,11 @@ class SystemTable:
     when: Mapping[str, tuple[InputCondition, ...]] = field(default_factory=dict)
 
 
+WITHOUT_FRAMES = (
+    "frames that lack what others hold may be moved out of the folder (--on-missing skip|hold)"
+)
+"""What helps where some frames lack a buffer."""
+
 CAMERA_REMEDY = ' (cameras: matrices in the headers, or camera = "camera.csv", a row a frame)'
 """Where camera matrices are declared."""
 
@@ -82,14 +87,22 @@ def resolve_unshaded_inputs(
     )
 
 
-def check_system(system: System, source: PairSource, inputs: PairInputs) -> None:
+def check_system(
+    system: System, source: PairSource, inputs: PairInputs, *, remedy: str = ""
+) -> None:
     """Raise if a shot cannot feed a system.
+
+    Args:
+        system: that is to run.
+        source: the shot's pairs.
+        inputs: what is read of them.
+        remedy: what else would help, as `check_inputs` has it.
 
     Raises:
         FrameFolderError: names the folder, what is missing and what would help.
     """
     another = ", or choose another --system" if system.task is SystemTask.UPSCALE else ""
-    check_inputs(f"system '{system.name}'", source, inputs, remedy=another)
+    check_inputs(f"system '{system.name}'", source, inputs, remedy=f"{another}{remedy}")
     if system.scales and source.scale not in system.scales:
         made_for = ", ".join(f"{s}x" for s in system.scales)
         raise FrameFolderError(
@@ -178,8 +191,15 @@ def check_inputs(
             f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "
             f"{'; '.join(_describe_buffers(reader) for reader in source.readers)}. Render what is "
             f"missing, declare it in capture.toml{remedy}{_suggest_parent(source)}"
+            f"{_suggest_without(source)}"
             f"{describe_likely(source, missing)}"
         )
+
+
+def _suggest_without(source: PairSource) -> str:
+    """Say how to do without frames that lack what others hold; empty where none does."""
+    partial = any(b not in r.stored for r in source.readers for b in r.lacking)
+    return f"; {WITHOUT_FRAMES}" if partial else ""
 
 
 def describe_likely(source: PairSource, missing: Collection[str]) -> str:

@@ -247,7 +247,11 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
         _open_reference(opened, source) if real else None,
         () if real else _find_auxiliary(source, how),
     )
+    if source.misfit:
+        raise FrameFolderError(f"{source.misfit}, or leave the shot out (data.exclude)")
     remarks = _list_remarks(captured.readers)
+    if source.misfit_doubt:
+        remarks.append(f"Warning: {source.misfit_doubt}")
     yield from remarks
     if source.scale != how.wanted.scale:
         raise FrameFolderError(

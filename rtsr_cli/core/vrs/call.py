@@ -113,6 +113,14 @@ def resolve_prediction_inputs(request: PredictVrsRequest, chosen: ChosenPredicto
     inputs = resolve_system_inputs(chosen.system, request.on_nonfinite, chosen.loaded.config)
     if not chosen.analytic:
         return inputs
+    return _read_for_analytic(inputs)
+
+
+ANALYTIC_REMEDY = ", or choose --estimator analytic, which needs less"
+"""Said where a network lacks something, and the analytic estimate does not."""
+
+
+def _read_for_analytic(inputs: PairInputs) -> PairInputs:
     return replace(inputs, lr=ANALYTIC_INPUTS, lr_optional=(Buffer.OBJECT_ID, Buffer.ALPHA))
 
 
@@ -136,7 +144,8 @@ def plan_prediction(
     if chosen.analytic:
         check_inputs(f"system '{chosen.name}'", source, inputs)
     else:
-        check_system(system, source, inputs)
+        instead = "" if source.missing(_read_for_analytic(inputs)) else ANALYTIC_REMEDY
+        check_system(system, source, inputs, remedy=instead)
     reading = PairReading(source=source, inputs=inputs, passed=captured)
     plan = plan_shot(
         reading.of_shot(name),

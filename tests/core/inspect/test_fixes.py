@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import pytest
 
 from rtsr_cli.core.frames.buffers import Buffer
@@ -41,6 +43,22 @@ def test_matrices_of_another_convention_are_declared() -> None:
     assert lines(("lr camera", "hr camera"), hints) == ['convention = "column-vectors"']
 
 
+def test_a_side_car_that_is_declared_is_not_offered_again() -> None:
+    assert lines(("camera",), Hints(side_car="poses.csv")) == []
+    hints = Hints(side_car="poses.csv", camera="mitsuba")
+    (line,) = lines(("camera",), hints)
+    assert tomllib.loads(line) == {"camera": {"file": "poses.csv", "convention": "mitsuba"}}
+
+
+@pytest.mark.parametrize("bare", ["metallic", "roughness", "hr frames", "camera"])
+def test_what_would_unlock_nothing_is_not_offered(bare: str) -> None:
+    assert len(lines((bare,))) == 1
+    assert lines((bare, "normal")) == []
+    hints = Hints(guessed={Buffer.ALBEDO: ("base.R", "base.G", "base.B")})
+    assert len(lines((bare, "albedo"), hints)) == 2
+    assert len(lines((bare, "albedo", "normal"), hints)) == 1
+
+
 def test_a_channel_goes_before_a_constant_and_smoothness_is_turned() -> None:
     hints = Hints(guessed={Buffer.METALLIC: ("mtl",), Buffer.ROUGHNESS: ("Smoothness.R",)})
     assert lines(("metallic", "roughness"), hints) == [
@@ -77,7 +95,8 @@ def test_one_line_provides_all_that_it_can() -> None:
 
 def test_no_constant_stands_for_a_channel_that_is_named_like_the_buffer() -> None:
     named = frozenset({Buffer.METALLIC})
-    assert lines(("metallic", "roughness"), Hints(named=named)) == ["roughness = 0.5"]
+    assert lines(("metallic",), Hints(named=named)) == []
+    assert lines(("roughness",), Hints(named=named)) == ["roughness = 0.5"]
 
 
 def test_base_colour_alone_is_offered_as_material_once() -> None:

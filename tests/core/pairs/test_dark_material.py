@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import Tensor
@@ -128,3 +130,27 @@ def test_a_highlight_on_a_dark_surface_is_none() -> None:
     lr, _ = make_pair(0.01, 0.01)
     lr.gbuffer[Buffer.LIGHTING][..., 10, 15] = 100.0
     assert find_outshining(lr) is None
+
+
+@pytest.mark.parametrize(("light", "kept"), [((1.0, 0.9, 0.8), True), ((0.3, 1.0, 1.0), False)])
+def test_grey_surfaces_under_a_lamp_hang_together_with_no_group(
+    light: tuple[float, float, float], kept: bool
+) -> None:
+    """Beside a thing without material, a wall that is lit six times as brightly."""
+    lr, hr = make_pair(0.0)
+    lamp = torch.zeros(1, 1, *lr.size, dtype=torch.bool)
+    lamp[..., 6:18, 24:] = True
+    values = lr.gbuffer
+    lit = 6.0 * lr.lighting_scale * torch.tensor(light).view(1, 3, 1, 1)
+    lr = replace(
+        lr,
+        gbuffer=values.with_buffers(
+            {
+                Buffer.MATERIAL: values[Buffer.MATERIAL].masked_fill(lamp, 0.24),
+                Buffer.LIGHTING: torch.where(lamp, lit, values[Buffer.LIGHTING]),
+            }
+        ),
+    )
+    left, _ = leave_outshining(lr, hr, SCALE)
+    beyond = left.gbuffer[Buffer.LIGHTING_MASK][..., 6:18, 29:]
+    assert bool((beyond > 0.5).all()) is kept

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import pytest
 import torch
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.imaging.color import encode_srgb
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs.pair_agreement import (
     FEW_STRAYS,
@@ -73,6 +74,41 @@ def test_turned_pictures_are_named(looks: str) -> None:
     assert (found.looks, found.frame) == (looks, 1)
     assert "capture.toml declares no other" in found.remedy
     assert found.strays > 2 * FEW_STRAYS
+
+
+SWAP, ENCODE = (lambda t: t.flip(1)), encode_srgb
+
+
+@pytest.mark.parametrize(
+    ("small", "large", "looks"),
+    [
+        (None, SWAP, "swapped in the channels of albedo"),
+        (SWAP, None, "swapped in the channels of albedo"),
+        (None, ENCODE, "sRGB-encoded in albedo, and LR linear"),
+        (ENCODE, None, "linear in albedo, and LR sRGB-encoded"),
+    ],
+)
+def test_colours_of_one_size_that_are_stored_otherwise_are_named(
+    small: Callable[[Tensor], Tensor] | None, large: Callable[[Tensor], Tensor] | None, looks: str
+) -> None:
+    hr = render()
+    lr = keep(hr, 4, (1, 2))
+    if small:
+        lr = change(lr, albedo=small(lr[Buffer.ALBEDO]))
+    if large:
+        hr = change(hr, albedo=large(hr[Buffer.ALBEDO]))
+    found = judge({1: lr}, {1: hr})
+    assert found is not None
+    assert found.looks.startswith(looks)
+    assert "write albedo alike at both sizes" in found.remedy
+
+
+def test_colours_that_are_stored_alike_or_unlike_for_another_reason_are_no_misfit() -> None:
+    hr = change(render(), albedo=encode_srgb(render()[Buffer.ALBEDO]).flip(1))
+    lr = keep(hr, 4, (1, 2))
+    assert judge({1: lr}, {1: hr}) is None
+    grey = hr[Buffer.ALBEDO].mean(1, keepdim=True).expand(-1, 3, -1, -1)
+    assert judge({1: lr}, {1: change(hr, albedo=grey)}) is None
 
 
 @pytest.mark.parametrize("ahead", [1, -1])

@@ -126,6 +126,7 @@ def check_cameras(
     step: int,
     convention: CameraConvention,
     silent: Sequence[str] = (),
+    of_lens: bool = False,
 ) -> CameraFinding:
     """Hold the matrices of some frames against all that can tell.
 
@@ -135,8 +136,9 @@ def check_cameras(
         step: numbers from a frame to the next.
         convention: as it was declared, and taken into account.
         silent: why what is there is no evidence, for the user.
+        of_lens: whether clip space is made of worldToCamera and a field of view.
     """
-    readings = list_readings(given, step)
+    readings = list_readings(given, step, of_lens=of_lens)
     for number, matrices in given.items():
         fault = _find_fault(matrices)
         if fault:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
@@ -99,12 +100,22 @@ def _is_mirrored(settled: MeasuredReader) -> bool:
     return view is not None and bool(are_mirrored(view.numpy()))
 
 
-def share_verdicts(lr: FrameReader, hr: FrameReader) -> tuple[FrameReader, FrameReader]:
+def share_verdicts(
+    lr: FrameReader, hr: FrameReader, misfit: Callable[[], str]
+) -> tuple[FrameReader, FrameReader]:
     """Settle the cameras of both resolutions of a shot, whose cameras are the same.
 
     Matrices that are not used at one are not used at the other, unless its own frames prove them;
-    where they differ, that is said.
+    where they differ, that is said. To pixels that are turned right matrices look wrong: nothing is
+    said of those of HR then.
+
+    Args:
+        lr, hr: readers, each with what was found of its own frames.
+        misfit: says how HR's pixels are none of LR's, empty if they are; asked where it matters.
     """
+    if hr.camera_unfit and not lr.camera_unfit and (turned := misfit()):
+        said = tuple(text for text in hr.warnings if hr.camera_unfit not in text)
+        return lr, replace(hr, warnings=said, camera_unfit=turned)
     unfit = lr.camera_unfit or hr.camera_unfit
     if unfit:
         lr, hr = (

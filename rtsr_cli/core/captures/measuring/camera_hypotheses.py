@@ -2,13 +2,14 @@
 
 Transposed, inverted, other axes of the camera or of the world, another frame's. Of each reading
 there are two kinds: worldToNDC may be right by itself (it was made by the renderer), or it was made
-of the wrong worldToCamera (worldToNDC = worldToCamera . P, with a projection that is right).
+of the wrong worldToCamera (worldToNDC = worldToCamera . P, with a projection that is right). Where
+it is made here, of a field of view, it is of the second kind, and a declaration makes it anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -127,40 +128,42 @@ def list_worlds(given: Cameras) -> list[CameraReading]:
     ]
 
 
-def list_readings(given: Cameras, step: int) -> list[CameraReading]:
+def list_readings(given: Cameras, step: int, *, of_lens: bool = False) -> list[CameraReading]:
     """Sound readings other than the one as given, the simplest first.
 
     Args:
         given: matrices of consecutive frames, as memory would take them.
         step: numbers from a frame to the next.
+        of_lens: whether clip space is made of worldToCamera and a field of view.
     """
     found: dict[tuple[tuple[int, bytes], ...], CameraReading] = {}
-    for reading in _list_all(given, step):
+    for reading in _list_all(given, step, of_lens=of_lens):
         own = {n: m.digits for n, m in reading.cameras.items()}
         if any(given[n].digits != digits for n, digits in own.items()):
             found.setdefault(tuple(own.items()), reading)
     return list(found.values())
 
 
-def _list_all(given: Cameras, step: int) -> Iterator[CameraReading]:
-    yield from _list_axes("", (), given)
+def _list_all(given: Cameras, step: int, *, of_lens: bool) -> Iterator[CameraReading]:
+    yield from _list_axes("", (), given, of_lens=of_lens)
     yield from _list_neighbours(given, step)
     for text, words, change in _ORDERS:
-        for cameras in _list_pairs(given, change):
+        for cameras in _list_pairs(given, change, of_lens=of_lens):
             sound = _keep_sound(cameras)
             if text and sound:
                 yield CameraReading(text=text, words=words, cameras=sound, undoes=words)
-            yield from _list_axes(text, words, cameras)
+            yield from _list_axes(text, words, cameras, of_lens=of_lens)
     yield from _list_ndc_flips(given)
 
 
-def _list_pairs(given: Cameras, change: Change) -> Iterator[Cameras]:
+def _list_pairs(given: Cameras, change: Change, *, of_lens: bool) -> Iterator[Cameras]:
     """Matrices with the view changed, and clip space changed alike, kept, or made anew."""
     if any(find_view_fault(change(m.view)) for m in given.values()):
         return
-    yield {n: CameraMatrices(change(m.view), m.ndc) for n, m in given.items()}
-    yield {n: CameraMatrices(change(m.view), change(m.ndc)) for n, m in given.items()}
-    yield {n: CameraMatrices(change(m.view), m.ndc.T) for n, m in given.items()}
+    if not of_lens:
+        yield {n: CameraMatrices(change(m.view), m.ndc) for n, m in given.items()}
+        yield {n: CameraMatrices(change(m.view), change(m.ndc)) for n, m in given.items()}
+        yield {n: CameraMatrices(change(m.view), m.ndc.T) for n, m in given.items()}
     built = {n: m.projection for n, m in given.items()}
     if all(are_projections(p, measure_reach(given[n].view)) for n, p in built.items()):
         yield {
@@ -177,7 +180,7 @@ def _join(*texts: str) -> str:
 
 
 def _list_axes(
-    text: str, words: tuple[CameraWord, ...], cameras: Cameras
+    text: str, words: tuple[CameraWord, ...], cameras: Cameras, *, of_lens: bool
 ) -> Iterator[CameraReading]:
     """Readings with other axes of the camera, and of the world."""
     first = next(iter(cameras.values()))
@@ -187,10 +190,11 @@ def _list_axes(
     if axes is None:
         return
     if not is_sound(first):
-        yield _turn_camera(text, words, cameras, axes, built=False)
+        yield _turn_camera(text, words, cameras, axes)
         return
     for other in _CAMERA_AXES:
-        yield _turn_camera(text, words, cameras, other, built=True)
+        reading = _turn_camera(text, words, cameras, other, built=True)
+        yield reading if of_lens else replace(reading, words=())
     if text:
         return
     swap = _widen(_SWAP_XY)
@@ -204,7 +208,7 @@ def _list_axes(
 
 
 def _turn_camera(
-    text: str, words: tuple[CameraWord, ...], cameras: Cameras, axes: Matrix4, *, built: bool
+    text: str, words: tuple[CameraWord, ...], cameras: Cameras, axes: Matrix4, built: bool = False
 ) -> CameraReading:
     turned = {
         n: CameraMatrices(m.view @ axes, m.view @ axes @ m.projection if built else m.ndc)
@@ -213,7 +217,7 @@ def _turn_camera(
     named = next((w for w, a in AXES.items() if np.array_equal(_widen(a), axes)), None)
     return CameraReading(
         text=_join(text, _describe_turn(axes)),
-        words=() if built or named is None else (*words, named),
+        words=() if named is None else (*words, named),
         cameras=_keep_sound(turned),
         # each of these turns is its own inverse
         undoes=() if named in {None, CameraWord.UNREAL} else (*words, named),

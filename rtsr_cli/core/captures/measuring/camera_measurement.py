@@ -78,7 +78,12 @@ def check_reader_cameras(
         *normals,
     )
     found = check_cameras(
-        given, evidence, step=reader.step, convention=reader.matrices, silent=silent
+        given,
+        evidence,
+        step=reader.step,
+        convention=reader.matrices,
+        silent=silent,
+        of_lens=all(reader.cameras[n].of_lens for n in given),
     )
     units = [e.units[0] for e in evidence if isinstance(e, PositionEvidence)]
     proven = found.fits and PositionEvidence.name in found.proofs

@@ -1,0 +1,90 @@
+"""A buffer that one frame of a shot lacks: what does without runs, and the frame is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import Result
+
+Run = Callable[..., Result]
+Copy = Callable[..., Path]
+
+CHANNELS = {
+    "depth": ("depth.Z",),
+    "albedo": ("albedo.R", "albedo.G", "albedo.B"),
+    "normal": ("normal.X", "normal.Y", "normal.Z"),
+}
+
+
+def drop(buffer: str, bad: int) -> Callable[[dict[str, Any], int], None]:
+    def change(planes: dict[str, Any], number: int) -> None:
+        if number == bad:
+            for channel in CHANNELS[buffer]:
+                del planes[channel]
+
+    return change
+
+
+@pytest.mark.parametrize(("buffer", "bad"), [("depth", 2), ("albedo", 1), ("normal", 4)])
+def test_the_best_system_that_all_frames_allow_runs(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path, buffer: str, bad: int
+) -> None:
+    folder = changed(small_capture, drop(buffer, bad))
+    line = ("upscale", folder, tmp_path / "out", "--simulate-lr", 4)
+    planned = rtsr(*line, "--dry-run")
+    assert planned.exit_code == 0, planned.output
+    assert f"need {buffer} of frame {bad}: render those frames again, or leave" in planned.output
+    assert f"frame {bad}: buffer '{buffer}' is missing" in planned.output
+    assert "--on-missing skip|hold" in planned.output
+    refused = rtsr(*line, "--system", "demod-guided")
+    assert refused.exit_code == 3
+    assert f"cannot run, missing: {buffer} of frame {bad}" in refused.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_frame_that_lacks_it_is_done_by_what_needs_it_not(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
+) -> None:
+    folder = changed(small_capture, drop("albedo", 3))
+    done = rtsr("upscale", folder, tmp_path / "out", "--simulate-lr", 4)
+    assert done.exit_code == 0, done.output
+    assert len(list((tmp_path / "out").rglob("*.exr"))) == 4
+
+
+@pytest.mark.parametrize("bad", [1, 3])
+def test_inspect_names_the_frame_and_offers_no_line_for_it(
+    rtsr: Run, small_capture: Path, changed: Copy, bad: int
+) -> None:
+    folder = changed(small_capture, drop("depth", bad))
+    report = rtsr("inspect", folder).output
+    assert f"frame {bad}: buffer 'depth' is missing" in report
+    (guided,) = (line for line in report.splitlines() if " demod-guided " in line)
+    assert f"missing: depth of frame {bad}" in guided
+    assert "depth = " not in report
+
+
+def test_at_one_size_that_size_is_named(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    shot = tmp_path / "shot"
+    shot.mkdir()
+    changed(small_shot / "hr", drop("normal", 2)).rename(shot / "hr")
+    (shot / "lr").symlink_to(small_shot / "lr")
+    planned = rtsr("upscale", shot, tmp_path / "out", "--dry-run")
+    assert planned.exit_code == 0, planned.output
+    assert "need hr normal of frame 2: render those frames again" in planned.output
+
+
+def test_radiance_is_missed_in_every_command(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
+) -> None:
+    def dark(planes: dict[str, Any], number: int) -> None:
+        if number == 2:
+            del planes["G"]
+
+    refused = rtsr("upscale", changed(small_capture, dark), tmp_path / "out", "--simulate-lr", 4)
+    assert refused.exit_code == 3
+    assert "frames 2: buffer 'color' is missing" in refused.output
