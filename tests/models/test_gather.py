@@ -120,7 +120,7 @@ def test_strips_of_the_head_are_the_whole(
 ) -> None:
     windows = make_windows(SYSTEM, 4, optional=True)
     whole = run(build(moved=0.3), windows)
-    monkeypatch.setattr("rtsr_cli.models.gather.network.STRIP_ROWS", 3)
+    monkeypatch.setattr("rtsr_cli.models.gather.network.STRIP_PIXELS", 1)
     for ours, theirs in zip(run(build(moved=0.3), windows), whole, strict=True):
         torch.testing.assert_close(image_of(ours), image_of(theirs), rtol=1e-3, atol=1e-4)
 
@@ -130,7 +130,7 @@ def test_corrections_of_strips_are_those_of_the_graph(
     scale: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Pixels that are described strip by strip, their rows' neighbours included."""
-    monkeypatch.setattr("rtsr_cli.models.gather.network.STRIP_ROWS", 2)
+    monkeypatch.setattr("rtsr_cli.models.gather.network.STRIP_PIXELS", 1)
     torch.manual_seed(5)
     one, three, two = (torch.rand(1, c, 6 * scale, 5 * scale) for c in (1, 3, 2))
     images = {

@@ -136,7 +136,7 @@ RADIANCE_BUFFERS = frozenset(b for b, spec in BUFFER_SPECS.items() if spec.radia
 
 def sky_mask(depth_m: Plane) -> Mask:
     """1 where the ray left the scene: by the depth that memory gives every sky, however stored."""
-    return (depth_m >= SKY_DEPTH_M).to(depth_m.dtype)
+    return torch.ge(depth_m, SKY_DEPTH_M, out=torch.empty_like(depth_m))
 
 
 @dataclass(frozen=True)

@@ -188,15 +188,19 @@ def upsample_masked_bicubic(
 
 def mean_3x3(image: Image) -> Image:
     """Mean of the 3x3 neighbourhood, borders replicated; a pool of windows costs five times it."""
-    padded = F.pad(image, (1, 1, 1, 1), mode="replicate")
-    return _mean_of_three(_mean_of_three(padded, -1), -2)
+    return _sum_3x3(F.pad(image, (1, 1, 1, 1), mode="replicate")).div_(9.0)
 
 
-def _mean_of_three(image: Image, dim: int) -> Image:
-    """Mean of each three neighbours along an axis, two fewer than there were."""
+def _sum_3x3(image: Image) -> Image:
+    """Sums of 3x3 neighbours, two rows and two columns fewer than there were."""
+    return _sum_of_three(_sum_of_three(image, -1), -2)
+
+
+def _sum_of_three(image: Image, dim: int) -> Image:
+    """Sum of each three neighbours along an axis, two fewer than there were."""
     inner = image.shape[dim] - 2
     total = image.narrow(dim, 0, inner) + image.narrow(dim, 1, inner)
-    return (total + image.narrow(dim, 2, inner)) / 3.0
+    return total.add_(image.narrow(dim, 2, inner))
 
 
 def grow_valid(image: Image, mask: Mask, steps: int = 1) -> tuple[Image, Mask]:
@@ -204,9 +208,9 @@ def grow_valid(image: Image, mask: Mask, steps: int = 1) -> tuple[Image, Mask]:
     values = torch.where(mask > 0, image, torch.zeros_like(image))
     for _ in range(steps):
         padded = F.pad(torch.cat([values * mask, mask], dim=1), (1, 1, 1, 1))
-        mean = _mean_of_three(_mean_of_three(padded, -1), -2)
-        share = mean[:, -1:]
-        grown = mean[:, :-1] / share.clamp(min=1e-6)
+        total = _sum_3x3(padded)
+        share = total[:, -1:]
+        grown = total[:, :-1] / share.clamp(min=1e-6)
         values = torch.where(mask > 0, values, torch.where(share > 0, grown, values))
         mask = (share > 0).to(mask.dtype)
     return values, mask

@@ -17,6 +17,8 @@ HR, 19 channels, on the moved grid:
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor
 
@@ -32,7 +34,7 @@ from rtsr_cli.core.lighting.lighting_history import (
     move_grid,
     sample_change,
 )
-from rtsr_cli.core.shapes import Image
+from rtsr_cli.core.shapes import Image, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.gather.config import GatherConfig
 
@@ -111,46 +113,57 @@ def see_pixels(images: Tensors) -> Image:
 
 
 def describe_pixels(images: Tensors) -> Image:
-    """The HR channels of some rows of `list_seen`."""
+    """The HR channels of some rows of `list_seen`, each put where it belongs while it is cached."""
+    fit = images["fit"]
+    seen = fit.new_empty(len(fit), HR_CHANNELS, *fit.shape[2:])
+    for channel, plane in zip(seen.chunk(HR_CHANNELS, dim=1), _list_planes(images), strict=True):
+        channel.copy_(plane)
+    return seen
+
+
+def _list_planes(images: Tensors) -> Iterator[Plane]:
+    """The HR channels, one behind the other."""
     fit, own, change, worth = (images[name] for name in ("fit", "own", "change", "worth"))
-    there = (worth > LEAST_SHOWN_WORTH).to(worth)
-    difference = (images["history"] - own) * there
+    there = torch.gt(worth, LEAST_SHOWN_WORTH, out=torch.empty_like(worth))
+    yield fit
+    yield fit.add(1e-3).log_().div_(4.0)
+    yield worth.log1p().div_(2.0)
+    yield there
+    yield _average(change)
+    yield _average(change.square()).sqrt_()
+    difference = (images["history"] - own).mul_(there)
+    yield _average(difference)
+    yield difference.abs_().amax(1, keepdim=True)
+    yield _average(own)
+    yield _average(images["history"]).mul_(there)
+    yield _average(mean_3x3(images["normal"]).square_()).mul_(3.0).sqrt_().sub_(1.0).mul_(-10.0)
+    yield images["roughness"]
+    yield _average(images["material"]).add_(1e-2).log_().div_(4.0)
+    yield inverse_depth(images["depth"])
     motion = images["motion"]
-    fraction = motion - motion.floor()
-    speed = motion.abs().amax(1, keepdim=True).clamp(max=FASTEST_PX) / FASTEST_PX
-    blur = 2.0 * (fraction * (1.0 - fraction)).sum(1, keepdim=True)
-    bump = 1.0 - mean_3x3(images["normal"]).square().sum(1, keepdim=True).sqrt()
-    return torch.cat(
-        [
-            fit,
-            (fit + 1e-3).log() / 4.0,
-            worth.log1p() / 2.0,
-            there,
-            change.mean(1, keepdim=True),
-            change.square().mean(1, keepdim=True).sqrt(),
-            difference.mean(1, keepdim=True),
-            difference.abs().amax(1, keepdim=True),
-            own.mean(1, keepdim=True),
-            (images["history"] * there).mean(1, keepdim=True),
-            10.0 * bump,
-            images["roughness"],
-            (images["material"].mean(1, keepdim=True) + 1e-2).log() / 4.0,
-            inverse_depth(images["depth"]),
-            speed.nan_to_num(),
-            blur.nan_to_num(),
-            images["seen"],
-            _find_places(images),
-        ],
-        dim=1,
+    speed = motion.abs().amax(1, keepdim=True)
+    yield speed.clamp_(max=FASTEST_PX).div_(FASTEST_PX).nan_to_num_()
+    fraction = motion.frac().abs_()
+    yield (
+        fraction.addcmul_(fraction, fraction, value=-1.0)
+        .sum(1, keepdim=True)
+        .mul_(2.0)
+        .nan_to_num_()
     )
+    yield images["seen"]
+    yield from _find_places(images)
 
 
-def _find_places(images: Tensors) -> Image:
-    """(x, y) of each pixel minus that of its block's sample, LR pixels."""
+def _average(image: Image) -> Plane:
+    """Mean over the channels."""
+    return image.sum(1, keepdim=True).div_(image.shape[1])
+
+
+def _find_places(images: Tensors) -> tuple[Plane, Plane]:
+    """x (a row) and y (a column) of pixels minus those of their blocks' samples, LR pixels."""
     depth = images["depth"]
-    count, _, height, width = depth.shape
+    height, width = depth.shape[2:]
     scale = height // images["mask"].shape[2]
     inside = (torch.arange(scale).to(depth) - scale // 2) / scale
-    x = inside.repeat(width // scale).view(1, 1, 1, width).expand(count, 1, height, width)
-    y = inside.repeat(height // scale).view(1, 1, height, 1).expand(count, 1, height, width)
-    return torch.cat([x, y], dim=1)
+    x, y = (inside.expand(side // scale, scale).reshape(side) for side in (width, height))
+    return x.view(1, 1, 1, width), y.view(1, 1, height, 1)

@@ -82,8 +82,8 @@ MOST_WORTH = 16.0
 MOST_KEPT = 0.95
 """z, share of history's worth that a frame leaves of it at most."""
 
-STRIP_ROWS = 8
-"""LR rows whose pixels a thread describes, and the head sees, at once: they stay in its cache."""
+STRIP_PIXELS = 3 << 14
+"""HR pixels that a thread describes, and the head sees, at once: they stay in its cache."""
 
 
 class Trunk(nn.Module):
@@ -117,11 +117,12 @@ class Head(nn.Module):
 
     def forward(self, pixels: Image, features: Image) -> Image:
         """Run the layers."""
-        hidden = self.first(pixels)
         # a number, whatever stands for the sizes while a graph is traced
         scale = int(pixels.shape[2] // features.shape[2])
-        hidden = F.relu(hidden + F.interpolate(features, scale_factor=scale, mode="nearest"))
-        hidden = F.relu(hidden + self.second(hidden))
+        said = F.interpolate(features, scale_factor=scale, mode="nearest")
+        # in place: memory that is asked for anew costs more than the arithmetic
+        hidden = self.first(pixels).add_(said).relu_()
+        hidden = self.second(hidden).add_(hidden).relu_()
         given: Image = self.last(hidden)
         return given
 
@@ -157,7 +158,7 @@ class GatherNetwork(nn.Module):
             carried = None if before is None else carry_history(before, inputs)
             frame = enlarge_frame(inputs, carried)
         sharp = (inputs["filter_width"] == 0).to(inputs["depth"])
-        given = sharp * self._correct(inputs, carried, frame).float()
+        given = self._correct(inputs, carried, frame).float().mul_(sharp)
         with torch.autocast(inputs["depth"].device.type, enabled=False):
             return self._gather(inputs, carried, frame, given)
 
@@ -173,22 +174,24 @@ class GatherNetwork(nn.Module):
 
     def _correct_in_strips(self, samples: Image, images: Tensors) -> Image:
         """`correct` of pixels that are described strip by strip: all of them take 76 bytes each."""
-        count, _, rows, columns = samples.shape
-        small = samples.new_empty(count, HR_CHANNELS, rows, columns)
+        count, _, height, width = samples.shape
+        small = samples.new_empty(count, HR_CHANNELS, height, width)
+        size = images["fit"].shape[2:]
+        rows = max(2, STRIP_PIXELS * height // size.numel())
         fill_in_strips(
             lambda strip: average_blocks(describe_pixels(strip), strip["mask"]),
             images,
             small,
-            rows=STRIP_ROWS,
+            rows=rows,
             halo=1,
         )
         seen = {**images, "features": self.trunk(torch.cat([samples, small], dim=1))}
-        given = samples.new_empty(count, self.head.channels, *images["fit"].shape[2:])
+        given = samples.new_empty(count, self.head.channels, *size)
         fill_in_strips(
             lambda strip: self._run_head(describe_pixels(strip), strip["features"]),
             seen,
             given,
-            rows=STRIP_ROWS,
+            rows=rows,
             halo=1,
         )
         return given
@@ -214,7 +217,7 @@ class GatherNetwork(nn.Module):
         """e' and c."""
         images = {name: getattr(frame, name) for name in FRAME_PLANES} | {"given": given}
         if self.config.kernel:
-            emphasis = given[:, :3].clamp(-MOST_EMPHASIS, MOST_EMPHASIS).exp()
+            emphasis = given[:, :3].clamp(-MOST_EMPHASIS, MOST_EMPHASIS).exp_()
             samples = describe_samples(inputs, inputs["encoded"])
             images["encoded"] = upsample_emphasised(samples, emphasis)
         if carried is not None:
