@@ -15,17 +15,24 @@ from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.auxiliary_buffers import span_colors
 from rtsr_cli.core.imaging.pixel_classes import Aliasing, Ghosting
-from rtsr_cli.core.imaging.predicted_kernel import FILTERED_WORTH
+from rtsr_cli.core.imaging.predicted_kernel import (
+    FILTERED_WORTH,
+    continue_image,
+    filter_pixels,
+)
 from rtsr_cli.core.network.acceleration import accelerate_network
 from rtsr_cli.core.network.cost import count_macs, count_parameters, make_uniform_window
 from rtsr_cli.core.pairs.simulation import average_samples
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models import load_system
-from rtsr_cli.models.cgts.config import CgtsConfig, CgtsLoss, Stage
+from rtsr_cli.models.cgts import inputs as cgts_inputs
+from rtsr_cli.models.cgts.config import CAUTION, CgtsConfig, CgtsLoss, Stage
 from rtsr_cli.models.cgts.inputs import (
+    LEAST_FILTERED,
     CgtsState,
     carry_history,
     clip_history,
+    filter_moving,
     limit_clipping,
     prepare,
 )
@@ -37,7 +44,7 @@ from rtsr_cli.models.cgts.loss import (
     loss,
     number_classes,
 )
-from rtsr_cli.models.cgts.network import CgtsNetwork
+from rtsr_cli.models.cgts.network import CgtsNetwork, find_hidden
 
 SYSTEM = load_system("cgts")
 CONFIG = CgtsConfig()
@@ -67,15 +74,23 @@ def sharp(network: CgtsNetwork) -> CgtsNetwork:
     """The same, samples where they lie: nothing is filtered."""
     with torch.no_grad():
         network.composition.weight.weight[2:] = 0.0
-        network.composition.weight.bias[2:] = -1e4
+        network.composition.weight.bias[2] = -1e4
+        network.composition.weight.bias[3] = 0.0
     return network
+
+
+@pytest.fixture
+def as_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What moves is not filtered more than the network says."""
+    monkeypatch.setattr(cgts_inputs, "LEAST_FILTERED", 0.0)
 
 
 def test_networks_have_the_sizes_of_the_design() -> None:
     network = build(CgtsConfig(preset=Preset.PAPER))
     assert count_parameters(network.classifier) == 122_354
     assert count_parameters(network.composition) == 1_025
-    assert count_parameters(build().classifier) == 122_354 + 4 * 5 * 32 + 48 * 33
+    detail = 64 * 49 + 64 * 10 + 64 * 65 + 88 * 65
+    assert count_parameters(build().classifier) == 122_354 + 4 * 5 * 32 + 88 * 33 + detail
 
 
 def test_multiplications_of_an_output_pixel() -> None:
@@ -111,6 +126,7 @@ def test_inference_gives_the_same(make_windows: MakeWindows) -> None:
             torch.testing.assert_close(accelerated[name], tensor, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.usefixtures("as_told")
 def test_the_first_frame_is_the_frame(make_windows: MakeWindows) -> None:
     window = make_windows(SYSTEM, 2)[0]
     inputs = prepare(CONFIG, window)
@@ -159,6 +175,26 @@ def test_a_filtered_frame_weighs_the_same_wherever_samples_lie(make_windows: Mak
     assert isinstance(kept, CgtsState)
     inner = kept.worth[..., :-4]
     torch.testing.assert_close(inner, torch.full_like(inner, 1.0 + FILTERED_WORTH))
+
+
+@pytest.mark.usefixtures("as_told")
+def test_what_is_shown_is_filtered_and_what_goes_on_is_not(make_windows: MakeWindows) -> None:
+    network = sharp(build())
+    inputs = prepare(CONFIG, make_windows(SYSTEM, 2)[0])
+    with torch.no_grad():
+        network.composition.weight.bias[3] = 1e4
+        outputs, kept = network(inputs, None)
+    assert isinstance(kept, CgtsState)
+    assert torch.equal(kept.color, inputs["color"])
+    even = torch.zeros(1, inputs["reach"].shape[1], *inputs["samples"].shape[2:])
+    smooth = filter_pixels(continue_image(kept.color), even, 2)
+    torch.testing.assert_close(outputs["color"], smooth)
+
+
+def test_history_is_doubted_before_it_is_likelier_wrong() -> None:
+    logits = torch.zeros(1, 6, 1, 2)
+    logits[0, 2, 0] = torch.tensor([CAUTION - 0.1, CAUTION + 0.1])
+    assert find_hidden(logits)[0, 0, 0].tolist() == [True, False]
 
 
 def make_state(inputs: Tensors, exposure: float = 1.0) -> CgtsState:
@@ -210,6 +246,7 @@ def test_history_is_brought_to_the_frame_s_exposure(make_windows: MakeWindows) -
     torch.testing.assert_close(brighter, expected)
 
 
+@pytest.mark.usefixtures("as_told")
 def test_reactive_pixels_take_the_frame(make_windows: MakeWindows) -> None:
     windows = make_windows(SYSTEM, 2, optional=True)
     outputs = run(sharp(trained()), windows)[-1]
@@ -325,7 +362,8 @@ def test_terms_are_those_that_weigh_anything(make_windows: MakeWindows) -> None:
     windows = make_windows(SYSTEM, 2)[:2]
     target = make_goal(windows)
     config = CgtsConfig(loss=CgtsLoss(ghosting=0.0, aliasing=0.0, color=0.0, squared=2.0))
-    outputs = {"color": target["color"] + 0.1, "history": target["before"] + 0.1}
+    color = target["color"] + 0.1
+    outputs = {"color": color, "accumulated": color, "history": target["before"] + 0.1}
     terms = loss(config, {}, outputs, target)
     assert set(terms) == {"squared", "temporal"}
     assert float(terms["squared"]) == pytest.approx(2.0 * 0.01, rel=1e-4)
@@ -349,6 +387,13 @@ def test_an_ablation_sees_no_classes(make_windows: MakeWindows) -> None:
     assert torch.equal(first, second)
 
 
+def test_what_moves_is_filtered_more() -> None:
+    share, motion = torch.tensor([0.2, 0.2, 1.0]).view(1, 1, 1, 3), torch.zeros(1, 2, 1, 3)
+    motion[0, 1, 0] = torch.tensor([0.0, 20.0, 20.0])
+    expected = torch.tensor([0.2, 0.2 + 0.8 * LEAST_FILTERED, 1.0])
+    torch.testing.assert_close(filter_moving(share, motion)[0, 0, 0], expected)
+
+
 def test_history_is_clipped_where_it_moves() -> None:
     share, motion = torch.ones(1, 1, 1, 3), torch.zeros(1, 2, 1, 3)
     motion[0, 0, 0] = torch.tensor([0.0, 0.25, 20.0])
@@ -356,6 +401,7 @@ def test_history_is_clipped_where_it_moves() -> None:
     torch.testing.assert_close(limited, torch.tensor([0.0, 0.6321, 1.0]), rtol=0, atol=1e-4)
 
 
+@pytest.mark.usefixtures("as_told")
 def test_untrained_it_is_held_half_way_within_the_colours_around(
     make_windows: MakeWindows,
 ) -> None:

@@ -1,10 +1,11 @@
-"""A frame's samples at the output's size, by a kernel that the network finds for every pixel.
+"""Weighted means of samples or pixels, by kernels that the network finds for every pixel.
 
     c(p) = sum_q a_q c_q,   a = softmax_q(l_q - |p - q|^2 / (2 sigma^2))
 
-over the 3 x 3 samples q around the LR pixel that p lies in; l is what the network tells, 0 before
-it has learnt anything. This is what stands where history is of no use; samples where they lie,
-which history sharpens, leave a grid there.
+l is what the network tells, 0 before it has learnt anything. Of a frame's samples, q are the 3 x 3
+around the LR pixel that p lies in: what stands where history is of no use; samples where they lie,
+which history sharpens, leave a grid there. Of a picture, q are the 3 x 3 pixels around p: what is
+accumulated is noisy, and is shown smoother, or sharper, than it goes on.
 
 Conventions: LR tensors; channels of taps by rows, of each the S x S output pixels by rows.
 """
@@ -23,6 +24,9 @@ TAPS = 9
 
 KERNEL_SIGMA_PX = 0.7
 """Spread of the untrained kernel, in output pixels."""
+
+PICTURE_SIGMA_PX = 0.7
+"""The same of the kernel between a picture's pixels."""
 
 FILTERED_WORTH = 0.5
 """Samples that a filtered pixel is worth, wherever samples lie: so no grid of them is left."""
@@ -47,16 +51,24 @@ def measure_reach(scale: int, jitter_px: Jitter, like: Tensor) -> Tensor:
     return reach.reshape(1, -1, 1, 1).to(like.device, torch.float32)
 
 
-def continue_samples(samples: Image) -> Image:
-    """Repeat the samples at the borders, for `filter_samples`."""
-    return F.pad(samples, (1, 1, 1, 1), mode="replicate")
+def measure_pixel_reach(like: Tensor) -> Tensor:
+    """-|p - q|^2 / (2 sigma^2) of the 3 x 3 pixels around any, n taps 1 1."""
+    steps = torch.arange(-1.0, 2.0, dtype=torch.float64)
+    squares = steps.square()[:, None] + steps.square()[None]
+    reach = -0.5 * squares / PICTURE_SIGMA_PX**2
+    return reach.reshape(1, TAPS, 1, 1).to(like.device, torch.float32)
+
+
+def continue_image(image: Image) -> Image:
+    """Repeat what lies at the borders, for the kernels below."""
+    return F.pad(image, (1, 1, 1, 1), mode="replicate")
 
 
 def filter_samples(samples: Image, logits: Image, scale: int) -> Color:
     """The sum above.
 
     Args:
-        samples: n 3 h+2 w+2, `continue_samples`.
+        samples: n 3 h+2 w+2, `continue_image`.
         logits: of the kernels, n taps*S*S h w.
         scale: S.
 
@@ -71,3 +83,27 @@ def filter_samples(samples: Image, logits: Image, scale: int) -> Color:
         shifted = samples[:, :, None, row : row + height, column : column + width]
         total = total + shares[:, None, tap] * shifted
     return F.pixel_shuffle(total.flatten(1, 2), scale)
+
+
+def filter_pixels(image: Color, logits: Image, scale: int) -> Color:
+    """The same of a picture's pixels.
+
+    Args:
+        image: n 3 S*h+2 S*w+2, `continue_image`.
+        logits: of the kernels, n taps*S*S h w; `measure_pixel_reach` is added.
+        scale: S.
+
+    Returns:
+        n 3 S*h S*w.
+    """
+    large = F.pixel_shuffle(logits, scale) + measure_pixel_reach(logits)
+    shares = large.to(image.dtype).softmax(1)
+    height, width = shares.shape[2:]
+    total = image.new_zeros(())
+    for tap in range(TAPS):
+        row, column = divmod(tap, 3)
+        total = (
+            total
+            + shares[:, tap : tap + 1] * (image[:, :, row : row + height, column : column + width])
+        )
+    return total

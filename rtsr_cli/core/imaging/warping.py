@@ -19,8 +19,11 @@ from torch.nn import functional
 from rtsr_cli.core.errors import ShapeMismatchError
 from rtsr_cli.core.shapes import IdMap, Image, Mask, MotionPx, Plane, Size
 
-WarpMode: TypeAlias = Literal["nearest", "bilinear", "bicubic"]
-"""`bicubic` is Catmull-Rom (Keys 1981 with a = -0.5)."""
+WarpMode: TypeAlias = Literal["nearest", "bilinear", "bicubic", "sharp"]
+"""`bicubic` is Catmull-Rom (Keys 1981 with a = -1/2), `sharp` the same with a = -3/4."""
+
+SHARP_A = -0.75
+"""Slope of the kernel of `sharp`."""
 
 Border: TypeAlias = Literal["clamp", "zero"]
 """What stands for samples outside the frame: its nearest border pixel, or zero."""
@@ -67,10 +70,21 @@ def _catmull_rom_weights(fraction: Tensor) -> tuple[int, tuple[Tensor, ...]]:
     return -1, (outer_before, inner_before, inner_after, outer_after)
 
 
+def _sharp_weights(fraction: Tensor) -> tuple[int, tuple[Tensor, ...]]:
+    """The same with a = -3/4: what is fetched anew every frame loses less."""
+    a, f = SHARP_A, fraction
+    outer_before = a * f * (1 + f * (f - 2))
+    inner_before = 1 + f * f * ((a + 2) * f - (a + 3))
+    outer_after = a * f * f * (1 - f)
+    inner_after = f * (f * ((2 * a + 3) - (a + 2) * f) - a)
+    return -1, (outer_before, inner_before, inner_after, outer_after)
+
+
 _KERNELS: dict[WarpMode, Callable[[Tensor], tuple[int, tuple[Tensor, ...]]]] = {
     "nearest": _nearest_weights,
     "bilinear": _bilinear_weights,
     "bicubic": _catmull_rom_weights,
+    "sharp": _sharp_weights,
 }
 
 

@@ -13,7 +13,9 @@ interpolated between them little; motion is that of the nearest surface of the f
 pixel, not of 3 x 3; the composition network corrects the weight that a running mean of these
 samples has, and sees what frame and history are worth, how far history lies out of the frame's
 range, and how the surface moves. The classifier sees how far history is from the frame, and its
-decoder also tells a kernel that the frame's samples are filtered by where history is of no use.
+decoder also tells a kernel that the frame's samples are filtered by where history is of no use,
+and one that what was accumulated is shown through; history itself is fetched sharper, and goes on
+unfiltered.
 `paper` keeps the published channels around the same layers. Losses are ours, as the published ones
 are not known.
 """

@@ -18,6 +18,16 @@ from rtsr_cli.core.system import Tensors
 CLASSES = 3
 """Of ghosting: visibility, shading, none; of aliasing: geometry, texture, none."""
 
+CAUTION = 1.75
+"""How much the logit of visibility ghosting is raised for what history is kept."""
+
+LEANING = {"ghosting": (CAUTION, 1.0, 0.0), "aliasing": (0.75, 0.5, 0.0)}
+"""Added to the logits for the loss, whose weights make rare classes likelier than they are.
+
+Menon et al. 2021, Long-tail learning via logit adjustment; near where the macro-F1 of the captures
+trained on is highest, geometry aliasing a little likelier, so that it is found within a pixel.
+"""
+
 UNROLLED_FRAMES = 8
 """Successive frames of a training sample."""
 
@@ -46,7 +56,7 @@ class CgtsSurroundings:
         shown: what the classifier sees beside the published 20 channels.
         show: (frame and carried history, by name) -> these channels, n shown h w.
         guides: whether the networks also tell how far moving history is held within the colours
-            around, and how the frame's samples are filtered.
+            around, and how the frame's samples and the picture are filtered.
     """
 
     enlarge: Callable[[Frame, int], tuple[Color, Plane]]

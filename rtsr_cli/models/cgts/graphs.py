@@ -10,16 +10,23 @@ from rtsr_cli.core.graphs import (
     OutsideStep,
 )
 from rtsr_cli.core.imaging.auxiliary_buffers import FRONT_REACH_PX, RANGE_RATE
-from rtsr_cli.core.imaging.predicted_kernel import FILTERED_WORTH, KERNEL_SIGMA_PX, TAPS
+from rtsr_cli.core.imaging.predicted_kernel import (
+    FILTERED_WORTH,
+    KERNEL_SIGMA_PX,
+    PICTURE_SIGMA_PX,
+    TAPS,
+)
 from rtsr_cli.core.imaging.sample_splats import MAX_ENCODED
+from rtsr_cli.core.imaging.warping import SHARP_A
 from rtsr_cli.core.lighting.graph_steps import require_own_preset
-from rtsr_cli.models.cgts.config import CgtsConfig
+from rtsr_cli.models.cgts.config import CAUTION, CgtsConfig
 from rtsr_cli.models.cgts.inputs import (
     CERTAIN,
     CLIPPED_DEVIATIONS,
     FASTEST_PX,
     INTERPOLATED_WORTH,
     INTERPOLATION_A,
+    LEAST_FILTERED,
     LEAST_HISTORY,
     SAMPLE_SIGMA_PX,
     STILL_PX,
@@ -37,10 +44,11 @@ MULTIPLE = 8
 """LR pixels: 16 of the output's."""
 
 BLOCK = tuple(f"output pixel ({x}, {y}) of the LR pixel" for y in range(2) for x in range(2))
-ADDED = ("weight", "clipping", "filtering")
+ADDED = ("weight", "clipping", "filtering", "finish")
 GUIDES = (
     *(
-        f"logit of the sample at ({tap % 3 - 1:+d}, {tap // 3 - 1:+d}), {pixel}"
+        f"logit of the {what} at ({tap % 3 - 1:+d}, {tap // 3 - 1:+d}), {pixel}"
+        for what in ("sample", "pixel")
         for tap in range(TAPS)
         for pixel in BLOCK
     ),
@@ -60,6 +68,8 @@ RANGE = tuple(f"{end} {c} of 3 x 3, c / (1 + c)" for end in ("least", "most") fo
 COLOR = ("R, c / (1 + c), of the samples enlarged", "G", "B")
 DIFFERENCE = "(D_before - D) / max(D_before, D), D = 1 / z; 1 without history"
 
+HIDDEN = f"the logit of visibility ghosting + {CAUTION:g} is at least the others of ghosting"
+
 SEEN = (
     *COLOR,
     "D / (1 + D), D = 1 / z of the nearest sample, 1/m; 0 on sky",
@@ -77,10 +87,10 @@ SEEN = (
 KNOWN = (
     *(f"{channel}, -{MOST_LOGIT:g}..{MOST_LOGIT:g}" for channel in LOGITS),
     f"counter of frames / {MOST_FRAMES:g}, at most 1: carried + 1, 0 without history and where "
-    "visibility ghosting is likeliest",
+    f"{HIDDEN}",
     DIFFERENCE,
     *COLOR,
-    "carried R, c / (1 + c), Catmull-Rom",
+    f"carried R, c / (1 + c), Keys' kernel, a = {SHARP_A:g}",
     "carried G",
     "carried B",
     "samples that the frame's colour is worth",
@@ -107,22 +117,25 @@ CARRY = OutsideStep(
     when="before",
     formula="state at x + motion(x), motion of the nearest surface of the samples less than "
     f"{FRONT_REACH_PX:g} LR pixels from the output pixel along both axes, times S: colour by "
-    "Catmull-Rom, within 0..1, logits bilinearly, counter, worth, range and D of the nearest "
-    "pixel; colours c become g c / (1 + (g - 1) c), g the ratio of pre-exposures",
+    f"Keys' kernel, a = {SHARP_A:g}, within 0..1, logits bilinearly, counter, worth, range and "
+    "D of the nearest pixel; colours c become g c / (1 + (g - 1) c), g the ratio of pre-exposures",
 )
 ACCUMULATE = OutsideStep(
     name="accumulate",
     when="after",
-    formula="g = given + guides' last 3, at the output's size; filtered = sum a_q c_q, a = "
+    formula="g = given + guides' last 4, at the output's size; filtered = sum a_q c_q, a = "
     "softmax_q(guides_q - |p - q|^2 / (2 "
-    f"{KERNEL_SIGMA_PX:g}^2)), 3 x 3 samples q around the LR pixel, output pixels; frame = "
-    f"lerp(color, filtered, sigmoid(g_2)), worth' = lerp(worth, {FILTERED_WORTH:g}, "
-    "sigmoid(g_2)); weight = sigmoid(g_0 + log(worth') - log(max(history "
-    f"worth, {LEAST_HISTORY:g}))), at least reactive, 1 where there is no history; clip = "
+    f"{KERNEL_SIGMA_PX:g}^2)), 3 x 3 samples q around the LR pixel, output pixels; share = "
+    f"1 - (1 - sigmoid(g_2)) (1 - {LEAST_FILTERED:g} (1 - exp(-|motion| / {STILL_PX:g}))); frame = "
+    f"lerp(color, filtered, share), worth' = lerp(worth, {FILTERED_WORTH:g}, share); "
+    f"weight = sigmoid(g_0 + log(worth') - log(max(history worth, {LEAST_HISTORY:g}))), at least "
+    "reactive, 1 where there is no history; clip = "
     f"sigmoid(g_1) (1 - exp(-|motion| / {STILL_PX:g})); clipped: history within mean +- "
     f"{CLIPPED_DEVIATIONS:g} deviation, each channel of YCoCg, of the 3 x 3 samples around each "
-    "sample, linear between; color' = lerp(lerp(history, clipped, clip), frame, weight); "
-    "radiance = color' / (1 - color')",
+    "sample, linear between; color' = lerp(lerp(history, clipped, clip), frame, weight), "
+    "which goes on; shown = lerp(color', sum b_k color'_k, tanh(g_3)) within 0..1, b = "
+    f"softmax_k(guides_k - |p - k|^2 / (2 {PICTURE_SIGMA_PX:g}^2)), 3 x 3 pixels k, output pixels; "
+    "radiance = shown / (1 - shown)",
 )
 
 
@@ -157,6 +170,7 @@ def describe(config: CgtsConfig) -> NetworkGraphs:
                             "added to the logit of the frame's weight",
                             "logit of clipping",
                             "logit of filtering",
+                            "artanh of how far the picture is filtered",
                         ),
                     ),
                 ),
@@ -167,7 +181,7 @@ def describe(config: CgtsConfig) -> NetworkGraphs:
             CarriedTensor(name=name, made=made, reset=reset, moved="carry history")
             for name, made, reset in (
                 ("color", "color' of the frame before", "the frame's own"),
-                ("counter", "counter + 1, 0 where visibility ghosting is likeliest", "0"),
+                ("counter", f"counter + 1, 0 where {HIDDEN}", "0"),
                 ("worth", f"min(worth' / weight, {MOST_WORTH:g})", "0"),
                 (
                     "range",

@@ -68,6 +68,9 @@ STILL_PX = 0.25
 CLIPPED_DEVIATIONS = 1.0
 """Half width of the box that history is held in."""
 
+LEAST_FILTERED = 0.5
+"""m: share of the frame that is filtered at least where it moves."""
+
 FASTEST_PX = 8.0
 """Motion beyond which nothing more is told of it."""
 
@@ -203,6 +206,14 @@ def limit_clipping(share: Plane, motion: MotionPx) -> Plane:
     return share * (1.0 - torch.exp(-speed / STILL_PX))
 
 
+def filter_moving(share: Plane, motion: MotionPx) -> Plane:
+    """Share of filtering, more where the surface moves: s + (1 - s) m (1 - exp(-|v| / 0.25 px)).
+
+    Rows that hold a sample differ from those between, which shows as teeth along upright edges.
+    """
+    return share + (1.0 - share) * limit_clipping(torch.full_like(share, LEAST_FILTERED), motion)
+
+
 def _enlarge_reactive(frame: Frame, scale: int, *, like: Plane) -> Tensor:
     reactive = frame.gbuffer.buffers.get(Buffer.REACTIVE)
     if reactive is None:
@@ -260,7 +271,7 @@ class CarriedHistory:
 
 
 def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> CarriedHistory:
-    """Fetch the state where each pixel was; colours by Catmull-Rom, logits bilinearly.
+    """Fetch the state where each pixel was; colours by a sharp kernel, logits bilinearly.
 
     Counter, worth, range and depth are those of the nearest pixel. Where there is no history, the
     frame stands for it, and its logits say so.
@@ -283,7 +294,7 @@ def carry_history(before: CgtsState | None, inputs: Tensors, own: Image) -> Carr
             inside=nothing,
         )
     gain = inputs["exposure"] / before.exposure
-    fetched, inside = backward_warp(before.color.to(color.dtype), motion, mode="bicubic")
+    fetched, inside = backward_warp(before.color.to(color.dtype), motion, mode="sharp")
     fetched = fetched.clamp(0.0, 1.0)
     logits, _ = backward_warp(before.logits, motion)
     planes = torch.cat([before.counter, before.worth, before.depth], dim=1)

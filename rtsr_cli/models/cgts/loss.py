@@ -1,11 +1,11 @@
 """What classifier guided supersampling is held against.
 
     L = w_g CE(ghosting) + w_a CE(aliasing)
-      + w_c mean(p sqrt(|o - r|^2 + e^2)) + w_s mean(|o - r|^2) + w_t mean(q |(o - o') - (r - r')|)
+      + w_c mean(p sqrt(|o - r|^2 + e^2)) + w_s mean(|o - r|^2) + w_t mean(q |(a - a') - (r - r')|)
 
-o is the output and r the reference, the mean of all samples of a pixel, both c / (1 + c); o' and r'
-are those of the frame before along the motion, p weighs pixels by their class, q is 1 where nothing
-ghosts. The publication's losses are not known; these are ours.
+o is the output and r the reference, the mean of all samples of a pixel, both c / (1 + c); a is what
+is accumulated, a' and r' are of the frame before along the motion, p weighs pixels by their class,
+q is 1 where nothing ghosts. The publication's losses are not known; these are ours.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rtsr_cli.core.imaging.warping import backward_warp
 from rtsr_cli.core.lighting.lighting import batch_masked_mean
 from rtsr_cli.core.shapes import Image, Plane
 from rtsr_cli.core.system import FrameWindow, Tensors
-from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, CgtsLoss, Stage
+from rtsr_cli.models.cgts.config import CLASSES, LEANING, CgtsConfig, CgtsLoss, Stage
 from rtsr_cli.models.cgts.inputs import find_motion
 
 GHOSTING_ORDER = (Ghosting.VISIBILITY, Ghosting.SHADING, Ghosting.NONE)
@@ -68,7 +68,8 @@ def loss(config: CgtsConfig, inputs: Tensors, outputs: Tensors, target: Tensors)
         weight = float(getattr(weights, name))
         if weight and config.stage is not Stage.COMPOSITION:
             logits, classes = outputs["logits"][:, own], number_classes(target[name], order)
-            terms[name] = weight * classification_loss(logits, classes, weights.rarest)
+            leaning = logits.new_tensor(LEANING[name]).view(1, -1, 1, 1)
+            terms[name] = weight * classification_loss(logits + leaning, classes, weights.rarest)
     if config.stage is not Stage.CLASSIFIER:
         terms |= composition_loss(weights, outputs, target)
     return terms
@@ -104,6 +105,7 @@ def composition_loss(weights: CgtsLoss, outputs: Tensors, target: Tensors) -> di
         terms["squared"] = weights.squared * difference.square().mean()
     if weights.temporal:
         kept = (ghosting == Ghosting.NONE).to(output)
-        change = (output - outputs["history"]) - (target["color"] - target["before"])
+        accumulated = outputs["accumulated"].float()
+        change = (accumulated - outputs["history"]) - (target["color"] - target["before"])
         terms["temporal"] = weights.temporal * batch_masked_mean(change.abs(), kept)
     return terms

@@ -24,20 +24,22 @@ from rtsr_cli.core.imaging.auxiliary_buffers import (
 from rtsr_cli.core.imaging.predicted_kernel import (
     FILTERED_WORTH,
     TAPS,
-    continue_samples,
+    continue_image,
+    filter_pixels,
     filter_samples,
 )
 from rtsr_cli.core.imaging.row_strips import cut_pixels
 from rtsr_cli.core.network.blocks import continue_borders
 from rtsr_cli.core.shapes import Color, Image, Plane
 from rtsr_cli.core.system import State, Tensors
-from rtsr_cli.models.cgts.config import CLASSES, CgtsConfig, Stage
+from rtsr_cli.models.cgts.config import CAUTION, CLASSES, CgtsConfig, Stage
 from rtsr_cli.models.cgts.inputs import (
     SURROUNDINGS,
     CarriedHistory,
     CgtsState,
     carry_history,
     clip_history,
+    filter_moving,
     limit_clipping,
 )
 
@@ -53,14 +55,21 @@ WIDTHS = (32, 64, 128, 256)
 DECODED = 32
 """Channels of the decoder: 16 + 8 + 4 + 4 come in."""
 
+DETAIL = 64
+"""Width of what tells kernels beside the decoder."""
+
 HIDDEN = 64
 """Width of the composition network."""
 
 DIVISOR = 16
 """Sizes that the classifier takes are multiples of it: a half, then three halvings."""
 
-CORRECTIONS = 3
-"""Logits of a pixel that both networks add to: of the frame's weight, of clipping, of filtering."""
+CORRECTIONS = 4
+"""What both networks add to, a pixel: logits of the frame's weight, of clipping and of filtering,
+and how far the picture is filtered."""
+
+KERNELS = 2
+"""Of a pixel: one of the frame's samples, one of the picture's pixels."""
 
 MOST_FRAMES = 16.0
 """Frames that the counter is shown to the networks up to."""
@@ -99,6 +108,18 @@ def make_decoder() -> nn.Sequential:
     return nn.Sequential(*layers, nn.Conv2d(DECODED, 2 * CLASSES, 1), nn.BatchNorm2d(2 * CLASSES))
 
 
+def make_detail(guides: int) -> nn.Sequential:
+    """1x1, depthwise 3x3, 1x1, ReLU, 1x1: of all features of the first scale, not half of them."""
+    return nn.Sequential(
+        nn.Conv2d(WIDTHS[0] + DECODED - WIDTHS[0] // 2, DETAIL, 1),
+        nn.ReLU(inplace=True),
+        nn.Conv2d(DETAIL, DETAIL, 3, padding=1, groups=DETAIL),
+        nn.Conv2d(DETAIL, DETAIL, 1),
+        nn.ReLU(inplace=True),
+        nn.Conv2d(DETAIL, guides, 1),
+    )
+
+
 class Classifier(nn.Module):
     """n c h w -> logits n 6 h w and guides n g h/2 w/2; 122,354 parameters at 20 and none."""
 
@@ -113,10 +134,13 @@ class Classifier(nn.Module):
         )
         self.decoder = make_decoder()
         self.guide: nn.Conv2d | None = None
+        self.detail: nn.Sequential | None = None
         if guides:
             self.guide = nn.Conv2d(DECODED, guides, 1)
-            nn.init.zeros_(self.guide.weight)
-            nn.init.zeros_(cast(Tensor, self.guide.bias))
+            self.detail = make_detail(guides)
+            for last in (self.guide, cast(nn.Conv2d, self.detail[-1])):
+                nn.init.zeros_(last.weight)
+                nn.init.zeros_(cast(Tensor, last.bias))
 
     def for_inference(self) -> Classifier:
         """Return the same function whose first layer takes 2 x 2 pixels as they lie."""
@@ -133,10 +157,12 @@ class Classifier(nn.Module):
     def forward(self, seen: Image) -> tuple[Image, Image | None]:
         """Classify; sides are multiples of 16."""
         rest = self.halve(seen)
-        parts = []
+        parts, fine = [], rest
         for level, scale in enumerate(self.scales):
             features = scale(rest)
             half = features.shape[1] // 2
+            if level == 0:
+                fine = features
             last = level == len(self.scales) - 1
             own = features if last else features[:, :half]
             parts.append(own if level == 0 else F.pixel_shuffle(own, 1 << level))
@@ -144,7 +170,10 @@ class Classifier(nn.Module):
                 rest = F.max_pool2d(features[:, half:], 2)
         decoded = self.decoder[:-2](torch.cat(parts, dim=1))
         small: Image = self.decoder[-2:](decoded)
-        guides = None if self.guide is None else self.guide(decoded).float()
+        guides = None
+        if self.guide is not None and self.detail is not None:
+            guides = self.detail(torch.cat([fine, *parts[1:]], dim=1))
+            guides = guides.add_(self.guide(decoded)).float()
         logits = F.interpolate(
             small.float(), scale_factor=2.0, mode="bilinear", align_corners=False
         )
@@ -201,7 +230,7 @@ class CgtsNetwork(nn.Module):
         self.scale, guided = scale, self.surroundings.guides
         self.classifier = Classifier(
             CLASSIFIED_CHANNELS + self.surroundings.shown,
-            (TAPS + CORRECTIONS) * scale * scale if guided else 0,
+            (KERNELS * TAPS + CORRECTIONS) * scale * scale if guided else 0,
         )
         self.composition: nn.Module = Composition(
             COMPOSED_CHANNELS + self.surroundings.signals, CORRECTIONS if guided else 1
@@ -231,7 +260,7 @@ class CgtsNetwork(nn.Module):
         logits = told["logits"]
         useless = (find_hidden(logits) | (history.inside == 0)).to(logits.dtype)
         counter = count_frames(history.counter, useless)
-        color, weight, worth = self._compose(inputs, history, span, told, counter)
+        color, weight, worth, share = self._compose(inputs, history, span, told, counter)
         kept = CgtsState(
             color=color,
             counter=counter,
@@ -243,7 +272,8 @@ class CgtsNetwork(nn.Module):
             linked=1 if before is None else before.linked + 1,
         )
         outputs = {
-            "color": color,
+            "color": color if share is None else self._finish(color, told["guides"], share),
+            "accumulated": color,
             "history": history.color,
             "logits": logits,
             "weight": weight,
@@ -300,8 +330,8 @@ class CgtsNetwork(nn.Module):
         span: Image,
         told: Tensors,
         counter: Plane,
-    ) -> tuple[Color, Plane, Plane]:
-        """Frame and history, weighted, the weight, and what the frame is worth.
+    ) -> tuple[Color, Plane, Plane, Plane | None]:
+        """Frame and history, weighted, the weight, what the frame is worth, and `_finish`'s share.
 
         The weight is 1 where there is no history.
         """
@@ -321,7 +351,7 @@ class CgtsNetwork(nn.Module):
         small: dict[str, Tensor] = {}
         if self.surroundings.guides:
             seen |= {"around": inputs["around"], "history_span": history.span}
-            small = {"samples": continue_samples(inputs["samples"]), "guides": told["guides"]}
+            small = {"samples": continue_image(inputs["samples"]), "guides": told["guides"]}
         if not self.strip_pixels:
             return self._compose_pixels(seen, small, inputs)
         size, parts = (span.shape[2], span.shape[3]), []
@@ -331,12 +361,30 @@ class CgtsNetwork(nn.Module):
             # samples have a row more to each side
             own = {n: t[:, :, top : bottom + 2 * (n == "samples")] for n, t in small.items()}
             parts.append(self._compose_pixels(shown, own, inputs))
-        colors, weights, worths = (torch.cat(strips, dim=2) for strips in zip(*parts, strict=True))
-        return colors, weights, worths
+        colors, weights, worths, shares = zip(*parts, strict=True)
+        whole = [torch.cat(strips, dim=2) for strips in (colors, weights, worths)]
+        finish = torch.cat(shares, dim=2) if self.surroundings.guides else None
+        return whole[0], whole[1], whole[2], finish
+
+    def _finish(self, color: Color, guides: Image, share: Plane) -> Color:
+        """o + s (f - o), shown of the accumulated o; f is filtered by kernels of its own."""
+        taps = TAPS * self.scale * self.scale
+        around, logits = continue_image(color), guides[:, (KERNELS - 1) * taps : KERNELS * taps]
+        height, width = color.shape[2:]
+        parts = []
+        pixels = self.strip_pixels or height * width
+        for rows in cut_pixels((height, width), pixels, multiple=self.scale):
+            own = (..., slice(rows.start, rows.stop), slice(None))
+            top, bottom = rows.start // self.scale, rows.stop // self.scale
+            filtered = filter_pixels(
+                around[:, :, rows.start : rows.stop + 2], logits[:, :, top:bottom], self.scale
+            )
+            parts.append(torch.lerp(color[own], filtered, share[own].to(color.dtype)))
+        return torch.cat(parts, dim=2).clamp_(0.0, 1.0)
 
     def _compose_pixels(
         self, seen: Tensors, small: Tensors, inputs: Tensors
-    ) -> tuple[Color, Plane, Plane]:
+    ) -> tuple[Color, Plane, Plane, Plane | None]:
         shown = seen["logits"].clamp(-MOST_LOGIT, MOST_LOGIT)
         known = {**seen, "motion": seen["motion"].nan_to_num()}
         history, color, worth = seen["history"], seen["color"], seen["worth"]
@@ -349,12 +397,14 @@ class CgtsNetwork(nn.Module):
             self.surroundings.see(known),
         ]
         given = self.weigh({"known": torch.cat(channels, dim=1).float()})["given"]
+        finish: Plane | None = None
         if self.surroundings.guides:
-            kernels = TAPS * self.scale * self.scale
-            given = given + F.pixel_shuffle(small["guides"][:, kernels:], self.scale)
-            logits = small["guides"][:, :kernels] + inputs["reach"]
+            taps = TAPS * self.scale * self.scale
+            given = given + F.pixel_shuffle(small["guides"][:, KERNELS * taps :], self.scale)
+            finish = torch.tanh(given[:, 3:])
+            logits = small["guides"][:, :taps] + inputs["reach"]
             filtered = filter_samples(small["samples"], logits, self.scale)
-            share = torch.sigmoid(given[:, 2:])
+            share = filter_moving(torch.sigmoid(given[:, 2:3]), known["motion"])
             color = torch.lerp(color, filtered, share.to(color.dtype))
             worth = worth + share * (FILTERED_WORTH - worth)
             share = limit_clipping(torch.sigmoid(given[:, 1:2]), known["motion"])
@@ -362,13 +412,16 @@ class CgtsNetwork(nn.Module):
         start = self.surroundings.start(worth, seen["history_worth"])
         weight = torch.sigmoid(given[:, :1] + start)
         weight = torch.where(seen["inside"] > 0, torch.maximum(weight, seen["reactive"]), 1.0)
-        return torch.lerp(history, color, weight.to(history.dtype)), weight, worth
+        return torch.lerp(history, color, weight.to(history.dtype)), weight, worth, finish
 
 
 def find_hidden(logits: Image) -> Tensor:
-    """True where visibility ghosting is the likeliest kind."""
+    """True where history may show another surface: e^`CAUTION` times less likely is enough.
+
+    A history that begins anew for nothing costs less than one that shows what is no longer there.
+    """
     visibility, others = logits[:, :1], logits[:, 1:CLASSES]
-    return visibility >= others.amax(1, keepdim=True)
+    return visibility + CAUTION >= others.amax(1, keepdim=True)
 
 
 def _show_counter(counter: Plane) -> Plane:

@@ -92,20 +92,30 @@ def filter_samples(t: Array, guides: Array, scale: int, jitter: Jitter) -> Array
     return made
 
 
-def enlarge_corrections(guides: Array, scale: int) -> Array:
-    """The last three of every output pixel."""
-    added = guides[9 * scale**2 :].reshape(3, scale, scale, *guides.shape[1:])
-    return added.transpose(0, 3, 1, 4, 2).reshape(3, scale * guides.shape[1], -1)
+def enlarge_guides(guides: Array, scale: int) -> Array:
+    """Of every output pixel: logits of samples, of pixels, and corrections."""
+    each = guides.reshape(-1, scale, scale, *guides.shape[1:])
+    return each.transpose(0, 3, 1, 4, 2).reshape(len(each), scale * guides.shape[1], -1)
 
 
-def catmull_rom(image: Array, motion: Array) -> Array:
+def finish(color: Array, logits: Array, share: Array) -> Array:
+    """By kernels of 3 x 3 pixels."""
+    steps = np.mgrid[-1:2, -1:2].reshape(2, 9, 1, 1)
+    logits = logits - (steps**2).sum(0) / (2 * C["PICTURE_SIGMA"] ** 2)
+    shares = np.exp(logits - logits.max(0))
+    shares /= shares.sum(0)
+    total = sum(b * k for b, k in zip(shares, around(color, 1, None), strict=True))
+    return clamp(color + share * (total - color), 0, 1)
+
+
+def fetch_sharp(image: Array, motion: Array) -> Array:
     rows, columns = np.mgrid[: image.shape[1], : image.shape[2]]
     y, x = rows + motion[1], columns + motion[0]
     top, left = np.floor(y).astype(int), np.floor(x).astype(int)
     total = np.zeros_like(image)
     for down in range(-1, 3):
         for across in range(-1, 3):
-            w = keys(y - top - down, -0.5) * keys(x - left - across, -0.5)
+            w = keys(y - top - down, C["SHARP_A"]) * keys(x - left - across, C["SHARP_A"])
             qy = np.clip(top + down, 0, image.shape[1] - 1)
             qx = np.clip(left + across, 0, image.shape[2] - 1)
             total += w * image[:, qy, qx]
@@ -126,6 +136,7 @@ class State:
     """What a frame leaves to the next."""
 
     color: Array
+    shown: Array
     counter: Array
     worth: Array
     low: Array
@@ -166,7 +177,7 @@ def show(side: Side, before: State | None, scale: int) -> Shown:
     there = inside(motion) if before is not None else np.zeros(d.shape, bool)
     history, counter, gained, logits = color, np.zeros(d.shape), np.zeros(d.shape), doubt
     if before is not None:
-        history = np.where(there, clamp(catmull_rom(before.color, motion), 0, 1), color)
+        history = np.where(there, clamp(fetch_sharp(before.color, motion), 0, 1), color)
         counter = nearest(before.counter, motion) * there
         gained = nearest(before.worth, motion) * there
         logits = np.where(there, bilinear(before.logits, motion), doubt)
@@ -188,23 +199,26 @@ def show(side: Side, before: State | None, scale: int) -> Shown:
 
 def accumulate(shown: Shown, logits: Array, guides: Array, given: Array) -> State:
     """What is written, and goes on."""
-    given = given + enlarge_corrections(guides, shown.scale)
+    large = enlarge_guides(guides, shown.scale)
+    given = given + large[18:]
     filtered = filter_samples(shown.samples, guides, shown.scale, shown.jitter)
-    share = 1 / (1 + np.exp(-given[2]))
+    moving = 1 - np.exp(-np.linalg.norm(shown.motion, axis=0) / C["STILL_PX"])
+    share = 1 - (1 - 1 / (1 + np.exp(-given[2]))) * (1 - C["LEAST_FILTERED"] * moving)
     frame = shown.color + share * (filtered - shown.color)
     worth = shown.worth + share * (C["FILTERED_WORTH"] - shown.worth)
-    hidden = (logits[0] >= np.maximum(logits[1], logits[2])) | ~shown.inside
+    hidden = (logits[0] + C["CAUTION"] >= np.maximum(logits[1], logits[2])) | ~shown.inside
     start = np.log(worth) - np.log(np.maximum(shown.history_worth, C["LEAST_HISTORY"]))
     a = np.where(shown.inside, 1 / (1 + np.exp(-(given[0] + start))), 1)
-    speed = np.linalg.norm(shown.motion, axis=0)
-    s = 1 / (1 + np.exp(-given[1])) * (1 - np.exp(-speed / C["STILL_PX"]))
+    s = 1 / (1 + np.exp(-given[1])) * moving
     h = shown.history + s * (shown.clipped - shown.history)
     low, high = (pick(around(shown.color, 1, None), axis=0) for pick in (np.min, np.max))
     rate, most = C["RANGE_RATE"], C["CGTS_MOST_LOGIT"]
     wide_low = np.minimum(low, shown.low + rate * (low - shown.low))
     wide_high = np.maximum(high, shown.high + rate * (high - shown.high))
+    color = h + a * (frame - h)
     return State(
-        color=h + a * (frame - h),
+        color=color,
+        shown=finish(color, large[9:18], np.tanh(given[3])),
         counter=np.where(hidden, 0, shown.counter + 1),
         worth=np.minimum(worth / a, C["CGTS_MOST_WORTH"]),
         low=np.where(hidden, low, wide_low),

@@ -39,6 +39,7 @@ from rtsr_cli.core.imaging import (
     splatting,
     surface_history,
     surfaces,
+    warping,
 )
 from rtsr_cli.core.imaging.brdf_lut import load_default_lut
 from rtsr_cli.core.lighting import (
@@ -53,6 +54,7 @@ from rtsr_cli.core.network.graphs import replace_graph
 from rtsr_cli.core.network.load import LoadedNetwork
 from rtsr_cli.core.system import Tensors
 from rtsr_cli.core.vrs.reprojection import SAME_SURFACE
+from rtsr_cli.models.cgts import config as cgts_config
 from rtsr_cli.models.cgts import inputs as cgts_inputs
 from rtsr_cli.models.cgts import network as cgts_network
 from rtsr_cli.models.gather import network as gather_network
@@ -126,15 +128,19 @@ CONSTANTS = {
     "BETWEEN_WORTH": cgts_inputs.INTERPOLATED_WORTH,
     "MOST_BETWEEN": sample_splats.MAX_ENCODED,
     "LEAST_HISTORY": cgts_inputs.LEAST_HISTORY,
+    "LEAST_FILTERED": cgts_inputs.LEAST_FILTERED,
     "STILL_PX": cgts_inputs.STILL_PX,
     "FRONT_REACH": auxiliary_buffers.FRONT_REACH_PX,
+    "SHARP_A": warping.SHARP_A,
     "KERNEL_SIGMA": predicted_kernel.KERNEL_SIGMA_PX,
+    "PICTURE_SIGMA": predicted_kernel.PICTURE_SIGMA_PX,
     "FILTERED_WORTH": predicted_kernel.FILTERED_WORTH,
     "DEVIATIONS": cgts_inputs.CLIPPED_DEVIATIONS,
     "RANGE_RATE": auxiliary_buffers.RANGE_RATE,
     "CGTS_MOST_WORTH": cgts_network.MOST_WORTH,
     "CGTS_MOST_LOGIT": cgts_network.MOST_LOGIT,
     "CERTAIN": cgts_inputs.CERTAIN,
+    "CAUTION": cgts_config.CAUTION,
     "SEEN_DEPTH": SAME_SURFACE.depth_relative,
     "SEEN_FACING": SAME_SURFACE.normal_cosine,
 }
@@ -484,4 +490,4 @@ def test_history_of_cgts_is_carried_and_accumulated_as_the_page_says(tmp_path: P
     assert state.counter.max() == 2
     planes = read_channels(tmp_path / "o" / "frame.0003.exr", "RGB")
     written = np.stack([planes[c].astype(np.float64) for c in "RGB"])
-    assert np.abs(state.color - show(written)).max() < 1e-3
+    assert np.abs(state.shown - show(written)).max() < 1e-3

@@ -7,8 +7,10 @@ import torch
 
 from rtsr_cli.core.imaging.predicted_kernel import (
     KERNEL_SIGMA_PX,
+    PICTURE_SIGMA_PX,
     TAPS,
-    continue_samples,
+    continue_image,
+    filter_pixels,
     filter_samples,
     measure_reach,
 )
@@ -18,7 +20,7 @@ JITTERS = [(0.0, 0.0), (0.375, -0.125), (-0.375, 0.125)]
 
 
 def filtered(samples: torch.Tensor, logits: torch.Tensor) -> torch.Tensor:
-    return filter_samples(continue_samples(samples), logits, 2)
+    return filter_samples(continue_image(samples), logits, 2)
 
 
 @pytest.mark.parametrize("jitter", JITTERS)
@@ -63,3 +65,21 @@ def test_bright_samples_stay_in_double_precision() -> None:
     made = filtered(samples, torch.zeros(1, TAPS * 4, 2, 2))
     assert made.dtype == torch.float64
     torch.testing.assert_close(made, torch.full_like(made, 1.0 - 1e-9), rtol=0, atol=1e-12)
+
+
+def test_untrained_a_picture_s_kernel_is_a_gaussian() -> None:
+    picture = torch.rand(1, 3, 6, 8)
+    made = filter_pixels(continue_image(picture), torch.zeros(1, TAPS * 4, 3, 4), 2)
+    side = torch.exp(torch.tensor(-0.5 / PICTURE_SIGMA_PX**2))
+    row = torch.stack([side, torch.tensor(1.0), side]) / (1 + 2 * side)
+    expected = torch.einsum("nchw,h,w->nc", picture[:, :, 1:4, 3:6], row, row)
+    torch.testing.assert_close(made[:, :, 2, 4], expected, rtol=1e-4, atol=1e-6)
+
+
+def test_every_pixel_of_a_picture_has_its_own_kernel() -> None:
+    picture = torch.rand(1, 3, 6, 8)
+    logits = torch.zeros(1, TAPS * 4, 3, 4)
+    # the right neighbour, of every second pixel of the upper row
+    logits[:, 5 * 4 + 0] = 1e4
+    made = filter_pixels(continue_image(picture), logits, 2)
+    torch.testing.assert_close(made[..., 0::2, 0::2], picture[..., 0::2, 1::2])

@@ -27,7 +27,7 @@ from rtsr_cli.core.imaging.warping import (
     warp_pixels,
 )
 
-MODES = ("nearest", "bilinear", "bicubic")
+MODES = ("nearest", "bilinear", "bicubic", "sharp")
 sizes = st.tuples(st.integers(1, 9), st.integers(1, 9))
 seeds = st.integers(0, 2**31 - 1)
 
@@ -92,6 +92,13 @@ def test_bicubic_half_way_has_the_catmull_rom_weights():
     warped, _ = backward_warp(image, constant_motion(0.5, 0.0, (2, 4)), mode="bicubic")
     assert warped[0, 0, 0, 1].item() == -1.0
     assert warped[0, 0, 1, 1].item() == 9.0
+
+
+def test_sharp_half_way_has_larger_outer_weights():
+    image = torch.tensor([[[[32.0, 0.0, 0.0, 0.0], [0.0, 32.0, 0.0, 0.0]]]])
+    warped, _ = backward_warp(image, constant_motion(0.5, 0.0, (2, 4)), mode="sharp")
+    assert warped[0, 0, 0, 1].item() == -3.0
+    assert warped[0, 0, 1, 1].item() == 19.0
 
 
 def test_bicubic_reproduces_a_quadratic():
