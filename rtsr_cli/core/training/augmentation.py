@@ -56,6 +56,8 @@ class AugmentationConfig:
         material_share: share of the samples whose materials are swapped.
         material_stops: largest change of albedo, a channel.
         filtered_share: share of the samples whose LR radiance is filtered, not point-sampled.
+        still_share: share of the samples of captures in which nothing moves: one frame, again and
+            again; networks that see what came before learn from it to keep what is settled.
     """
 
     turns: bool = True
@@ -64,6 +66,7 @@ class AugmentationConfig:
     material_share: float = 0.3
     material_stops: float = 1.5
     filtered_share: float = 0.3
+    still_share: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -72,7 +75,7 @@ class AugmentationConfig:
             ConfigError: one is below 0, or far too large.
         """
         stops = dict.fromkeys(("exposure_stops", "tint_stops", "material_stops"), MOST_STOPS)
-        shares = dict.fromkeys(("material_share", "filtered_share"), 1.0)
+        shares = dict.fromkeys(("material_share", "filtered_share", "still_share"), 1.0)
         check_numbers(
             self, "training.augmentation", dict.fromkeys(stops | shares, 0.0), stops | shares
         )

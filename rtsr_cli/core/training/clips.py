@@ -11,18 +11,22 @@ import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
+import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
 from rtsr_cli.core.documents import check_regular, parse_json
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.tensor_file import write_tensors
-from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.buffers import VECTOR_BUFFERS, Buffer
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.limits import LARGEST_FACTOR
 from rtsr_cli.core.shapes import Size
+
+V = TypeVar("V")
 
 FORMAT = "rtsr-clips-1"
 
@@ -31,6 +35,9 @@ SUFFIX = ".rtsr-clips"
 
 DERIVED = frozenset({Buffer.LIGHTING, Buffer.LIGHTING_MASK, Buffer.SKY})
 """Never stored: made again from the rest when a crop is used, as augmentation changes the rest."""
+
+MOTIONS = frozenset(buffer.value for buffer in VECTOR_BUFFERS)
+"""Planes that are 0 where nothing moves."""
 
 DOUBTS = "doubts"
 """Of what a file is about: what is to be said of its radiance, each time that it is used."""
@@ -118,6 +125,31 @@ class Clip:
     def target_positions(self) -> range:
         """Frames that can be trained on or judged."""
         return range(self.facts.targets, len(self.facts.numbers))
+
+
+def hold_frame(clip: Clip, position: int) -> Clip:
+    """Show one frame of a capture at all of a clip's moments: nothing moves, the sampling does.
+
+    Args:
+        clip: of a capture; LR frames that were rendered hold one sampling.
+        position: of the frame.
+    """
+    facts = clip.facts
+
+    def hold_plane(name: str, plane: Tensor) -> Tensor:
+        frame = plane[position, None]
+        return (torch.zeros_like(frame) if name in MOTIONS else frame).expand_as(plane)
+
+    def hold_each(values: tuple[V, ...]) -> tuple[V, ...]:
+        return values[position : position + 1] * len(values)
+
+    held = replace(
+        facts,
+        lighting_scales=hold_each(facts.lighting_scales),
+        pre_exposures=hold_each(facts.pre_exposures),
+        cameras=hold_each(facts.cameras),
+    )
+    return Clip(held, {name: hold_plane(name, plane) for name, plane in clip.hr.items()})
 
 
 def leave_out_zeros(clip: Clip) -> Clip:

@@ -14,7 +14,7 @@ from rtsr_cli.core.files.streaming import prefetch
 from rtsr_cli.core.shapes import Size
 from rtsr_cli.core.system import Tensors, WholeFrames
 from rtsr_cli.core.threads import worker_pool
-from rtsr_cli.core.training.clips import Clip
+from rtsr_cli.core.training.clips import Clip, hold_frame
 from rtsr_cli.core.training.config import TrainingConfig
 from rtsr_cli.core.training.ranks import ALONE, ProcessRanks
 from rtsr_cli.core.training.sample_steps import SampleStep, build_steps
@@ -89,6 +89,7 @@ class SampleDrawer:
         frames = [np.array([len(c.target_positions) for c in g], float) for g in self._groups]
         self._crop = choose_crop(clips, task, config)
         self._goals: dict[tuple[int, SampleRegion, JitterMode], list[Tensors]] = {}
+        self._held: dict[tuple[int, int], Clip] = {}
         self._prepared = PreparedFrames(task)
         self._shares = [counts / counts.sum() for counts in frames]
 
@@ -115,6 +116,9 @@ class SampleDrawer:
         )
         jitter, phase = draw_jitter(task.jitter, rng)
         choices = replace(choices, jitter=jitter, phase=phase)
+        # drawn last: samples of runs without such are what they were
+        if rng.random() < config.augmentation.still_share and not clip.facts.lr_scale:
+            clip = self._hold(clip, region.position)
         key = (id(clip), region, jitter)
         comes_again = replace(choices, jitter=UNCHANGED.jitter) == UNCHANGED
         goals = self._goals.get(key) if comes_again else None
@@ -122,6 +126,13 @@ class SampleDrawer:
         if task.learning.keep_goals and comes_again:
             self._goals[key] = [step.goal for step in steps]
         return TrainingSample(index, clip, region, choices, steps)
+
+    def _hold(self, clip: Clip, position: int) -> Clip:
+        """A clip of one frame, made once: what is measured of it is kept with it."""
+        key = (id(clip), position)
+        if key not in self._held:
+            self._held[key] = hold_frame(clip, position)
+        return self._held[key]
 
     def _crop_whole_frame(
         self,

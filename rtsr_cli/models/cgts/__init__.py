@@ -93,6 +93,8 @@ CGTS = System(
             "batch": 2,
             "learning_rate": 1e-3,
             "freeze_statistics": 0.5,
+            # a still camera is where a history that is worth much shows
+            "augmentation": {"still_share": 0.125},
         },
     ),
     graphs=describe,

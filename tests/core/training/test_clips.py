@@ -8,7 +8,7 @@ import torch
 from safetensors.torch import save_file
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.training.clips import Clip, read_clips, write_clips
+from rtsr_cli.core.training.clips import Clip, hold_frame, read_clips, write_clips
 
 
 def test_clips_are_read_back_as_they_were_written(tmp_path: Path, clip: Clip) -> None:
@@ -40,3 +40,15 @@ def test_a_damaged_file_is_named(tmp_path: Path, clip: Clip) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(FrameFolderError, match=r"cut\.rtsr-clips: cannot be read"):
         read_clips(path)
+
+
+def test_a_held_frame_is_shown_at_all_moments_and_nothing_moves(clip: Clip) -> None:
+    scales = tuple(float(i + 1) for i in range(len(clip.facts.numbers)))
+    moving = {**clip.hr, "motion": torch.ones_like(clip.hr["motion"])}
+    held = hold_frame(Clip(replace(clip.facts, lighting_scales=scales), moving), 1)
+    assert held.facts.numbers == clip.facts.numbers
+    assert held.facts.lighting_scales == (2.0,) * len(scales)
+    assert not held.hr["motion"].any()
+    for name in clip.hr.keys() - {"motion"}:
+        assert held.hr[name].shape == clip.hr[name].shape
+        assert all(torch.equal(frame, clip.hr[name][1]) for frame in held.hr[name])

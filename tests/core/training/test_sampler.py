@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+import torch
 from torch import Tensor
 
 from rtsr_cli.core.frames.buffers import Buffer
@@ -14,7 +15,7 @@ from rtsr_cli.core.training.augmentation import NO_AUGMENTATION
 from rtsr_cli.core.training.clips import Clip
 from rtsr_cli.core.training.config import TrainingConfig
 from rtsr_cli.core.training.run_settings import resolve_sources
-from rtsr_cli.core.training.sample_steps import stack_samples
+from rtsr_cli.core.training.sample_steps import SampleStep, stack_samples
 from rtsr_cli.core.training.sampler import SampleDrawer, choose_crop, describe_crop
 from rtsr_cli.core.training.samples import SampleTask, make_task
 from rtsr_cli.models import list_trainable_names, load_system
@@ -106,3 +107,22 @@ def test_smaller_crops_are_said_in_output_pixels(clip: Clip, fast: SampleTask) -
     assert describe_crop([clip], fast, replace(CONFIG, crop=12)) == ""
     alone = describe_crop([clip, cut(clip, 40, 64)], fast, replace(CONFIG, batch=1))
     assert "64 x 40 or 64 x 48 pixels" in alone
+
+
+def test_some_samples_show_one_frame_with_its_samples_jittered(clip: Clip) -> None:
+    """All do at a share of 1; none at 0, and the others are what they are without any."""
+    settings = resolve_sources(load_system("cgts"), [])
+    task = make_task(settings.system, settings.network, settings.training)
+    long = lengthen(clip, task.learning.unroll)
+
+    def draw(share: float) -> list[SampleStep]:
+        augmentation = replace(NO_AUGMENTATION, still_share=share)
+        config = replace(settings.training, augmentation=augmentation, crop=16, batch=1)
+        return SampleDrawer([long], task, config).make(3).steps
+
+    still, moving = draw(1.0), draw(0.0)
+    assert all(torch.equal(step.goal["color"], still[0].goal["color"]) for step in still)
+    assert not any(bool(step.inputs["motion"].any()) for step in still)
+    assert not torch.equal(still[1].inputs["color"], still[0].inputs["color"])
+    assert not torch.equal(moving[1].goal["color"], moving[0].goal["color"])
+    assert torch.equal(moving[0].goal["color"], still[0].goal["color"])
