@@ -191,6 +191,11 @@ def mean_3x3(image: Image) -> Image:
     return _sum_3x3(F.pad(image, (1, 1, 1, 1), mode="replicate")).div_(9.0)
 
 
+def sum_neighbours(image: Image) -> Image:
+    """Sum of the eight pixels around each, none beyond the borders."""
+    return _sum_3x3(F.pad(image, (1, 1, 1, 1))) - image
+
+
 def _sum_3x3(image: Image) -> Image:
     """Sums of 3x3 neighbours, two rows and two columns fewer than there were."""
     return _sum_of_three(_sum_of_three(image, -1), -2)

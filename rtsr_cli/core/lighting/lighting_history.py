@@ -2,7 +2,8 @@
 
     h(p), c(p)   lighting so far and samples that it is worth, where p's surface was
     d(p) = guided enlargement of e(q) - h(q) over the samples q whose surface was seen before
-    t(p) = clamp(3 |d|^2 / E|e - h|^2 - 2),   E as enlarged: 1 where samples have changed alike
+    t(p) = u clamp(3 |d|^2 / E|e - h|^2 - 2),   E as enlarged: 1 where samples have changed alike
+    u(q) = max(c . D, 0) / (|c| max(A, 2 |c|)),   c = e(q) - h(q); D, A sums of c, |c| around q
     c' = a c / (1 + (1 + r t) |d|^2 / s^2)
     h' = h + b max(min(1, fit(p) / v) min(1, m / c'), t) d
     n(p) = fit(p)^f,   how well the best sample fits p
@@ -33,7 +34,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image
 from rtsr_cli.core.imaging.guided_enlargement import upsample_guided_and_fit
 from rtsr_cli.core.imaging.guided_kernel import GuidedSamples, SurfaceGuides
-from rtsr_cli.core.imaging.resampling import upsample_nearest
+from rtsr_cli.core.imaging.resampling import sum_neighbours, upsample_nearest
 from rtsr_cli.core.imaging.surface_history import warp_along_surfaces
 from rtsr_cli.core.imaging.surfaces import Surfaces, describe_surfaces, find_moving
 from rtsr_cli.core.imaging.warping import upsample_motion
@@ -68,6 +69,9 @@ LEAST_KNOWN_SHARE = 0.05
 
 LEAST_SQUARE = 1e-8
 """Of a change, so that none agrees with none."""
+
+OTHERS = 2.0
+"""Samples that have to have changed as one did, so that the change is not its own."""
 
 LEAST_WORTH = 1e-6
 """Where nothing is worth anything, the frame's own enlargement stands."""
@@ -157,7 +161,8 @@ class EnlargedLighting:
         fit: how well the best of them fits.
         change: d, 0 where it is not known.
         seen: share of the samples around whose surface was seen before.
-        agreement: t, 1 where these have changed alike, 0 where a third of it is their own.
+        agreement: t, 1 where these have changed alike, 0 where a third of it is their own or the
+            block's sample has changed alone.
     """
 
     encoded: Color
@@ -304,16 +309,22 @@ def sample_change(inputs: Tensors, carried: CarriedLighting) -> tuple[Color, Mas
 
 def enlarge_frame(inputs: Tensors, carried: CarriedLighting | None) -> EnlargedLighting:
     """Enlarge log lighting and its change at once, as their weights are one."""
-    samples = describe_samples(inputs, stack_samples(inputs, carried))
-    return split_enlarged(*upsample_guided_and_fit(samples))
-
-
-def stack_samples(inputs: Tensors, carried: CarriedLighting | None) -> Image:
-    """What is enlarged of a frame's samples: n 3 h w without history, else n 8 h w."""
     if carried is None:
-        return inputs["encoded"]
+        return split_enlarged(*upsample_guided_and_fit(describe_samples(inputs, inputs["encoded"])))
     change, seen = sample_change(inputs, carried)
-    return torch.cat([inputs["encoded"], change, seen, _square(change)], dim=1)
+    values = torch.cat([inputs["encoded"], change, seen, _square(change)], dim=1)
+    samples = describe_samples(inputs, values)
+    frame = split_enlarged(*upsample_guided_and_fit(samples))
+    shared = upsample_nearest(measure_shared_change(change), samples.scale)
+    return replace(frame, agreement=frame.agreement * shared)
+
+
+def measure_shared_change(change: Color) -> Plane:
+    """u: how far the eight samples around each have changed as it did, n 1 h w."""
+    size = change.square().sum(1, keepdim=True).sqrt()
+    others, sizes = sum_neighbours(torch.cat([change, size], dim=1)).split_with_sizes([3, 1], dim=1)
+    alike = (change * others).sum(1, keepdim=True).clamp(min=0.0)
+    return alike / (size * torch.maximum(sizes, OTHERS * size)).clamp(min=LEAST_SQUARE)
 
 
 def _square(change: Color) -> Plane:
@@ -323,7 +334,7 @@ def _square(change: Color) -> Plane:
 
 
 def split_enlarged(enlarged: Image, fit: Plane) -> EnlargedLighting:
-    """Name the channels of what was enlarged: those of `stack_samples`."""
+    """Name the channels of what was enlarged: e, c, seen, |c|^2 with history; t without u."""
     encoded, nothing = enlarged[:, :3], torch.zeros_like(fit)
     if enlarged.shape[1] == 3:
         return EnlargedLighting(

@@ -28,6 +28,7 @@ from rtsr_cli.core.lighting.lighting_history import (
     LEAST_COMPARED_WORTH,
     LEAST_KNOWN_SHARE,
     LEAST_SQUARE,
+    OTHERS,
 )
 from rtsr_cli.models.gather.config import GatherConfig
 from rtsr_cli.models.gather.inputs import FASTEST_PX, LEAST_SHOWN_WORTH, ROUGHNESS
@@ -102,8 +103,10 @@ def _describe_gathering(config: GatherConfig) -> OutsideStep:
         when="after",
         formula="all r are 0 where a pixel filter went over radiance; w as in the guided base, "
         "its terms times f1..f3, for e alone; d = guided enlargement of the change, f = 1; "
-        f"t = clamp(3 |d|^2 / max(E, {LEAST_SQUARE:g}) - 2, 0, 1), E = guided enlargement of "
-        f"|change|^2, d and E over that of seen, d 0 where that is not above "
+        f"t = u clamp(3 |d|^2 / max(E, {LEAST_SQUARE:g}) - 2, 0, 1), E = guided enlargement of "
+        "|change|^2, u = max(change . D, 0) / (|change| max(A, "
+        f"{OTHERS:g} |change|)) of the block's sample, D and A sums of change and |change| of the "
+        f"eight samples around it; d and E over that of seen, d 0 where that is not above "
         f"{LEAST_KNOWN_SHARE:g}, squares as means of three; "
         f"c' = min({config.age:g} c exp(r4 - t max(r4, 0)) / "
         f"(1 + (1 + {config.change_agreed:g} t) |d|^2 / {config.change_spread:g}^2), "

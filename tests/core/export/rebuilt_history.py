@@ -156,7 +156,25 @@ def enlarge_change(g: Guides, change: Array, seen: Array) -> tuple[Array, Array]
     known = enlarged[0]
     d = np.where(known > C["KNOWN_SHARE"], enlarged[1:4] / np.maximum(known, 1e-9), 0)
     every = enlarged[4] / np.maximum(known, C["KNOWN_SHARE"])
-    return d, clamp(3 * (d**2).mean(0) / np.maximum(every, C["LEAST_SQUARE"]) - 2, 0, 1)
+    alike = clamp(3 * (d**2).mean(0) / np.maximum(every, C["LEAST_SQUARE"]) - 2, 0, 1)
+    return d, alike * share_change(change).repeat(g.scale, 0).repeat(g.scale, 1)
+
+
+def share_change(change: Array) -> Array:
+    """How far the eight samples around each changed as it did."""
+    height, width = change.shape[1:]
+    length = np.sqrt((change**2).sum(0))
+    shared = np.zeros_like(length)
+    for y in range(height):
+        for x in range(width):
+            own, others, sizes = change[:, y, x], np.zeros(3), 0.0
+            for i in range(max(0, y - 1), min(height, y + 2)):
+                for j in range(max(0, x - 1), min(width, x + 2)):
+                    if (i, j) != (y, x):
+                        others, sizes = others + change[:, i, j], sizes + length[i, j]
+            least = length[y, x] * max(sizes, C["OTHERS"] * length[y, x])
+            shared[y, x] = max(own @ others, 0) / max(least, C["LEAST_SQUARE"])
+    return shared
 
 
 @dataclass(frozen=True, kw_only=True)

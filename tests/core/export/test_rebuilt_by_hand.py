@@ -118,6 +118,7 @@ CONSTANTS = {
     "COMPARED_WORTH": lighting_history.LEAST_COMPARED_WORTH,
     "KNOWN_SHARE": lighting_history.LEAST_KNOWN_SHARE,
     "LEAST_SQUARE": lighting_history.LEAST_SQUARE,
+    "OTHERS": lighting_history.OTHERS,
     "LEAST_WORTH": lighting_history.LEAST_WORTH,
     "MOST_EMPHASIS": gather_network.MOST_EMPHASIS,
     "MOST_LOGIT": gather_network.MOST_LOGIT,

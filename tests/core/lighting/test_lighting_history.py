@@ -23,8 +23,10 @@ from rtsr_cli.core.lighting.lighting_history import (
     blend_history,
     carry_history,
     describe_window,
+    enlarge_frame,
     find_surface_motion,
     gather_lighting,
+    measure_shared_change,
     split_enlarged,
 )
 from rtsr_cli.core.system import FrameWindow, Tensors
@@ -286,3 +288,44 @@ def test_what_stands_still_forgets_how_it_began() -> None:
     torch.testing.assert_close(shown, shown_too, rtol=0.0, atol=2e-3)
     brightest = float(encode_lighting(light, torch.ones(1)).max())
     assert float(shown.max()) < 1.05 * brightest
+
+
+def test_what_one_sample_changed_by_alone_is_its_own() -> None:
+    """u is 1 where two others changed as much, 0 where none did, or the other way."""
+    change = torch.zeros(1, 3, 6, 12)
+    change[..., 1, 1] = 0.3  # alone
+    change[..., 1:3, 4:6] = -0.2  # with three others
+    change[..., 1, 9], change[..., 1, 10] = 0.4, 0.4  # with one
+    change[..., 4, 1], change[..., 4, 2], change[..., 5, 1] = 0.3, -0.3, -0.3  # against two
+    shared = measure_shared_change(change)[0, 0]
+    assert float(shared[1, 1]) == 0.0
+    torch.testing.assert_close(shared[1:3, 4:6], torch.ones(2, 2))
+    torch.testing.assert_close(shared[1, 9:11], torch.full((2,), 0.5))
+    assert float(shared[4, 1]) == 0.0
+    assert float(shared[0].abs().max()) == 0.0
+
+
+def test_a_pixel_does_not_agree_with_its_own_sample_alone() -> None:
+    """At the samples themselves a change always equals what was enlarged of it."""
+    height, width, scale = 6, 6, 4
+    inputs = {
+        "encoded": torch.full((1, 3, height, width), 0.5),
+        "mask": torch.ones(1, 1, height, width),
+        "small_normal": torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, height, width),
+        "small_depth": torch.ones(1, 1, height, width),
+        "normal": torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, 24, 24),
+        "depth": torch.ones(1, 1, 24, 24),
+        "cubic": torch.full((1, 3, 24, 24), 0.5),
+    }
+    encoded = torch.full((1, 3, 24, 24), 0.5)
+
+    def find_agreement(changed: tuple[slice, slice]) -> torch.Tensor:
+        history = encoded.clone()
+        history[..., changed[0], changed[1]] = 0.9
+        carried = CarriedLighting(encoded=history, worth=torch.ones(1, 1, 24, 24))
+        return enlarge_frame(inputs, carried).agreement[0, 0]
+
+    one, many = (slice(8, 12), slice(8, 12)), (slice(4, 20), slice(4, 20))
+    sample = 2 * scale + scale // 2
+    assert float(find_agreement(one)[sample, sample]) == 0.0
+    assert float(find_agreement(many)[sample, sample]) > 0.9
