@@ -6,8 +6,9 @@
 over HR surfaces around q: the pixel whose centre it is, or the 3 x 3 around its place, or the 3 x 3
 blocks around, within which a right sample is wherever in its pixel it lies, and whatever mean of
 surfaces. The narrowest counts that holds the frame's samples nearly everywhere else: how exactly
-the places of two renders are known differs. Off pixel centres single samples stray by themselves,
-on what is finer than pixels; there it takes several to contradict. Where one size's material is the
+the places of two renders are known differs. Off pixel centres samples stray by themselves, on what
+is finer than pixels, bricks and their joints in whole bands; there it takes several to contradict,
+beside one that strays from its blocks. Where one size's material is the
 darker one in the mean, no places explain that, and the pixel at the place counts.
 
 A base colour that was rendered at one size only contradicts: the quotient would be many times too
@@ -145,8 +146,9 @@ def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     if _lies_on_centres(lr, scale) and _are_few(strays, telling):
         return strays
     if not _is_biased(material, placed.largest, telling & (placed.largest > 0.0)):
-        strays = find_strays(_range_near(moved, moved_usable, scale, reach=1))
-        strays = strays if _are_few(strays, telling) else widest
+        near = find_strays(_range_near(moved, moved_usable, scale, reach=1))
+        beside = _share_around(widest, LOST_REACH) > 0
+        strays = near & beside if _are_few(near, telling) else widest
     contradicts = strays & (_share_around(strays, REACH) > LEAST_STRAYS - 1e-6)
     return contradicts if bool(contradicts.any()) else None
 

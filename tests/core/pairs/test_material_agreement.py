@@ -110,6 +110,18 @@ def test_single_samples_of_what_no_hr_pixel_saw_agree_off_centres() -> None:
     assert find_contradicting(frame(small), frame(right), SCALE) is None
 
 
+def test_samples_on_joints_thinner_than_pixels_agree() -> None:
+    """Bricks: whole columns of LR samples see upright joints that no HR pixel near them sees."""
+    right = textured()
+    small = decimate(right, SCALE, (2, 2)).clone()
+    wall, samples = slice(32, 56), slice(8, 14)
+    places = (torch.arange(SIZE[1]) + 0.5, (torch.arange(SIZE[1] // SCALE) + 0.5) * SCALE)
+    joints, seen = (torch.where(x % 4.1 < 0.5, 0.8, 0.15) for x in places)
+    right[..., wall, :], small[..., samples, :] = joints, seen
+    right[..., 32:56:8, :] = 0.8
+    assert find_contradicting(frame(small), frame(right), SCALE) is None
+
+
 def test_what_contradicts_is_left_undivided() -> None:
     right = textured()
     bare = decimate(take_colour(right, PART), SCALE, (2, 2))
