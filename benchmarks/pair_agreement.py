@@ -27,8 +27,9 @@ from rtsr_cli.core.pairs.pair_agreement import (
     COMPARED,
     TURNED,
     flip,
-    measure_colour,
+    measure_readings,
     measure_strays,
+    measure_strays_of,
 )
 
 Case = tuple[str, int, GBuffer, GBuffer, GBuffer]
@@ -84,8 +85,10 @@ def main() -> None:
             moved = [measure_strays(depth, image, scale) for image in (hr, other)]
             shares = [share or 0.0 for share in (*found, *moved)]
             if Buffer.ALBEDO in lr:
-                strays, others = measure_colour(Buffer.ALBEDO, lr, hr, scale)
-                shares += [strays, min(others.values())]
+                albedo = lr[Buffer.ALBEDO], hr[Buffer.ALBEDO]
+                strays = measure_strays_of(Buffer.ALBEDO, *albedo, lr, scale)
+                others = measure_readings(Buffer.ALBEDO, lr, hr, scale)
+                shares += [strays or 0.0, min(others.values())]
             print(f"{name:28} {scale}x", *(f"{share:9.4f}" for share in shares), flush=True)
 
 

@@ -123,6 +123,22 @@ def test_scattered_depth_of_0_is_warned_of(
     assert "of the depth values are 0" not in rtsr("inspect", shot).output
 
 
+def test_scattered_depth_of_0_is_warned_of_where_the_sky_is_0_too(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    def change(planes: dict[str, Plane], number: int) -> None:
+        depth = planes["depth.Z"]
+        spoilt = np.random.default_rng(number).random(depth.shape) < 0.03
+        depth[spoilt | (depth >= 65504.0)] = 0.0
+
+    shot = make_shot(small_shot, tmp_path / "shot", changed, change, "")
+    result = rtsr("inspect", shot)
+    assert result.exit_code == 0
+    assert "scattered over surfaces, and read as sky" in " ".join(result.output.split())
+    clean = make_shot(small_shot, tmp_path / "clean", changed, clear_sky(0.0), "")
+    assert "scattered over surfaces" not in rtsr("inspect", clean).output
+
+
 def test_a_rule_that_does_not_exist_is_refused(
     rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
 ) -> None:

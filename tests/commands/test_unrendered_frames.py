@@ -237,6 +237,28 @@ def test_inspect_says_what_can_run_and_what_cannot(
     assert any("frames 2, 4, 6" in text for text in facts["problems"])
 
 
+@pytest.mark.parametrize(("without", "code"), [((), 0), ((2,), 3)])
+def test_inspect_exits_as_upscale_does_where_hr_frames_lie_beside(
+    rtsr: Run, sequence: Path, tmp_path: Path, without: tuple[int, ...], code: int
+) -> None:
+    def enlarge(planes: Planes, number: int) -> None:
+        del number
+        for name, plane in planes.items():
+            factor = 2 if name.startswith("motion") else 1
+            planes[name] = (plane * factor).astype(plane.dtype).repeat(2, 0).repeat(2, 1)
+
+    shot = tmp_path / "shot"
+    copy(sequence, shot / "lr", drop(COLOR, without))
+    copy(sequence, shot / "hr", enlarge)
+    result = rtsr("inspect", shot)
+    assert ("buffer 'color' is missing" in result.output) == bool(without)
+    assert result.exit_code == code, result.output
+    run = rtsr("upscale", shot, tmp_path / "out", "--system", "bicubic")
+    assert run.exit_code == code, run.output
+    if without:
+        assert rtsr("inspect", shot / "lr").exit_code == 0
+
+
 def test_inspect_names_the_frames_that_are_rendered(
     rtsr: Run, sequence: Path, tmp_path: Path
 ) -> None:

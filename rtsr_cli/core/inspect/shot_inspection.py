@@ -155,10 +155,15 @@ class ShotInspection:
 
     @property
     def gravity(self) -> Severity:
-        """The worst that a command with default options does about them; nothing may run at all."""
+        """The worst that a command with default options does about them; nothing may run at all.
+
+        Frames without radiance are right for what predicts them, unless HR frames lie beside: those
+        are there for `upscale`, which refuses.
+        """
         in_time = self.commands.get(SystemTask.EXTRAPOLATE.value, {})
+        predictable = self.main.in_time is not None and self.hr is None
         problems = self.problems
-        if self.main.in_time is not None and any(system.ready for system in in_time.values()):
+        if predictable and any(system.ready for system in in_time.values()):
             problems = tuple(p for p in problems if not p.radiance)
         elif not any(system.ready for system in self.systems.values()):
             return Severity.REFUSED

@@ -8,15 +8,16 @@ mean of the pixel it is, that holds of few samples. Strays are counted buffer by
 that are no sky, and the mean over the buffers is what counts.
 
 HR is refused only where another reading of it explains the strays: turned upside down, mirrored,
-both, colours of surfaces in another order or encoded at one size alone, or the frame before or
-after by its depth. Of a right pair none does, whatever noise, filters
+both, colours of surfaces in another order or encoded at one size alone, normals with axes negated,
+or the frame before or after by its depth. Of a right pair none does, whatever noise, filters
 or differently made buffers it strays by.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import permutations, product
 
 import torch
 import torch.nn.functional as F
@@ -71,14 +72,28 @@ TURN_REMEDY = (
 COLOURS = (Buffer.ALBEDO, Buffer.MATERIAL)
 """Buffers of three channels, which may be mixed up, or encoded."""
 
+VECTORS = (Buffer.NORMAL, Buffer.GEONORMAL)
+"""Buffers of unit vectors, whose axes may be negated."""
+
 SWAPPED, ENCODED, DECODED = (
-    "swapped in the channels of {buffer} (red and blue)",
+    "swapped in the channels of {buffer} (its channels in the order {order} of LR's)",
     "sRGB-encoded in {buffer}, and LR linear",
     "linear in {buffer}, and LR sRGB-encoded",
 )
 """How colours of HR may look beside LR's."""
 
+ORDERS = tuple(order for order in permutations(range(3)) if order != (0, 1, 2))
+"""Channel i of HR is channel order[i] of LR."""
+
+NEGATED = "negated in {axes} of {buffer}"
+"""How vectors of HR may look beside LR's."""
+
+SIGNS = tuple(signs for signs in product((1, -1), repeat=3) if -1 in signs)
+
 COLOUR_REMEDY = "write {buffer} alike at both sizes: linear, its channels in the order R, G, B"
+VECTOR_REMEDY = (
+    "write {buffer} alike at both sizes: in one space, with the same handedness and direction"
+)
 
 NUMBER_REMEDY = "number the HR files like the LR files of their moments"
 
@@ -133,9 +148,9 @@ def find_misfit(
             looks = _find_turn(small, beside, scale, strays)
             if looks:
                 return Misfit(frame=number, strays=strays, looks=looks, remedy=TURN_REMEDY)
-            coloured = _find_colour(small, beside, scale, number)
-            if coloured is not None:
-                return coloured
+            other = _find_reading(small, beside, scale, number)
+            if other is not None:
+                return other
             others = [n for n in (number - step, number + step) if n in stored]
             moved = _find_moment(small, hr, scale, number, others)
         except FrameFolderError:
@@ -157,43 +172,59 @@ def _find_turn(lr: GBuffer, hr: GBuffer, scale: int, strays: float) -> str:
     return looks if found[looks] * FAR_BETTER < strays else ""
 
 
-def _find_colour(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit | None:
-    """Colours that fit in another order, or encoded at one size; None where they fit or do not."""
-    for buffer in COLOURS:
+def _find_reading(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit | None:
+    """A buffer that fits if it is read otherwise at one size; None where all fit, or none does."""
+    for buffer in (*COLOURS, *VECTORS):
         if buffer not in lr or buffer not in hr:
             continue
-        strays, found = measure_colour(buffer, lr, hr, scale)
+        strays = measure_strays_of(buffer, lr[buffer], hr[buffer], lr, scale) or 0.0
         if strays <= FEW_STRAYS:
             continue
+        found = measure_readings(buffer, lr, hr, scale)
         looks = min(found, key=found.__getitem__)
         if found[looks] * FAR_BETTER < strays:
-            said, remedy = (text.format(buffer=buffer) for text in (looks, COLOUR_REMEDY))
-            return Misfit(frame=number, strays=strays, looks=said, remedy=remedy)
+            remedy = COLOUR_REMEDY if buffer in COLOURS else VECTOR_REMEDY
+            return Misfit(
+                frame=number, strays=strays, looks=looks, remedy=remedy.format(buffer=buffer)
+            )
     return None
 
 
-def measure_colour(
-    buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int
-) -> tuple[float, dict[str, float]]:
-    """Share of LR samples that stray in one of `COLOURS`, as it is and by other readings.
+def measure_readings(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> dict[str, float]:
+    """Share of LR samples that stray in a buffer by each other reading of it, by how HR looks.
 
     Args:
-        buffer: of colours, which both sizes hold.
+        buffer: of `COLOURS` or `VECTORS`, which both sizes hold.
         lr: buffers of LR samples, 1 x C x H x W.
         hr: of HR pixels, 1 x C x SH x SW.
         scale: S.
     """
-    image, seen = lr[buffer], hr[buffer]
-    readings = {
-        SWAPPED: (image, seen.flip(1)),
-        ENCODED: (_encode(image), seen),
-        DECODED: (image, _encode(seen)),
+    list_readings = _list_colour_readings if buffer in COLOURS else _list_vector_readings
+    return {
+        looks: measure_strays_of(buffer, image, seen, lr, scale) or 0.0
+        for looks, image, seen in list_readings(buffer, lr[buffer], hr[buffer])
     }
-    found = {
-        looks: _measure_strays_of(buffer, *pair, lr, scale) or 0.0
-        for looks, pair in readings.items()
-    }
-    return _measure_strays_of(buffer, image, seen, lr, scale) or 0.0, found
+
+
+Reading = tuple[str, Image, Image]
+"""How HR looks beside LR if this is right, and both as they are then comparable."""
+
+
+def _list_colour_readings(buffer: Buffer, image: Image, seen: Image) -> Iterator[Reading]:
+    for order in ORDERS:
+        said = ", ".join("RGB"[channel] for channel in order)
+        # channel c of LR is where HR holds it
+        restored = seen[:, [order.index(channel) for channel in range(3)]]
+        yield SWAPPED.format(buffer=buffer, order=said), image, restored
+    yield ENCODED.format(buffer=buffer), _encode(image), seen
+    yield DECODED.format(buffer=buffer), image, _encode(seen)
+
+
+def _list_vector_readings(buffer: Buffer, image: Image, seen: Image) -> Iterator[Reading]:
+    for signs in SIGNS:
+        axes = ", ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
+        turned = seen * torch.tensor(signs, dtype=seen.dtype, device=seen.device).view(1, 3, 1, 1)
+        yield NEGATED.format(axes=axes, buffer=buffer), image, turned
 
 
 def _encode(colour: Image) -> Image:
@@ -241,15 +272,23 @@ def measure_strays(lr: GBuffer, hr: GBuffer, scale: int) -> float | None:
         hr: the same buffers of HR pixels, 1 x C x SH x SW.
         scale: S.
     """
-    found = (_measure_strays_of(b, lr[b], hr[b], lr, scale) for b in lr.keys() & hr.keys())
+    found = (measure_strays_of(b, lr[b], hr[b], lr, scale) for b in lr.keys() & hr.keys())
     shares = [share for share in found if share is not None]
     return sum(shares) / len(shares) if shares else None
 
 
-def _measure_strays_of(
+def measure_strays_of(
     buffer: Buffer, image: Image, seen: Image, lr: GBuffer, scale: int
 ) -> float | None:
-    """The same of one buffer; LR's depth, if it is there, tells sky."""
+    """Share of LR samples that stray in one buffer; None where too few tell.
+
+    Args:
+        buffer: of `COMPARED`.
+        image: of LR samples, 1 x C x H x W.
+        seen: of HR pixels, 1 x C x SH x SW.
+        lr: buffers of the LR samples; their depth, if it is there, tells sky.
+        scale: S.
+    """
     counted = torch.isfinite(image.double()).all(1, keepdim=True)
     if Buffer.DEPTH in lr:
         counted &= lr[Buffer.DEPTH] < SKY_DEPTH_M

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import pytest
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from rtsr_cli.core.errors import FrameFolderError
@@ -107,8 +108,49 @@ def test_colours_that_are_stored_alike_or_unlike_for_another_reason_are_no_misfi
     hr = change(render(), albedo=encode_srgb(render()[Buffer.ALBEDO]).flip(1))
     lr = keep(hr, 4, (1, 2))
     assert judge({1: lr}, {1: hr}) is None
+    noise = 0.1 * torch.rand_like(hr[Buffer.ALBEDO])
+    assert judge({1: lr}, {1: change(hr, albedo=hr[Buffer.ALBEDO] + noise)}) is None
     grey = hr[Buffer.ALBEDO].mean(1, keepdim=True).expand(-1, 3, -1, -1)
     assert judge({1: lr}, {1: change(hr, albedo=grey)}) is None
+    dull = change(hr, albedo=grey)
+    assert judge({1: keep(dull, 4, (1, 2))}, {1: dull}) is None
+    assert judge({1: change(lr, albedo=keep(dull, 4, (1, 2))[Buffer.ALBEDO])}, {1: hr}) is None
+
+
+@pytest.mark.parametrize("order", [(1, 2, 0), (2, 0, 1), (2, 1, 0), (0, 2, 1), (1, 0, 2)])
+def test_every_other_order_of_the_channels_of_one_size_is_named(order: tuple[int, ...]) -> None:
+    hr = render()
+    lr = keep(hr, 4, (1, 2))
+    back = [order.index(channel) for channel in range(3)]
+    by_hr = judge({1: lr}, {1: change(hr, albedo=hr[Buffer.ALBEDO][:, list(order)])})
+    by_lr = judge({1: change(lr, albedo=lr[Buffer.ALBEDO][:, back])}, {1: hr})
+    assert by_hr is not None
+    assert by_hr == by_lr
+    said = ", ".join("RGB"[channel] for channel in order)
+    assert f"its channels in the order {said} of LR's" in by_hr.looks
+
+
+@pytest.mark.parametrize("axes", ["x", "y", "z", "x, z", "x, y, z"])
+@pytest.mark.parametrize("name", ["normal", "geonormal"])
+def test_normals_of_one_size_that_are_negated_are_named(axes: str, name: str) -> None:
+    ids = render()[Buffer.OBJECT_ID][0, 0].long()
+    vectors = F.normalize(torch.randn(3, 12), dim=0)[:, ids][None]
+    hr = change(render(), **{name: vectors})
+    lr = keep(hr, 4, (1, 2))
+    assert judge({1: lr}, {1: hr}) is None
+    signs = torch.tensor([-1.0 if axis in axes else 1.0 for axis in "xyz"]).view(1, 3, 1, 1)
+    found = judge({1: lr}, {1: change(hr, **{name: vectors * signs})})
+    assert found is not None
+    assert found.looks == f"negated in {axes} of {name}"
+    assert f"write {name} alike at both sizes" in found.remedy
+
+
+def test_normals_that_differ_for_another_reason_are_not_called_negated() -> None:
+    hr = change(render(), normal=F.normalize(torch.randn(1, 3, *SIZE), dim=1))
+    lr = keep(hr, 4, (1, 2))
+    other = F.normalize(torch.tensor([0.3, 0.5, 0.8]), dim=0).view(1, 3, 1, 1)
+    found = judge({1: lr}, {1: change(hr, normal=other.expand(1, 3, *SIZE).clone())})
+    assert found is None or not found.looks
 
 
 @pytest.mark.parametrize("ahead", [1, -1])

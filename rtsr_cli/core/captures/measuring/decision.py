@@ -468,6 +468,13 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
             "surface has, and do not look like sky; if they are, declare it (capture.toml: "
             '[depth] sky = 0.0, or "nan", "normal", "object_id", "alpha"; else sky = "none")',
         )
+    if finding.strewn >= DOUBTFUL:
+        settled = add_warning(
+            settled,
+            f"{finding.strewn:.1%} of the depth values are the sky's (0, negative or no number), "
+            "but scattered over surfaces, and read as sky: render depth again, or declare what "
+            'else marks the sky (capture.toml: [depth] sky = "normal", "object_id", "alpha")',
+        )
     if finding.sky is None and finding.unmarked is not None:
         share, value = finding.unmarked
         settled = add_warning(

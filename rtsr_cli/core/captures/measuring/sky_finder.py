@@ -4,7 +4,8 @@ One rule holds for a whole sequence. Far and infinite depths are sky in any case
 surface has (0, below, or NaN) is the sky's where it fills regions and nothing contradicts that, or
 where normals, object ids or coverage of 0 say so; a largest value that many pixels share is where
 they do. Impossible values that are scattered, or lie on surfaces, are said and taken for what they
-are.
+are. Where the sky has the same value, such pixels are read as sky, and said all the same: those
+that stand alone, as no region's do, and that another buffer shows to be surface.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ SKY_BUFFERS = (Buffer.DEPTH, Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.ALPHA)
 
 FULL = 0.6
 """Mean share of the 3x3 pixels around that belong to it too: a region, no scattered pixels."""
+
+LONE = 0.4
+"""The same of a pixel that stands alone, at most: three of nine. A region's corners are four."""
 
 AGREES = 0.9
 """Share of pixels that have to be marked."""
@@ -66,6 +70,7 @@ class SkyFinding:
         rule: what it was found by, for the user.
         sky: what depth is to be read with, None where that is as presumed.
         impossible: share of pixels whose depth is 0, negative or no number, and no sky.
+        strewn: share of pixels that are taken for sky by their depth, and are surfaces by all else.
         unmarked: share and depth of pixels that look like the far plane's, though nothing else says
             so; None if there are none.
     """
@@ -74,6 +79,7 @@ class SkyFinding:
     rule: str
     sky: float | SkyRule | None = None
     impossible: float = 0.0
+    strewn: float = 0.0
     unmarked: tuple[float, float] | None = None
 
 
@@ -116,7 +122,13 @@ def _measure_sky(
         if cleared or _is_marked(chosen, frames, region_suffices=suffices):
             again = DepthConvention(kind=convention.kind, unit_m=convention.unit_m, sky=value)
             found = _find_by_rule(frames, depths, again)
-            return replace(found, rule=f"{found.rule}, measured", sky=value)
+            strewn = _share(_find_strewn(chosen, frames)) if suffices else 0.0
+            return replace(
+                found,
+                rule=f"{found.rule}, measured",
+                sky=value,
+                strewn=strewn,
+            )
     return None
 
 
@@ -256,11 +268,41 @@ def _is_marked(masks: Sequence[Mask], frames: Sequence[Stored], *, region_suffic
         return True
     if not region_suffices or _have_surfaces(masks, frames):
         return False
-    around = [
-        F.avg_pool2d(m.float(), 3, stride=1, padding=1, count_include_pad=False) for m in masks
-    ]
+    around = [_average_around(m) for m in masks]
     values = torch.cat([a[m] for a, m in zip(around, masks, strict=True)])
     return float(values.mean()) >= FULL
+
+
+def _find_strewn(masks: Sequence[Mask], frames: Sequence[Stored]) -> list[Mask]:
+    """Pixels of the sky's value that few pixels around share, and that are surface elsewhere.
+
+    Normals, object ids or coverage tell a surface by what the sky's own are: the usual value of the
+    pixels that are in regions. Normals of a surface differ from that; ids and coverage of the sky
+    are 0, so that others tell only where the regions' are.
+    """
+    around = [_average_around(m) for m in masks]
+    alone = [m & (a < LONE) for m, a in zip(masks, around, strict=True)]
+    regions = [m & (a >= FULL) for m, a in zip(masks, around, strict=True)]
+    if _share(regions) == 0.0:
+        return [torch.zeros_like(m) for m in masks]
+    surface = [torch.zeros_like(m) for m in masks]
+    for buffer in (Buffer.NORMAL, Buffer.OBJECT_ID, Buffer.ALPHA):
+        if buffer not in frames[0]:
+            continue
+        images = [f[buffer] for f in frames]
+        if not _are_alike(images, regions):
+            continue
+        usual = _find_usual(images, regions)
+        surface = [
+            s | (i.float().nan_to_num() - usual).abs().ge(1e-3).any(1, keepdim=True)
+            for s, i in zip(surface, images, strict=True)
+        ]
+    return [a & s for a, s in zip(alone, surface, strict=True)]
+
+
+def _average_around(mask: Mask) -> Tensor:
+    """Share of the 3x3 pixels around each that belong to a mask."""
+    return F.avg_pool2d(mask.float(), 3, stride=1, padding=1, count_include_pad=False)
 
 
 def _are_cleared(masks: Sequence[Mask], frames: Sequence[Stored]) -> bool:
@@ -287,10 +329,19 @@ def _is_far_plane(masks: Sequence[Mask], depths: Sequence[Plane]) -> bool:
 
 def _are_alike(images: Sequence[Tensor], masks: Sequence[Mask]) -> bool:
     """Tell whether pixels of a mask hold one value."""
-    values = torch.cat([i[0][:, m[0, 0]] for i, m in zip(images, masks, strict=True)], 1)
-    values = values.float().nan_to_num()
-    usual = values.median(dim=1, keepdim=True).values
+    values, usual = _select_values(images, masks), _find_usual(images, masks)[0, :, :, 0]
     return float((values - usual).abs().lt(1e-3).all(0).float().mean()) >= AGREES
+
+
+def _find_usual(images: Sequence[Tensor], masks: Sequence[Mask]) -> Tensor:
+    """The middle value of the pixels of a mask in each channel, 1 x C x 1 x 1."""
+    return _select_values(images, masks).median(dim=1).values.view(1, -1, 1, 1)
+
+
+def _select_values(images: Sequence[Tensor], masks: Sequence[Mask]) -> Tensor:
+    """Values of the pixels of a mask, C x pixels; NaN as 0."""
+    values = torch.cat([i[0][:, m[0, 0]] for i, m in zip(images, masks, strict=True)], 1)
+    return values.float().nan_to_num()
 
 
 def _share_within(masks: Sequence[Mask], marked: Sequence[Mask]) -> float:

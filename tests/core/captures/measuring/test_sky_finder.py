@@ -113,6 +113,33 @@ def test_scattered_impossible_values_are_no_sky_and_are_counted(value: float) ->
     assert finding.impossible == pytest.approx(float(spoilt.float().mean()))
 
 
+@pytest.mark.parametrize("value", [0.0, -3.0, math.nan])
+@pytest.mark.parametrize("mark", [Buffer.NORMAL, Buffer.OBJECT_ID])
+def test_values_of_the_sky_that_are_scattered_over_surfaces_are_counted_apart(
+    value: float, mark: Buffer
+) -> None:
+    known = scene(value)
+    clean = {b: known[b].clone() for b in (Buffer.DEPTH, mark)}
+    assert find(clean).strewn == 0.0
+    torch.manual_seed(2)
+    spoilt = torch.rand(1, 1, *SIZE) < 0.02
+    spoilt[..., :12, :] = False
+    known[Buffer.DEPTH][spoilt] = value
+    finding = find({b: known[b] for b in (Buffer.DEPTH, mark)})
+    assert finding.sky is not None
+    assert finding.strewn == pytest.approx(float(spoilt.float().mean()), rel=0.1)
+
+
+def test_holes_through_which_the_sky_is_seen_are_not_scattered() -> None:
+    known = scene(0.0)
+    torch.manual_seed(2)
+    holes = torch.rand(1, 1, *SIZE) < 0.04
+    for image in known.values():
+        image[holes.expand_as(image)] = 0.0
+    assert find(known).sky == 0.0
+    assert find(known).strewn == 0.0
+
+
 def test_impossible_values_on_surfaces_are_no_sky() -> None:
     known = scene(math.inf)
     known[Buffer.DEPTH][..., 20:30, :] = 0.0
