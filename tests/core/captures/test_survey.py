@@ -110,12 +110,13 @@ def test_a_channel_that_is_missing_in_the_middle_is_named_with_buffer_and_frames
         return {k: v for k, v in channels.items() if number not in (2, 3) or k != "normal.Y"}
 
     write_frames(tmp_path, [1, 2, 3, 4], change=drop)
-    with pytest.raises(FrameFolderError) as caught:
-        open_folder(tmp_path)
-    message = str(caught.value)
-    assert f"{tmp_path}, frames 2-3" in message
-    assert "'normal' is missing" in message
-    assert "'normal.Y'" in message
+    reader = open_folder(tmp_path)
+    assert Buffer.NORMAL not in reader.binding
+    assert Buffer.DEPTH in reader.binding
+    (warning,) = reader.warnings
+    assert "'normal'" in warning
+    assert "frames 2-3" in warning
+    assert "'normal.Y'" in warning
 
 
 def test_frames_of_different_sizes_are_refused_with_both_sizes(
