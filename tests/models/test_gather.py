@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from rtsr_cli.models.gather.config import GatherConfig
 from rtsr_cli.models.gather.inputs import (
     HR_CHANNELS,
     LR_CHANNELS,
+    describe_pixels,
     list_seen,
     see_pixels,
     see_samples,
@@ -228,3 +230,32 @@ def test_an_ablated_term_is_not_heard(make_windows: MakeWindows, term: str) -> N
 def test_weights_out_of_range_are_refused() -> None:
     with pytest.raises(ConfigError, match="age"):
         GatherConfig(age=1.5)
+
+
+def test_pixels_are_described_as_the_table_has_it() -> None:
+    """Each channel of one pixel, by hand."""
+    rows, columns, scale = 4, 6, 2
+
+    def fill(*values: float) -> torch.Tensor:
+        return torch.tensor(values).view(1, -1, 1, 1).repeat(1, 1, rows, columns)
+
+    images = {
+        "mask": torch.ones(1, 1, rows // scale, columns // scale),
+        **{"fit": fill(0.4), "worth": fill(3.0), "seen": fill(0.7), "depth": fill(4.0)},
+        **{"own": fill(0.3, 0.6, 0.9), "history": fill(0.5, 0.2, 0.8), "roughness": fill(0.35)},
+        **{"change": fill(0.3, -0.6, 0.0), "material": fill(0.1, 0.2, 0.3)},
+        **{"normal": fill(0.0, 0.0, 1.0), "motion": fill(-2.25, 1.5)},
+    }
+    expected = {
+        **{0: 0.4, 1: math.log(0.401) / 4, 2: math.log(4.0) / 2, 3: 1.0},
+        **{4: -0.1, 5: math.sqrt((0.09 + 0.36) / 3), 6: -0.1, 7: 0.4, 8: 0.6, 9: 0.5},
+        **{10: 0.0, 11: 0.35, 12: math.log(0.21) / 4, 13: 0.2, 14: 2.25 / 8},
+        **{15: 2 * (0.75 * 0.25 + 0.25), 16: 0.7},
+    }
+    seen = describe_pixels(images)
+    for channel, value in expected.items():
+        torch.testing.assert_close(seen[0, channel], torch.full((rows, columns), value))
+    assert seen[0, 17, 0].tolist() == [-0.5, 0.0] * 3
+    assert seen[0, 18, :, 0].tolist() == [-0.5, 0.0] * 2
+    unknown = describe_pixels(images | {"worth": fill(0.0)})
+    assert not unknown[0, [2, 3, 6, 7, 9]].any()

@@ -306,26 +306,26 @@ def test_what_one_sample_changed_by_alone_is_its_own() -> None:
 
 
 def test_a_pixel_does_not_agree_with_its_own_sample_alone() -> None:
-    """At the samples themselves a change always equals what was enlarged of it."""
-    height, width, scale = 6, 6, 4
+    """A thing of one sample's block: no other sample tells of its pixels."""
+    side, scale = 6, 4
+    thing, faced = (slice(8, 12), slice(8, 12)), torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    away = torch.tensor([1.0, 0.0, 0.0]).view(1, 3, 1, 1)
+    small, large = faced.repeat(1, 1, side, side), faced.repeat(1, 1, 24, 24)
+    small[..., 2:3, 2:3], large[..., thing[0], thing[1]] = away, away
     inputs = {
-        "encoded": torch.full((1, 3, height, width), 0.5),
-        "mask": torch.ones(1, 1, height, width),
-        "small_normal": torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, height, width),
-        "small_depth": torch.ones(1, 1, height, width),
-        "normal": torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, 24, 24),
-        "depth": torch.ones(1, 1, 24, 24),
+        "encoded": torch.full((1, 3, side, side), 0.5),
+        "mask": torch.ones(1, 1, side, side),
+        **{"small_normal": small, "small_depth": torch.ones(1, 1, side, side)},
+        **{"normal": large, "depth": torch.ones(1, 1, 24, 24)},
         "cubic": torch.full((1, 3, 24, 24), 0.5),
     }
-    encoded = torch.full((1, 3, 24, 24), 0.5)
 
-    def find_agreement(changed: tuple[slice, slice]) -> torch.Tensor:
-        history = encoded.clone()
+    def find_agreement(changed: tuple[slice, slice]) -> float:
+        history = torch.full((1, 3, 24, 24), 0.5)
         history[..., changed[0], changed[1]] = 0.9
         carried = CarriedLighting(encoded=history, worth=torch.ones(1, 1, 24, 24))
-        return enlarge_frame(inputs, carried).agreement[0, 0]
+        sample = 2 * scale + scale // 2
+        return float(enlarge_frame(inputs, carried).agreement[0, 0, sample, sample])
 
-    one, many = (slice(8, 12), slice(8, 12)), (slice(4, 20), slice(4, 20))
-    sample = 2 * scale + scale // 2
-    assert float(find_agreement(one)[sample, sample]) == 0.0
-    assert float(find_agreement(many)[sample, sample]) > 0.9
+    assert find_agreement(thing) == 0.0
+    assert find_agreement((slice(4, 20), slice(4, 20))) > 0.9
