@@ -88,3 +88,16 @@ def test_radiance_is_missed_in_every_command(
     refused = rtsr("upscale", changed(small_capture, dark), tmp_path / "out", "--simulate-lr", 4)
     assert refused.exit_code == 3
     assert "frames 2: buffer 'color' is missing" in refused.output
+
+
+def test_where_a_network_runs_the_others_are_named_one_by_one(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    shot = tmp_path / "shot"
+    shot.mkdir()
+    changed(small_shot / "hr", drop("depth", 2)).rename(shot / "hr")
+    (shot / "lr").symlink_to(small_shot / "lr")
+    planned = rtsr("upscale", shot, tmp_path / "out", "--dry-run").output
+    assert "system fusesr-fast" in planned
+    assert "networks" not in planned
+    assert "gather" in planned

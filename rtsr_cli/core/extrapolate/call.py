@@ -228,7 +228,7 @@ def choose_extrapolator(
         system, passed_over = choose_default(
             source, systems, request.on_nonfinite, rendered, refuse=refuse
         )
-        return system, describe_passed_over(source, passed_over)
+        return system, describe_passed_over(source, passed_over, system)
     system = systems.load(name)
     if unfit := refuse(system):
         raise FrameFolderError(

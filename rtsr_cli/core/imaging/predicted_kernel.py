@@ -75,14 +75,7 @@ def filter_samples(samples: Image, logits: Image, scale: int) -> Color:
     Returns:
         n 3 S*h S*w.
     """
-    n, _, height, width = logits.shape
-    shares = logits.to(samples.dtype).view(n, TAPS, scale * scale, height, width).softmax(1)
-    total = samples.new_zeros(())
-    for tap in range(TAPS):
-        row, column = divmod(tap, 3)
-        shifted = samples[:, :, None, row : row + height, column : column + width]
-        total = total + shares[:, None, tap] * shifted
-    return F.pixel_shuffle(total.flatten(1, 2), scale)
+    return F.pixel_shuffle(_weigh_taps(samples, logits, scale * scale).flatten(1, 2), scale)
 
 
 def filter_pixels(image: Color, logits: Image, scale: int) -> Color:
@@ -97,13 +90,22 @@ def filter_pixels(image: Color, logits: Image, scale: int) -> Color:
         n 3 S*h S*w.
     """
     large = F.pixel_shuffle(logits, scale) + measure_pixel_reach(logits)
-    shares = large.to(image.dtype).softmax(1)
-    height, width = shares.shape[2:]
+    return _weigh_taps(image, large, 1)[:, :, 0]
+
+
+def _weigh_taps(image: Image, logits: Image, kernels: int) -> Tensor:
+    """Means of the 3 x 3 around each pixel by so many kernels of it, n 3 kernels h w.
+
+    Args:
+        image: n 3 h+2 w+2.
+        logits: n taps*kernels h w.
+        kernels: of a pixel.
+    """
+    n, _, height, width = logits.shape
+    shares = logits.to(image.dtype).view(n, TAPS, kernels, height, width).softmax(1)
     total = image.new_zeros(())
     for tap in range(TAPS):
         row, column = divmod(tap, 3)
-        total = (
-            total
-            + shares[:, tap : tap + 1] * (image[:, :, row : row + height, column : column + width])
-        )
+        shifted = image[:, :, None, row : row + height, column : column + width]
+        total = total + shares[:, None, tap] * shifted
     return total

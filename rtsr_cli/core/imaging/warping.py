@@ -10,6 +10,7 @@ exactly, at any size. A tap of weight zero takes no part, even where it holds Na
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Literal, TypeAlias
 
 import torch
@@ -17,13 +18,15 @@ from torch import Tensor
 from torch.nn import functional
 
 from rtsr_cli.core.errors import ShapeMismatchError
+from rtsr_cli.core.imaging.resampling import KEYS_A
 from rtsr_cli.core.shapes import IdMap, Image, Mask, MotionPx, Plane, Size
 
 WarpMode: TypeAlias = Literal["nearest", "bilinear", "bicubic", "sharp"]
 """`bicubic` is Catmull-Rom (Keys 1981 with a = -1/2), `sharp` the same with a = -3/4."""
 
-SHARP_A = -0.75
-"""Slope of the kernel of `sharp`."""
+CATMULL_ROM_A, SHARP_A = -0.5, KEYS_A
+"""Slopes of the kernels of `bicubic` and `sharp`: by the latter, which enlargement uses, what is
+fetched anew every frame loses less."""
 
 Border: TypeAlias = Literal["clamp", "zero"]
 """What stands for samples outside the frame: its nearest border pixel, or zero."""
@@ -60,22 +63,12 @@ def _bilinear_weights(fraction: Tensor) -> tuple[int, tuple[Tensor, ...]]:
     return 0, (1 - fraction, fraction)
 
 
-def _catmull_rom_weights(fraction: Tensor) -> tuple[int, tuple[Tensor, ...]]:
-    """Keys' kernel, a = -1/2, at distances 1 + f, f, 1 - f, 2 - f.   [Keys 1981, Eq. 15]."""
+def _keys_weights(fraction: Tensor, a: float) -> tuple[int, tuple[Tensor, ...]]:
+    """Keys' kernel at distances 1 + f, f, 1 - f, 2 - f; a is its slope at 1.   [Keys 1981]."""
     f = fraction
-    outer_before = f * (f * (1 - 0.5 * f) - 0.5)
-    inner_before = 1 + f * f * (1.5 * f - 2.5)
-    outer_after = f * f * (0.5 * f - 0.5)
-    inner_after = f * (0.5 + f * (2 - 1.5 * f))
-    return -1, (outer_before, inner_before, inner_after, outer_after)
-
-
-def _sharp_weights(fraction: Tensor) -> tuple[int, tuple[Tensor, ...]]:
-    """The same with a = -3/4: what is fetched anew every frame loses less."""
-    a, f = SHARP_A, fraction
-    outer_before = a * f * (1 + f * (f - 2))
+    outer_before = f * (f * (a * f - 2 * a) + a)
     inner_before = 1 + f * f * ((a + 2) * f - (a + 3))
-    outer_after = a * f * f * (1 - f)
+    outer_after = f * f * (a - a * f)
     inner_after = f * (f * ((2 * a + 3) - (a + 2) * f) - a)
     return -1, (outer_before, inner_before, inner_after, outer_after)
 
@@ -83,8 +76,8 @@ def _sharp_weights(fraction: Tensor) -> tuple[int, tuple[Tensor, ...]]:
 _KERNELS: dict[WarpMode, Callable[[Tensor], tuple[int, tuple[Tensor, ...]]]] = {
     "nearest": _nearest_weights,
     "bilinear": _bilinear_weights,
-    "bicubic": _catmull_rom_weights,
-    "sharp": _sharp_weights,
+    "bicubic": partial(_keys_weights, a=CATMULL_ROM_A),
+    "sharp": partial(_keys_weights, a=SHARP_A),
 }
 
 

@@ -76,7 +76,7 @@ VECTORS = (Buffer.NORMAL, Buffer.GEONORMAL)
 """Buffers of unit vectors, whose axes may be negated."""
 
 SWAPPED, ENCODED, DECODED = (
-    "swapped in the channels of {buffer} (its channels in the order {order} of LR's)",
+    "swapped in the channels of {buffer} (its R, G, B hold {order} of LR)",
     "sRGB-encoded in {buffer}, and LR linear",
     "linear in {buffer}, and LR sRGB-encoded",
 )

@@ -143,14 +143,21 @@ def _name_condition(condition: InputCondition, source: PairSource) -> str:
     return f"{condition} ({distrust})" if distrust else condition.value
 
 
-def describe_passed_over(source: PairSource, passed: Sequence[PassedOver]) -> str:
-    """Say in one line what keeps the better systems back; empty if there are none."""
+def describe_passed_over(source: PairSource, passed: Sequence[PassedOver], chosen: System) -> str:
+    """Say in one line what keeps the better systems back; empty if there are none.
+
+    Args:
+        source: the shot's pairs.
+        passed: systems that are preferred.
+        chosen: that runs in their place; where it is a network, networks are not named as all.
+    """
     groups: dict[object, list[PassedOver]] = {}
     for one in passed:
         groups.setdefault(frozenset(one.lacks) or one.reason, []).append(one)
     if not groups:
         return ""
     trained = {o.system.name for o in passed if o.system.learning is not None and o.missing}
+    trained = trained if chosen.learning is None else set()
     refused = any(reader.camera_unfit for reader in source.readers)
     texts: list[str] = []
     said: set[str] = set()

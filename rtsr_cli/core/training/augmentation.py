@@ -57,7 +57,8 @@ class AugmentationConfig:
         material_stops: largest change of albedo, a channel.
         filtered_share: share of the samples whose LR radiance is filtered, not point-sampled.
         still_share: share of the samples of captures in which nothing moves: one frame, again and
-            again; networks that see what came before learn from it to keep what is settled.
+            again; networks that see what came before learn from it to keep what is settled. None of
+            systems whose frames are prepared whole.
     """
 
     turns: bool = True

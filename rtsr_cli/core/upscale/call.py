@@ -187,7 +187,7 @@ def _describe_details(
         "scale": scale,
         "lr_size": [width, height],
         "size": [width * scale, height * scale],
-        BETTER: describe_passed_over(source, passed_over),
+        BETTER: describe_passed_over(source, passed_over, system),
         FILTER: describe_filter_width(source, reading.inputs),
         FILTER_DOUBT: _describe_doubts(reading),
     }

@@ -127,7 +127,7 @@ def test_every_other_order_of_the_channels_of_one_size_is_named(order: tuple[int
     assert by_hr is not None
     assert by_hr == by_lr
     said = ", ".join("RGB"[channel] for channel in order)
-    assert f"its channels in the order {said} of LR's" in by_hr.looks
+    assert f"its R, G, B hold {said} of LR" in by_hr.looks
 
 
 @pytest.mark.parametrize("axes", ["x", "y", "z", "x, z", "x, y, z"])
