@@ -88,7 +88,13 @@ SYSTEM = ("--system", "demod-guided")
 TAAU = ("--system", "taau")
 
 REASONS = [
-    pytest.param(no_camera, '[depth]\nkind = "ray"', TAAU, "camera for depth (ray", id="ray"),
+    pytest.param(
+        no_camera,
+        '[depth]\nkind = "ray"',
+        TAAU,
+        "camera (to convert depth from ray distance)",
+        id="ray",
+    ),
     pytest.param(
         no_camera_once,
         '[depth]\nkind = "ray"',
