@@ -23,7 +23,7 @@ def lines(missing: tuple[str, ...], hints: Hints | None = None) -> list[str]:
         ("hr metallic", "metallic = 0.0"),
         ("lr roughness", "roughness = 0.5"),
         ("camera", 'camera = "camera.csv"'),
-        ("lr camera of frame 7 for depth (ray distance)", 'camera = "camera.csv"'),
+        ("lr camera of frame 7 (to convert depth from ray distance)", 'camera = "camera.csv"'),
         ("hr frames", "--hr DIR"),
     ],
 )
