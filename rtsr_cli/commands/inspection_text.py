@@ -155,7 +155,8 @@ def _list_set_lines(frame_set: SetInspection, declared: CaptureDeclaration) -> I
         yield from _list_roughness_lines(frame_set, reader, declared)
         yield from _list_id_lines(frame_set)
         for note in frame_set.settled.notes:
-            yield _format_line("note", note)
+            if not note.startswith(SKY_NOTE):
+                yield _format_line("note", note)
     yield from _list_problem_lines(frame_set)
 
 
@@ -232,12 +233,15 @@ def _list_guess_lines(frame_set: SetInspection) -> Iterator[str]:
 
 def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str:
     if reader.camera_unfit:
-        return "the matrices that are there are not used: see the problems"
+        return "the matrices that are there are not used, see the warning below"
     if reader.has_camera:
         read = f", read as {reader.matrices}" if reader.matrices.words else ""
         return f"worldToCamera and worldToNDC of every frame{read}; {_describe_proof(settled)}"
     if reader.camera_faults:
-        return f"{say_frames(reader.without_camera)} without matrices that can be: see the problems"
+        return (
+            f"the matrices of {say_frames(reader.without_camera)} cannot be those of a camera, see "
+            "the warning below"
+        )
     if len(reader.without_camera) < len(reader.cameras):
         return f"{say_frames(reader.without_camera)} without matrices, the others have them"
     return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'
@@ -248,13 +252,16 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     if found is None or not found.proofs:
         return "unverified"
     but = f"; not told from {found.likenesses}" if found.undecided else ""
-    apart = "; single frames are in doubt: see the problems" if found.strays else ""
+    apart = "; single frames are in doubt, see the warning below" if found.strays else ""
     unread = settled is not None and bool(settled.reader.motion_undecided)
     how = f" ({ANY_READING})" if unread and any("motion" in name for name in found.proofs) else ""
     return f"verified by {', '.join(found.proofs)}{how}{but}{apart}"
 
 
-ANY_READING = "in one of the readings that motion leaves open"
+SKY_NOTE = "sky measured: "
+"""How the note begins that the line of sky says, too."""
+
+ANY_READING = "if motion is read in one of the ways that fit alike, which are listed below"
 """Said of cameras that agree with vectors which are not read."""
 
 
@@ -304,13 +311,21 @@ def _list_motion_lines(settled: MeasuredReader) -> Iterator[str]:
             mark += " (singled out by camera and depth)"
         behind = "best"
         if candidate.margin:
-            behind = f"{candidate.margin:.1%} behind, {candidate.significance:.2f} standard errors"
-        mark += " (the winner's vectors)" if candidate.same_vectors else ""
+            behind = (
+                f"{candidate.margin:.1%} behind, {candidate.significance:.2f} x its uncertainty"
+            )
+        mark += (
+            " (as good as the best one's vectors, out of other files)"
+            if candidate.same_vectors
+            else ""
+        )
         mark += " (as it is read)" if candidate is used else ""
         yield _format_line("", f"  {candidate.error:.3f}  {candidate.convention}: {behind}{mark}")
     if len(finding.ties) > 1:
         yield _format_line(
-            "", f"  tie: less than {SIGNIFICANT_T:g} standard errors behind the best"
+            "",
+            f"  tie: behind the best by less than {SIGNIFICANT_T:g} x the uncertainty of that, so "
+            "that the frames cannot tell which is right",
         )
     jitter = settled.measured.jitter
     if jitter is not None:

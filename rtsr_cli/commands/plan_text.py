@@ -50,8 +50,7 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
         LOG.info("    frames %s: %s", plan.skipped[HELD], REASONS[HELD])
     log_files_made_again(plan.damaged, "cut or damaged after writing; made again")
     log_files_made_again(plan.empty, "an empty file; its content is made")
-    for reader in plan.readers:
-        log_findings(reader)
+    log_findings(plan.readers)
     if estimate:
         log_estimate(plan)
     log_binding(plan.reader)
@@ -76,12 +75,15 @@ def log_files_made_again(paths: Sequence[Path], why: str) -> None:
         LOG.warning("Warning: %s%s: %s", paths[0], more, why)
 
 
-def log_findings(reader: FrameReader) -> None:
-    """Say what measurement contradicts, and what it decided."""
-    for text in reader.warnings:
-        LOG.warning("Warning: %s: %s", reader.frames.root, text)
-    for text in reader.notes:
-        LOG.info("    %s", text)
+def log_findings(readers: Sequence[FrameReader]) -> None:
+    """Say what measurement contradicts, and what it decided; of which size, where only of one."""
+    for reader in readers:
+        for text in reader.warnings:
+            LOG.warning("Warning: %s: %s", reader.frames.root, text)
+    for text in dict.fromkeys(text for reader in readers for text in reader.notes):
+        holders = [reader.frames.root.name for reader in readers if text in reader.notes]
+        size = "" if len(holders) == len(readers) else f"{', '.join(holders)}: "
+        LOG.info("    %s%s", size, text)
 
 
 def log_estimate(plan: ShotPlanned) -> None:

@@ -314,6 +314,25 @@ def test_the_lines_of_a_refusal_and_of_the_hint_can_be_pasted_together(
     assert mended.exit_code == 0, mended.output
 
 
+def test_base_colour_alone_is_offered_as_material_to_what_is_refused(
+    rtsr: Run, small_capture: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "plain"
+    for path in sorted(small_capture.glob("*.exr")):
+        kept = [n for n in read_header(path).channels if n not in ("metallic", "roughness")]
+        write_exr(folder / path.name, read_channels(path, kept))
+    run = ("upscale", folder, tmp_path / "out", "--simulate-lr", 4)
+    refused = rtsr(*run, "--system", "demod-guided")
+    assert refused.exit_code == 3
+    line = 'material = "albedo.RGB"  # base colour alone: '
+    assert f"perhaps, below [buffers] in capture.toml:\n    {line}" in refused.output
+    assert line in planned(rtsr, folder, "--simulate-lr", 4)["better"]
+    (said,) = (text for text in refused.output.splitlines() if line in text)
+    (folder / "capture.toml").write_text(f'layout = "rtsr"\n{DECLARED_MOTION}[buffers]\n{said}\n')
+    mended = rtsr(*run, "--system", "demod-guided", "--dry-run")
+    assert mended.exit_code == 0, mended.output
+
+
 COLOURS = ("albedo.R", "albedo.G", "albedo.B")
 
 

@@ -88,26 +88,32 @@ SYSTEM = ("--system", "demod-guided")
 TAAU = ("--system", "taau")
 
 REASONS = [
-    pytest.param(no_camera, '[depth]\nkind = "ray"', TAAU, "camera for depth (ray", id="ray"),
+    pytest.param(
+        no_camera,
+        '[depth]\nkind = "ray"',
+        TAAU,
+        "camera (to convert depth from ray distance)",
+        id="ray",
+    ),
     pytest.param(
         no_camera_once,
         '[depth]\nkind = "ray"',
         TAAU,
-        f"camera of frame {BAD} for depth (ray distance)",
+        f"camera of frame {BAD} (to convert depth from ray distance)",
         id="ray, one frame",
     ),
     pytest.param(
         no_camera_once,
         '[depth]\nkind = "device"',
         TAAU,
-        f"camera of frame {BAD} for depth (device depth)",
+        f"camera of frame {BAD} (to convert depth from device depth)",
         id="device, one frame",
     ),
     pytest.param(
         no_camera_once,
         '[normal]\nspace = "view"',
         SYSTEM,
-        f"camera of frame {BAD} for normal (view-space normals)",
+        f"camera of frame {BAD} (to convert normal from view-space normals)",
         id="view normals",
     ),
     pytest.param(no_camera_once, "", SYSTEM, f"camera of frame {BAD}", id="view cosine"),
@@ -155,7 +161,11 @@ def test_a_cut_file_is_known_before(rtsr: Run, frames: Callable[..., Path], tmp_
 @pytest.mark.parametrize(
     ("declared", "system", "missing"),
     [
-        ('[depth]\nkind = "ray"', "taau", f"camera of frame {BAD} for depth (ray distance)"),
+        (
+            '[depth]\nkind = "ray"',
+            "taau",
+            f"camera of frame {BAD} (to convert depth from ray distance)",
+        ),
         ("", "demod-guided", f"camera of frame {BAD}"),
     ],
 )

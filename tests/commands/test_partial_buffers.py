@@ -78,6 +78,43 @@ def test_at_one_size_that_size_is_named(
     assert "need hr normal of frame 2: render those frames again" in planned.output
 
 
+@pytest.mark.parametrize("size", ["lr", "hr"])
+def test_with_skip_a_frame_that_lacks_what_the_system_needs_is_left_out(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, size: str
+) -> None:
+    shot = tmp_path / "shot"
+    shot.mkdir()
+    (other,) = {"lr", "hr"} - {size}
+    changed(small_shot / size, drop("normal", 2)).rename(shot / size)
+    (shot / other).symlink_to(small_shot / other)
+    (shot / "capture.toml").write_bytes((small_shot / "capture.toml").read_bytes())
+    done = rtsr(
+        "upscale", shot, tmp_path / "out", "--system", "demod-guided", "--on-missing", "skip"
+    )
+    assert done.exit_code == 0, done.output
+    said = f"{shot / size}: frame 2 left out (--on-missing skip): buffer 'normal' is missing there"
+    assert said in done.output
+    made = sorted(path.name for path in (tmp_path / "out").rglob("*.exr"))
+    assert made == [f"frame.{number:04d}.exr" for number in (1, 3, 4)]
+    # the default is what runs on the other frames
+    chosen = rtsr("upscale", shot, tmp_path / "best", "--on-missing", "skip", "--dry-run")
+    assert "frames 1, 3-4" in chosen.output
+    assert "bicubic" not in chosen.output
+
+
+def test_with_skip_what_needs_it_not_does_every_frame(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
+) -> None:
+    folder = changed(small_capture, drop("albedo", 1))
+    line = ("upscale", folder, tmp_path / "out", "--simulate-lr", 4, "--on-missing", "skip")
+    done = rtsr(*line, "--system", "bicubic", "--dry-run")
+    assert done.exit_code == 0, done.output
+    assert "frames 1-4" in done.output
+    assert "left out (" not in done.output
+    part = rtsr(*line, "--system", "demod-guided", "--dry-run")
+    assert "frames 2-4" in part.output
+
+
 def test_radiance_is_missed_in_every_command(
     rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
 ) -> None:

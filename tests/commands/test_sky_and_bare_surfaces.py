@@ -88,7 +88,10 @@ def test_inspect_says_the_share_of_the_sky_and_its_rule(
     assert found["impossible"] == 0.0
     text = rtsr("inspect", shot).output
     assert f"of the pixels, by {rule}" in text
-    assert f"sky measured: {rule.removesuffix(', measured')} (" in " ".join(text.split())
+    assert "sky measured: " not in text
+    planned = rtsr("upscale", shot, tmp_path / "out", "--dry-run").output
+    assert planned.count(f"sky measured: {rule.removesuffix(', measured')} (") == 2
+    assert all(f"    {size}: sky measured: " in planned for size in ("lr", "hr"))
     assert "NaN or Inf" not in text
 
 

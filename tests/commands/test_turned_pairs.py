@@ -66,3 +66,51 @@ def test_train_records_no_turned_gbuffer(rtsr: Run, turned: Path, tmp_path: Path
     assert "leave the shot out (data.exclude)" in refused.output
     assert not list((tmp_path / "cache").rglob("*.json"))
     assert not list((tmp_path / "run").rglob("*.safetensors"))
+
+
+def test_lr_files_that_are_exchanged_are_refused(
+    rtsr: Run, small_shot: Path, tmp_path: Path
+) -> None:
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot, shot)
+    files = sorted((shot / "lr").glob("*.exr"))
+    files[0].rename(tmp_path / "first")
+    files[-1].rename(files[0])
+    (tmp_path / "first").rename(files[-1])
+    last = len(files)
+    refused = rtsr("upscale", shot, tmp_path / "no", "--system", "demod-guided")
+    assert refused.exit_code == 3, refused.output
+    assert f"of another moment (HR frame {last} fits LR frame 1)" in refused.output
+    assert "number the files of both sizes alike" in refused.output
+    chosen = rtsr("upscale", shot, tmp_path / "out", "--dry-run")
+    assert chosen.exit_code == 0, chosen.output
+    assert "system bicubic" in chosen.output
+
+
+@pytest.mark.parametrize("name", ["frame", "target"])
+def test_a_factor_of_one_size_is_named_with_the_line_that_mends_it(
+    rtsr: Run, small_shot: Path, changed: Callable[..., Path], tmp_path: Path, name: str
+) -> None:
+    def double(planes: dict[str, Any], number: int) -> None:
+        planes.update({c: p * 2 for c, p in planes.items() if c.startswith("albedo.")})
+
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot / "lr", shot / "lr")
+    shutil.copy(small_shot / "capture.toml", shot)
+    changed(small_shot / "hr", double).rename(shot / "hr")
+
+    def rename(stem: str) -> None:
+        for path in (shot / "hr").glob("*.exr"):
+            path.rename(path.with_name(f"{stem}.{path.name.split('.')[1]}.exr"))
+
+    rename(name)
+    said = rtsr("inspect", shot).output
+    stream = name if name == "target" else "hr"
+    line = f'albedo = "0.5 * {stream}:albedo.RGB"'
+    assert "HR looks to be about 2 x LR in albedo" in said
+    assert f"capture.toml: [buffers] {line}" in said
+    assert ("rename HR's files to hr.####.exr" in said) == (name == "frame")
+    rename(stream)
+    with (shot / "capture.toml").open("a", encoding="utf-8") as file:
+        file.write(f"\n[buffers]\n{line}\n")
+    assert "HR looks" not in rtsr("inspect", shot).output

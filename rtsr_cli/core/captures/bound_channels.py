@@ -92,6 +92,10 @@ class BoundBuffer:
 
         return self._changed(scale)
 
+    def moved_to(self, stream: str) -> BoundBuffer:
+        """Return the same channels of another file sequence."""
+        return self._changed(lambda c: replace(c, stream=stream))
+
     def multiplied(self, factor: float, added: float = 0.0) -> BoundBuffer:
         """Return `factor` times the same, and a constant."""
         components = (

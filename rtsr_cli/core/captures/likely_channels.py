@@ -53,6 +53,26 @@ def guess_further(
     return {b: places for b, places in guessed.items() if b not in known_buffers}
 
 
+BASE_COLOUR_NOTE = "base colour alone: what is without any (metal, glass) is enlarged as radiance"
+"""What it takes for a material of base colour to be right."""
+
+
+def find_base_colour(reader: FrameReader, others: Collection[Buffer] = ()) -> str:
+    """What base colour is made of, as `material` takes it; empty where more of it is known.
+
+    It is all there is to divide by where no pass says what is of metal and no camera says what is
+    seen at which angle: Mitsuba's `albedo` is the reflectance of all that has a diffuse one.
+
+    Args:
+        reader: of the frames.
+        others: buffers that unknown channels are likely to be.
+    """
+    more = {Buffer.MATERIAL, Buffer.METALLIC, Buffer.SPECULAR}
+    if Buffer.ALBEDO not in reader.stored or more & (reader.stored | set(others)):
+        return ""
+    return reader.binding[Buffer.ALBEDO].describe(streams=len(reader.channels) > 1)
+
+
 def suggest_lines(readers: Iterable[FrameReader], lacking: Collection[str]) -> tuple[str, ...]:
     """Write the lines of `[buffers]` by which frames would have what they lack, one a buffer.
 
@@ -78,8 +98,14 @@ def _suggest_of(reader: FrameReader, wanted: frozenset[Buffer]) -> Iterator[str]
     others = frozenset(Buffer) - wanted - ({Buffer.MATERIAL} if wanted & PARTS else set())
     check = check_guesses(choose_files(reader.frames, reader.channels), others | reader.stored)
     material = guess_material(unknown, check) if wanted & PARTS else ""
+    guessed = guess_further(reader, unknown, check)
+    base_colour = ""
+    if wanted & PARTS and not material and not reader.has_matrices:
+        base_colour = find_base_colour(reader, guessed)
     if material:
         yield f'material = "{material}"'
-    for buffer, places in guess_further(reader, unknown, check).items():
-        if not (material and buffer in PARTS):
+    elif base_colour:
+        yield f'material = "{base_colour}"  # {BASE_COLOUR_NOTE}'
+    for buffer, places in guessed.items():
+        if not ((material or base_colour) and buffer in PARTS):
             yield f"{buffer} = {write_guess(buffer, places)}"

@@ -258,6 +258,11 @@ class FrameReader:
         return describe_faults(self.cameras)
 
     @cached_property
+    def has_matrices(self) -> bool:
+        """Tell whether any frame that was surveyed has camera matrices, used or not."""
+        return bool(self.camera_unfit) or len(self.without_camera) < len(self.cameras)
+
+    @cached_property
     def has_camera(self) -> bool:
         """Tell whether every frame that was surveyed has camera matrices."""
         return not self.without_camera

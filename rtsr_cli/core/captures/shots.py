@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -54,6 +54,14 @@ class FrameSet:
     def numbers(self) -> tuple[int, ...]:
         """Every frame number that any stream has."""
         return tuple(sorted({n for stream in self.streams.values() for n in stream.files}))
+
+    def without(self, numbers: Collection[int]) -> FrameSet:
+        """Return the same sequences without the files of some frames."""
+        kept = {
+            key: replace(s, files={n: path for n, path in s.files.items() if n not in numbers})
+            for key, s in self.streams.items()
+        }
+        return replace(self, streams={key: s for key, s in kept.items() if s.files})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -209,8 +209,9 @@ def _describe_partial(
     held = next(c for c in parts if _list_without(headers, (c,)))
     return (
         f"{say_frames(without)}: buffer '{buffer}' is missing (channel '{held.channel}' is in "
-        f"other frames of '{held.stream}'), so that it is read of no frame; render "
-        f"{'this frame' if len(without) == 1 else 'these frames'} again, or move "
+        f"other frames of '{held.stream}'), so that it is not used in any frame; render "
+        f"{'this frame' if len(without) == 1 else 'these frames'} again, or leave "
+        f"{'it' if len(without) == 1 else 'them'} out: upscale --on-missing skip, elsewhere move "
         f"{'its file' if len(without) == 1 else 'their files'} out of the folder and use "
         "--on-missing skip|hold"
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from rtsr_cli.core.captures.channel_guesses import write_guess
-from rtsr_cli.core.captures.likely_channels import PARTS
+from rtsr_cli.core.captures.likely_channels import BASE_COLOUR_NOTE, PARTS
 from rtsr_cli.core.captures.measuring.declaration_text import write_toml_value
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
@@ -26,7 +26,6 @@ CONSTANTS: Mapping[Buffer, tuple[float, str]] = {
 """Buffers that may be one number for a whole scene: one to begin with, and when it is right."""
 
 MATERIAL_NOTE = "all that radiance is divided by"
-BASE_COLOUR_NOTE = "base colour alone: what is without any (metal, glass) is enlarged as radiance"
 CAMERA_NOTE = "a row a frame: frame, worldToCamera, worldToNDC; see docs/frames.md"
 
 
@@ -61,6 +60,8 @@ class Hints:
         material: how channels add up to what radiance is divided by; empty if they do not.
         base_colour: what base colour is made of, where nothing else of the material is there, nor a
             camera that it would take; else empty.
+        divided: whether passes say what radiance is divided by: what is of metal is in them, and a
+            constant would contradict it.
         camera: convention by which matrices that are there would be right; empty if none is known.
         side_car: file that the cameras are declared to be in; empty if none is.
     """
@@ -71,6 +72,7 @@ class Hints:
     named: frozenset[Buffer] = frozenset()
     material: str = ""
     base_colour: str = ""
+    divided: bool = False
     camera: str = ""
     side_car: str = ""
 
@@ -172,6 +174,8 @@ def _list_buffer_fixes(buffer: Buffer, hints: Hints) -> Iterator[Fix]:
     elif hints.base_colour and buffer in PARTS:
         line = f"material = {write_toml_value(hints.base_colour)}"
         yield Fix(missing=buffer.value, where=BUFFERS_TABLE, line=line, note=BASE_COLOUR_NOTE)
+    elif buffer is Buffer.METALLIC and hints.divided:
+        return
     elif buffer in CONSTANTS and buffer not in hints.named:
         value, note = CONSTANTS[buffer]
         line = f"{buffer} = {write_toml_value(value)}"

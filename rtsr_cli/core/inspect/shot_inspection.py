@@ -20,7 +20,12 @@ from rtsr_cli.core.captures.frame_numbers import list_missing_frames
 from rtsr_cli.core.captures.guess_checks import check_guesses, choose_files
 from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_readable
 from rtsr_cli.core.captures.layers import bind_layers, join_layer
-from rtsr_cli.core.captures.likely_channels import guess_further, list_bound, list_unknown
+from rtsr_cli.core.captures.likely_channels import (
+    find_base_colour,
+    guess_further,
+    list_bound,
+    list_unknown,
+)
 from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
@@ -278,6 +283,7 @@ def _list_hints(
     layers = tuple(dict.fromkeys(name for one in sets for name in one.layers))
     material = next((one.material for one in sets if one.material), "")
     settled = main.settled
+    settled_sets = [one.settled for one in sets]
     layout = settled.reader.layout.name if settled is not None and settled.undecided else ""
     found = (one.settled.measured.camera for one in sets if one.settled is not None)
     camera = next((one.declared for one in found if one is not None and one.declared), "")
@@ -288,6 +294,7 @@ def _list_hints(
         named=frozenset(b for one in sets for b in list_named(one.unknown)),
         material=material,
         base_colour=_describe_base_colour(settled, main),
+        divided=any(s is not None and Buffer.MATERIAL in s.reader.stored for s in settled_sets),
         camera=camera,
         side_car=capture.camera.file or "",
     )
@@ -297,11 +304,7 @@ def _describe_base_colour(settled: MeasuredReader | None, main: SetInspection) -
     """What base colour is made of, where it is all that is known of material; else empty."""
     if settled is None or settled.measured.camera is not None:
         return ""
-    reader = settled.reader
-    others = {Buffer.MATERIAL, Buffer.METALLIC, Buffer.SPECULAR}
-    if Buffer.ALBEDO not in reader.stored or others & (reader.stored | main.guessed.keys()):
-        return ""
-    return reader.binding[Buffer.ALBEDO].describe(streams=len(main.channels) > 1)
+    return find_base_colour(settled.reader, main.guessed)
 
 
 def inspect_refused_folder(

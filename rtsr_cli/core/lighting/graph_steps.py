@@ -19,7 +19,7 @@ from rtsr_cli.core.imaging.demodulation import (
     SOFTPLUS_BETA,
 )
 from rtsr_cli.core.imaging.resampling import KEYS_A, MIN_FILTERED_MASK
-from rtsr_cli.core.lighting.lighting import MAX_LIGHTING, EnlargementBase
+from rtsr_cli.core.lighting.lighting import FADING_SHARE, MAX_LIGHTING, EnlargementBase
 from rtsr_cli.core.lighting.radiance import EMISSION_SHARE
 
 MOST_LOG = 6.0
@@ -110,6 +110,13 @@ GUIDED_BASE = OutsideStep(
     "n(p).n(q) = 1 where p or q is a surface of normal 0; g(p): lesser of the absolute differences "
     "of z to both sides, the larger one of both axes, an LR pixel (S times that of HR pixels); z "
     f"within {kernel.MIN_DEPTH:g}..{kernel.MAX_DEPTH:g}; cubic: {CUBIC}",
+)
+KEEP_UNSEEN = OutsideStep(
+    name="keep unseen",
+    when="after",
+    formula="predicted = base + w (predicted - base), w = min(max(("
+    f"{MAX_LIGHTING:g} - L) / {(1.0 - FADING_SHARE) * MAX_LIGHTING:g}, 0), 1), L the largest "
+    "channel of k (exp(max(base, 0)) - 1)",
 )
 COMPOSE = OutsideStep(
     name="compose",

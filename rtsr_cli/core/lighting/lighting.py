@@ -2,7 +2,8 @@
 
 Networks work on e = log(1 + lighting / k), k of the whole frame; their output is added to an
 enlargement of the lighting and multiplied by the HR material, emission is added, and the sky is
-enlarged on its own. A system that departs from this says so in `Surroundings` of its own.
+enlarged on its own. Lighting brighter than any that networks are shown or held against keeps its
+enlargement. A system that departs from this says so in `Surroundings` of its own.
 
 Conventions: HR tensors among inputs, outputs and goal lie on the grid that `alignment` moves, so
 that the LR sample is pixel (S//2, S//2) of its block.
@@ -35,6 +36,9 @@ from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
 
 MAX_LIGHTING = 64.0
 """Bound of lighting in a network's input: quotients over dark materials have none."""
+
+FADING_SHARE = 0.5
+"""Of that bound: from here to there, what a network corrects of lighting fades out."""
 
 GUIDES = (Buffer.NORMAL, Buffer.DEPTH)
 """What tells surfaces apart, where both sizes have it."""
@@ -265,11 +269,34 @@ def recompose_prediction(predicted: Color, inputs: Tensors, surroundings: Surrou
     return multiply_material(surroundings.decode(predicted, inputs["lighting_scale"]), inputs)
 
 
+def keep_unseen(inputs: Tensors, predicted: Color) -> Color:
+    """Leave the enlarged lighting as it is where no network was ever shown any that bright.
+
+        base + w (predicted - base),  w = clamp((M - L) / ((1 - f) M), 0, 1)
+
+    with L the brightest channel of the enlarged lighting, M `MAX_LIGHTING`, f `FADING_SHARE`: a
+    network sees M in place of more, and held against M: it would darken what is brighter.
+
+    Args:
+        inputs: `base`, log lighting, and `lighting_scale`; without `base` nothing is left.
+        predicted: log lighting of a network that corrects `base`.
+    """
+    base = inputs.get("base")
+    if base is None:
+        return predicted
+    brightest = decode_lighting(base, inputs["lighting_scale"]).amax(1, keepdim=True)
+    if float(brightest.amax()) <= FADING_SHARE * MAX_LIGHTING:
+        return predicted
+    believed = (MAX_LIGHTING - brightest) / ((1.0 - FADING_SHARE) * MAX_LIGHTING)
+    return torch.lerp(base, predicted, believed.clamp_(0.0, 1.0))
+
+
 def compose_lighting(
     surroundings: Surroundings, window: FrameWindow, inputs: Tensors, predicted: Color
 ) -> Prediction:
     """Multiply by HR material, add emission, and finish: put in sky and undivided surfaces."""
-    lighting = surroundings.decode(predicted.float(), inputs["lighting_scale"])
+    predicted = keep_unseen(inputs, predicted.float())
+    lighting = surroundings.decode(predicted, inputs["lighting_scale"])
     image = unalign_image(window, multiply_material(lighting, inputs)).clamp(min=0.0)
     return Prediction(
         image=surroundings.finish(window, image),

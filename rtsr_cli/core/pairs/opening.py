@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from rtsr_cli.core.captures.channel_matching import Streams
@@ -34,6 +35,7 @@ from rtsr_cli.core.choices import MissingPolicy
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import Selection
 from rtsr_cli.core.pairs.real_pairs import open_real_pairs, settle_cameras
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
@@ -56,6 +58,8 @@ class ReadOptions:
         selection: frames that will be written; of those that no output of theirs depends on, no
             header need be read.
         unrendered: whether frames may hold no radiance.
+        needed: buffers without which a frame is left out; of others that some frames lack, nothing
+            is read.
     """
 
     layout: str | None = None
@@ -67,6 +71,7 @@ class ReadOptions:
     sharded: bool = False
     selection: Selection = field(default_factory=Selection)
     unrendered: bool = False
+    needed: frozenset[Buffer] = frozenset()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,10 +251,11 @@ def survey_set(
         RtsrError: a file or declaration is wrong.
     """
     known = opened.declarations
-    needed = list_needed(frames.numbers, opened.options.selection, known.capture.frame_step)
-    return open_frames(
-        frames,
-        headers=headers if headers is not None else read_headers(frames, opened.headers, needed),
+    if headers is None:
+        needed = list_needed(frames.numbers, opened.options.selection, known.capture.frame_step)
+        headers = read_headers(frames, opened.headers, needed)
+    open_those = partial(
+        open_frames,
         files=opened.headers,
         layout=known.layout,
         capture=known.capture,
@@ -262,6 +268,22 @@ def survey_set(
         jittered=jittered,
         unrendered=opened.options.unrendered,
     )
+    reader = open_those(frames, headers=headers)
+    lacking = {b: n for b, n in reader.lacking.items() if b in opened.options.needed}
+    without = frozenset[int]().union(*lacking.values())
+    if not without or without.issuperset(reader.numbers):
+        return reader
+    rest = frames.without(without)
+    kept = {
+        key: {n: header for n, header in headers[key].items() if n not in without}
+        for key in rest.streams
+    }
+    reader = open_those(rest, headers=kept)
+    left_out = (
+        f"{say_frames(numbers)} left out (--on-missing skip): buffer '{buffer}' is missing there"
+        for buffer, numbers in lacking.items()
+    )
+    return replace(reader, warnings=(*reader.warnings, *left_out))
 
 
 def open_radiance(

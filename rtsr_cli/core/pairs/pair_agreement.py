@@ -8,9 +8,9 @@ mean of the pixel it is, that holds of few samples. Strays are counted buffer by
 that are no sky, and the mean over the buffers is what counts.
 
 HR is refused only where another reading of it explains the strays: turned upside down, mirrored,
-both, colours of surfaces in another order or encoded at one size alone, normals with axes negated,
-or the frame before or after by its depth. Of a right pair none does, whatever noise, filters
-or differently made buffers it strays by.
+both, colours of surfaces in another order, encoded or times a factor at one size alone, normals
+with axes negated, or another frame by its depth. Of a right pair none does, whatever noise,
+filters or differently made buffers it strays by.
 """
 
 from __future__ import annotations
@@ -85,6 +85,12 @@ SWAPPED, ENCODED, DECODED = (
 ORDERS = tuple(order for order in permutations(range(3)) if order != (0, 1, 2))
 """Channel i of HR is channel order[i] of LR."""
 
+FACTOR = "to be about {factor:.3g} x LR in {buffer}"
+"""How colours of HR may look beside LR's, all channels alike."""
+
+LEAST_FACTOR, MOST_FACTOR = 1.2, 300.0
+"""Ratios to either side of 1 that are called a factor: from what no rounding makes to 0..255."""
+
 NEGATED = "negated in {axes} of {buffer}"
 """How vectors of HR may look beside LR's."""
 
@@ -95,7 +101,13 @@ VECTOR_REMEDY = (
     "write {buffer} alike at both sizes: in one space, with the same handedness and direction"
 )
 
-NUMBER_REMEDY = "number the HR files like the LR files of their moments"
+NUMBER_REMEDY = "number the files of both sizes alike, each by its moment"
+
+MOST_OTHERS = 6
+"""Frames around one whose depth strays that are tried in the place of its HR frame."""
+
+MOST_DOUBTED = 3
+"""Frames that something else speaks against which are looked at beside three of the sequence."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,12 +119,16 @@ class Misfit:
         strays: share of its samples that stray, mean over the buffers.
         looks: what HR is beside LR, as it looks; empty where nothing explains it.
         remedy: what to do about that.
+        buffer: in which it is so, where that is one of several.
+        factor: how many times LR's values HR's are there, where that is all there is to it.
     """
 
     frame: int
     strays: float
     looks: str = ""
     remedy: str = ""
+    buffer: Buffer | None = None
+    factor: float | None = None
 
 
 Read = Callable[[int], GBuffer]
@@ -126,9 +142,12 @@ def find_misfit(
     scale: int,
     *,
     stored: Collection[int],
-    step: int = 1,
+    doubted: Sequence[int] = (),
 ) -> Misfit | None:
-    """Say how both sizes differ, of the first frame that tells: the middle, the first, the last.
+    """Say how both sizes differ, of the first frame where that is explained.
+
+    The middle, the first and the last are looked at, and those that are doubted: single files may
+    be of other moments. That both hardly show one picture is said of the first that tells.
 
     None where they do not, or frames cannot be read: whoever reads them next says why.
 
@@ -137,9 +156,12 @@ def find_misfit(
         numbers: of the LR frames.
         scale: S.
         stored: numbers of HR frames.
-        step: from a frame's number to the next one's.
+        doubted: numbers among those, whose frames something else speaks against.
     """
-    for number in dict.fromkeys((numbers[len(numbers) // 2], numbers[0], numbers[-1])):
+    looked_at = (numbers[len(numbers) // 2], numbers[0], numbers[-1], *doubted[:MOST_DOUBTED])
+    doubt: Misfit | None = None
+    told = False
+    for number in dict.fromkeys(looked_at):
         try:
             small, beside = lr(number), hr(number)
             strays = measure_strays(small, beside, scale)
@@ -151,14 +173,19 @@ def find_misfit(
             other = _find_reading(small, beside, scale, number)
             if other is not None:
                 return other
-            others = [n for n in (number - step, number + step) if n in stored]
+            around = sorted(stored, key=lambda n: (abs(n - number), n))[: MOST_OTHERS + 1]
+            others = [
+                n for n in dict.fromkeys((*around, *looked_at)) if n in stored and n != number
+            ]
             moved = _find_moment(small, hr, scale, number, others)
         except FrameFolderError:
-            return None
+            return doubt
         if moved is not None:
             return moved
-        return Misfit(frame=number, strays=strays) if strays > MOST_STRAYS else None
-    return None
+        if not told and strays > MOST_STRAYS:
+            doubt = Misfit(frame=number, strays=strays)
+        told = True
+    return doubt
 
 
 def _find_turn(lr: GBuffer, hr: GBuffer, scale: int, strays: float) -> str:
@@ -181,13 +208,55 @@ def _find_reading(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit |
         if strays <= FEW_STRAYS:
             continue
         found = measure_readings(buffer, lr, hr, scale)
+        factors = _list_factors(buffer, lr, hr, scale)
+        found |= {
+            looks: measure_strays_of(buffer, lr[buffer], hr[buffer] / factor, lr, scale) or 0.0
+            for looks, factor in factors.items()
+        }
         looks = min(found, key=found.__getitem__)
         if found[looks] * FAR_BETTER < strays:
             remedy = COLOUR_REMEDY if buffer in COLOURS else VECTOR_REMEDY
             return Misfit(
-                frame=number, strays=strays, looks=looks, remedy=remedy.format(buffer=buffer)
+                frame=number,
+                strays=strays,
+                looks=looks,
+                remedy=remedy.format(buffer=buffer),
+                buffer=buffer,
+                factor=factors.get(looks),
             )
     return None
+
+
+def _list_factors(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> dict[str, float]:
+    """Factors that HR's colours may have, by how they look: the round one first."""
+    factor = measure_factor(lr[buffer], hr[buffer], scale) if buffer in COLOURS else None
+    known = [] if factor is None else [float(f"{factor:.2g}"), factor]
+    return {FACTOR.format(factor=f, buffer=buffer): f for f in known}
+
+
+def measure_factor(image: Image, seen: Image, scale: int) -> float | None:
+    """How many times LR's colours HR's are; None where that is about 1, or there are none.
+
+        f = sum over q, c of the mean of HR in q's block / sum of LR
+
+    over the blocks in which HR is of one colour, or all where there are too few of those: wherever
+    in a texture samples lie, both sums are alike.
+
+    Args:
+        image: of LR samples, 1 x C x H x W.
+        seen: of HR pixels, 1 x C x SH x SW.
+        scale: S.
+    """
+    small, mean = image.double(), F.avg_pool2d(seen.double(), scale)
+    counted = torch.isfinite(small) & torch.isfinite(mean) & (small > 0.0)
+    high, low = _find_largest(seen.double(), scale), -_find_largest(-seen.double(), scale)
+    flat = counted & (high <= low * (1.0 + RELATIVE))
+    counted = flat if int(flat.sum()) >= LEAST_SAMPLES else counted
+    if int(counted.sum()) < LEAST_SAMPLES:
+        return None
+    factor = float(mean[counted].sum() / small[counted].sum())
+    ratio = max(factor, 1.0 / factor) if factor > 0.0 else 0.0
+    return factor if LEAST_FACTOR <= ratio <= MOST_FACTOR else None
 
 
 def measure_readings(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> dict[str, float]:
@@ -234,7 +303,7 @@ def _encode(colour: Image) -> Image:
 def _find_moment(
     lr: GBuffer, hr: Read, scale: int, number: int, others: Sequence[int]
 ) -> Misfit | None:
-    """The frame before or after, where its depth fits and the own frame's does not."""
+    """Another frame, where its depth fits and the own frame's does not."""
     if Buffer.DEPTH not in lr or not others:
         return None
     depth = lr.only((Buffer.DEPTH,))

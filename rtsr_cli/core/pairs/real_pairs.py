@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 
 from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
+from rtsr_cli.core.captures.measuring.camera_path import find_apart, gather_run
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
+from rtsr_cli.core.captures.shots import HR_FOLDER
 from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
+from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs import pixel_filter
@@ -165,7 +168,7 @@ class RealPairs:
         return (
             f"{self.hr.frames.root}: frame {found.frame}: beside {self.lr.frames.root}, HR looks "
             f"{found.looks}: as it is, {found.strays:.1%} of the LR samples are unlike all HR "
-            f"pixels around them; {found.remedy}"
+            f"pixels around them; {found.remedy}{_suggest_factor(found, self.lr, self.hr)}"
         )
 
     @property
@@ -198,7 +201,7 @@ class RealPairs:
             numbers,
             self.scale,
             stored=set(hr.numbers).difference(hr.held),
-            step=lr.step,
+            doubted=[n for n in _list_apart(lr.cameras, hr.cameras) if n in numbers],
         )
 
     def load(self, number: int, inputs: PairInputs) -> FramePair:
@@ -290,6 +293,30 @@ def settle_cameras(pairs: RealPairs) -> RealPairs:
         return pairs
     lr, hr = share_verdicts(pairs.lr, pairs.hr, lambda: pairs.misfit)
     return replace(pairs, lr=lr, hr=hr)
+
+
+def _list_apart(
+    cameras: Mapping[int, CameraMetadata], others: Mapping[int, CameraMetadata]
+) -> list[int]:
+    """Numbers of the surveyed frames whose matrices differ between both sizes."""
+    run, other = gather_run(cameras), gather_run(others)
+    return [] if run is None or other is None else find_apart(run, other)
+
+
+def _suggest_factor(misfit: Misfit, lr: FrameReader, hr: FrameReader) -> str:
+    """What declares a factor that HR's values have beside LR's; empty where it is none.
+
+    capture.toml is that of both sizes, and a file sequence of one name is in both.
+    """
+    if misfit.factor is None or misfit.buffer is None:
+        return ""
+    bound = hr.binding[misfit.buffer].multiplied(float(f"{1.0 / misfit.factor:.4g}"))
+    rename = ""
+    if {c.stream for c in bound} & {c.stream for c in lr.binding[misfit.buffer]}:
+        bound = bound.moved_to(HR_FOLDER)
+        rename = f"rename HR's files to {HR_FOLDER}.####.exr, so that this is of them alone, and "
+    line = f'capture.toml: [buffers] {misfit.buffer} = "{bound.describe(streams=True)}"'
+    return f"; or, if LR is right, {rename}{line}"
 
 
 def _hold_pairs(lr: FrameReader, hr: FrameReader) -> FrameReader:

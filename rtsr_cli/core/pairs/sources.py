@@ -167,6 +167,9 @@ class PairSource(Protocol):
     def frame_bytes(self) -> int:
         """Memory that reading one frame takes, generously."""
 
+    def resolve(self, inputs: PairInputs) -> PairReads:
+        """Say what is read for a system, at both resolutions."""
+
     def missing(
         self, inputs: PairInputs, numbers: Collection[int] | None = None
     ) -> tuple[str, ...]:
@@ -247,5 +250,5 @@ def _describe_one(name: str, reader: FrameReader, size: str) -> str:
     if without:
         return f"{size}{name} of {say_frames(without)}"
     if unmet is not None:
-        return f"{size}{CAMERA}{unmet.frames} for {name} ({unmet.need.stored_as})"
+        return f"{size}{CAMERA}{unmet.frames} (to convert {name} from {unmet.need.stored_as})"
     return DECLARED_MOTION if name in reader.stored - reader.readable else f"{size}{name}"

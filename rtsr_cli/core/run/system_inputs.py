@@ -36,7 +36,8 @@ class SystemTable:
 
 
 WITHOUT_FRAMES = (
-    "frames that lack what others hold may be moved out of the folder (--on-missing skip|hold)"
+    "frames that lack what others hold are left out by upscale --on-missing skip; elsewhere they "
+    "may be moved out of the folder (--on-missing skip|hold)"
 )
 """What helps where some frames lack a buffer."""
 

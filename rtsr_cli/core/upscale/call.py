@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, replace
 
 import torch
 
-from rtsr_cli.core.choices import JitterMode, PixelFilter, SystemTask
+from rtsr_cli.core.choices import JitterMode, MissingPolicy, PixelFilter, SystemTask
 from rtsr_cli.core.devices import resolve_device
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.network.exported import load_chosen_network
 from rtsr_cli.core.network.load import LoadedNetwork
 from rtsr_cli.core.network.tiling import choose_tile_side
@@ -68,7 +69,7 @@ def upscale_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    jobs = [plan_upscaling(name, pairs, request, systems) for name, pairs in open_shots(request)]
+    jobs = [plan_upscaling(*shot, request, systems) for shot in open_whole(request, systems)]
     check_selection(request.selection, [job.plan.inputs for job, _ in jobs])
     for job, details in jobs:
         yield job.plan.announcement(details)
@@ -76,8 +77,39 @@ def upscale_frames(
         yield from run_shots([job for job, _ in jobs], request)
 
 
-def open_shots(request: UpscaleRequest) -> Iterator[tuple[str, PairSource]]:
-    """Survey every shot of IN as LR/HR pairs, by relative path."""
+def open_whole(request: UpscaleRequest, systems: SystemTable) -> Iterable[tuple[str, PairSource]]:
+    """Survey every shot; with policy skip, without frames that lack what the chosen system needs.
+
+    Which system that is shows where all frames that lack anything are left out; of those, it then
+    gets back the ones that have all that it needs.
+    """
+    if request.on_missing is not MissingPolicy.SKIP:
+        return open_shots(request)
+    shots = dict(open_shots(request))
+    lacking = {
+        b for pairs in shots.values() for r in pairs.readers for b in r.lacking if b not in r.stored
+    }
+    if not lacking:
+        return shots.items()
+    needed: set[Buffer] = set()
+    for name, pairs in open_shots(request, frozenset(lacking)):
+        system, _ = choose_system(request, pairs, systems)
+        inputs = resolve_system_inputs(system, request.on_nonfinite)
+        if shots[name].missing(inputs):
+            reads = pairs.resolve(replace(inputs, lr_optional=(), hr_optional=()))
+            needed |= lacking & (reads.lr.stored | reads.hr.stored)
+    return open_shots(request, frozenset(needed))
+
+
+def open_shots(
+    request: UpscaleRequest, needed: frozenset[Buffer] = frozenset()
+) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot of IN as LR/HR pairs, by relative path.
+
+    Args:
+        request: what is asked for.
+        needed: buffers without which frames are left out.
+    """
     simulation = None
     if request.simulate_lr is not None:
         simulation = Simulation(
@@ -88,7 +120,7 @@ def open_shots(request: UpscaleRequest) -> Iterator[tuple[str, PairSource]]:
         )
     return open_pairs(
         request.in_folder,
-        read_options(request),
+        replace(read_options(request), needed=needed),
         hr_folder=request.hr_folder,
         scale=request.scale,
         simulation=simulation,

@@ -17,6 +17,7 @@ from rtsr_cli.core.lighting.graph_steps import (
     BASE,
     COMPOSE,
     INVERSE_DEPTH,
+    KEEP_UNSEEN,
     LIGHTING,
     MATERIAL,
     MOST_LOG,
@@ -77,7 +78,7 @@ def describe_fast(config: FuseSRConfig) -> NetworkGraphs:
                 outputs=(PREDICTED,),
             ),
         ),
-        outside=(*_list_before(config), COMPOSE),
+        outside=(*_list_before(config), KEEP_UNSEEN, COMPOSE),
     )
 
 
@@ -114,7 +115,7 @@ def describe_full(config: FuseSRConfig) -> NetworkGraphs:
                 outputs=(PREDICTED,),
             ),
         ),
-        outside=(*_list_before(config), *((WARP,) if config.history else ()), COMPOSE),
+        outside=(*_list_before(config), *((WARP,) if config.history else ()), KEEP_UNSEEN, COMPOSE),
         carried=tuple(
             CarriedTensor(
                 name=f"past_{age}",

@@ -15,6 +15,7 @@ from rtsr_cli.core.lighting.graph_steps import (
     BASE,
     COMPOSE,
     INVERSE_DEPTH,
+    KEEP_UNSEEN,
     LIGHTING,
     MOST_LOG,
     NORMAL,
@@ -104,7 +105,7 @@ def describe(config: NSRDConfig) -> NetworkGraphs:
                 multiple=MULTIPLE,
             ),
         ),
-        outside=(*before, WARP_FRAMES, WARP_STATE, WARP_OUTPUT, COMPOSE),
+        outside=(*before, WARP_FRAMES, WARP_STATE, WARP_OUTPUT, KEEP_UNSEEN, COMPOSE),
         carried=(
             CarriedTensor(name="hidden", made="hidden_next", reset="zeros", moved="warp state"),
             CarriedTensor(name="cell", made="cell_next", reset="zeros", moved="warp state"),

@@ -304,6 +304,9 @@ def rebuild(lr: Side, hr: Side, lut: Array, scale: int) -> Rebuilt:
     base = guided_base(e, divided, lr, normal, depth, smooth, scale)
 
     def compose(predicted: Array) -> Array:
+        brightest = (k * np.expm1(np.maximum(base, 0))).max(0)
+        most, fading = C["MAX_LIGHTING"], 1 - C["FADING_SHARE"]
+        predicted = base + (predicted - base) * clamp((most - brightest) / (fading * most), 0, 1)
         made = k * np.expm1(np.maximum(predicted, 0)) * f + move(hr.color("emission"), shift)
         image = np.maximum(move(made, (-shift[0], -shift[1])), 0)
         sky = enlarge_sky(lr.color(""), lr.sky, scale, lr.jitter)

@@ -83,6 +83,7 @@ CONSTANTS = {
     "DIELECTRIC_F0": demodulation.DIELECTRIC_F0,
     "LIGHTING_FLOOR": demodulation.LIGHTING_FLOOR,
     "MAX_LIGHTING": lighting.MAX_LIGHTING,
+    "FADING_SHARE": lighting.FADING_SHARE,
     "KEYS_A": resampling.KEYS_A,
     "MIN_FILTERED_MASK": resampling.MIN_FILTERED_MASK,
     "SPREAD": guided_kernel.SPREAD,

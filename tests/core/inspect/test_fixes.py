@@ -23,7 +23,7 @@ def lines(missing: tuple[str, ...], hints: Hints | None = None) -> list[str]:
         ("hr metallic", "metallic = 0.0"),
         ("lr roughness", "roughness = 0.5"),
         ("camera", 'camera = "camera.csv"'),
-        ("lr camera of frame 7 for depth (ray distance)", 'camera = "camera.csv"'),
+        ("lr camera of frame 7 (to convert depth from ray distance)", 'camera = "camera.csv"'),
         ("hr frames", "--hr DIR"),
     ],
 )
@@ -89,7 +89,11 @@ def test_guesses_are_offered_where_nothing_can_be_read() -> None:
 
 
 def test_one_line_provides_all_that_it_can() -> None:
-    missing = ("lr camera", "lr camera for depth (ray distance)", "hr camera of frame 3")
+    missing = (
+        "lr camera",
+        "lr camera (to convert depth from ray distance)",
+        "hr camera of frame 3",
+    )
     assert lines(missing) == ['camera = "camera.csv"']
 
 
@@ -97,6 +101,13 @@ def test_no_constant_stands_for_a_channel_that_is_named_like_the_buffer() -> Non
     named = frozenset({Buffer.METALLIC})
     assert lines(("metallic",), Hints(named=named)) == []
     assert lines(("roughness",), Hints(named=named)) == ["roughness = 0.5"]
+
+
+def test_no_constant_contradicts_what_passes_say_of_metal() -> None:
+    assert lines(("metallic",), Hints(divided=True)) == []
+    # neither is one offered that alone would gain nothing
+    assert lines(("metallic", "roughness"), Hints(divided=True)) == []
+    assert lines(("roughness",), Hints(divided=True)) == ["roughness = 0.5"]
 
 
 def test_base_colour_alone_is_offered_as_material_once() -> None:

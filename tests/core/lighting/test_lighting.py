@@ -15,7 +15,9 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.enlargement import enlarge_masked_radiance
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
 from rtsr_cli.core.lighting.lighting import (
+    FADING_SHARE,
     LOG_LIGHTING,
+    MAX_LIGHTING,
     LossWeights,
     Surroundings,
     align_image,
@@ -28,6 +30,7 @@ from rtsr_cli.core.lighting.lighting import (
     inverse_depth,
     keep_lighting,
     keep_picture,
+    keep_unseen,
     lighting_loss,
     recompose_prediction,
     stored_depth,
@@ -209,6 +212,39 @@ def test_sky_and_surfaces_without_material_are_never_the_networks() -> None:
     assert bright is not None
     assert torch.equal(dark[own], bright[own])
     assert (dark < bright)[~own].all()
+
+
+@pytest.mark.parametrize(
+    ("brightest", "believed"),
+    [
+        (1.0, 1.0),
+        (FADING_SHARE * MAX_LIGHTING, 1.0),
+        (48.0, 0.5),
+        (MAX_LIGHTING, 0.0),
+        (200.0, 0.0),
+    ],
+)
+def test_lighting_brighter_than_networks_are_shown_keeps_its_enlargement(
+    brightest: float, believed: float
+) -> None:
+    scale = torch.full((1, 1, 1, 1), K)
+    base = encode_lighting(torch.tensor([0.1, brightest, 0.5]).view(1, 3, 1, 1), scale)
+    predicted = base - 0.25
+    kept = keep_unseen({"base": base, "lighting_scale": scale}, predicted)
+    assert torch.allclose(kept, base - 0.25 * believed, atol=1e-5)
+    # of what corrects no enlargement, nothing is known
+    assert keep_unseen({"lighting_scale": scale}, predicted) is predicted
+
+
+def test_what_a_network_makes_of_unseen_lighting_is_no_part_of_the_picture() -> None:
+    seen = window()
+    inputs = build_lighting_inputs(seen, LOG_LIGHTING)
+    inputs["base"] = inputs["base"] + math.log(1000.0)
+    expected = compose_lighting(LOG_LIGHTING, seen, inputs, inputs["base"]).image
+    darkened = compose_lighting(LOG_LIGHTING, seen, inputs, inputs["base"] - 1.0).image
+    assert expected is not None
+    assert darkened is not None
+    assert torch.equal(darkened, expected)
 
 
 @pytest.mark.parametrize("rows", [(0, 3), (21, 26), (77, 80), (0, 80), (40, 40)])

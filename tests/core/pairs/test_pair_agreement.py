@@ -20,6 +20,7 @@ from rtsr_cli.core.pairs.pair_agreement import (
     Misfit,
     find_misfit,
     flip,
+    measure_factor,
     measure_strays,
 )
 
@@ -159,7 +160,41 @@ def test_frames_of_another_moment_are_named(ahead: int) -> None:
     found = judge(lr, {n: render(n + ahead) for n in (1, 2, 3)})
     assert found is not None
     assert f"HR frame {2 - ahead} fits LR frame 2" in found.looks
-    assert "number the HR files" in found.remedy
+    assert "number the files of both sizes alike" in found.remedy
+
+
+@pytest.mark.parametrize("doubted", [(), (2, 4)])
+def test_lr_files_that_are_exchanged_are_named(doubted: tuple[int, ...]) -> None:
+    lr = {n: keep(render(n), 4, (2, 2)) for n in (1, 2, 3, 4, 5)}
+    hr = {n: render(n) for n in lr}
+    one, other = doubted or (1, 5)
+    assert judge(lr, hr) is None
+    lr[one], lr[other] = lr[other], lr[one]
+    found = find_misfit(lr.__getitem__, hr.__getitem__, sorted(lr), 4, stored=hr, doubted=doubted)
+    assert found is not None
+    assert f"HR frame {other} fits LR frame {one}" in found.looks
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.5, 0.02])
+@pytest.mark.parametrize("name", ["albedo", "material"])
+def test_a_factor_on_the_colours_of_one_size_is_named(factor: float, name: str) -> None:
+    colour = render()[Buffer.ALBEDO]
+    hr = change(render(), **{name: colour})
+    lr = keep(hr, 4, (1, 2))
+    found = judge({1: lr}, {1: change(hr, **{name: factor * colour})})
+    assert found is not None
+    assert f"about {factor:g} x LR in {name}" in found.looks
+    assert found.buffer == name
+    assert found.factor == pytest.approx(factor, rel=0.02)
+
+
+def test_colours_that_no_factor_makes_alike_have_none() -> None:
+    hr = render()
+    lr = keep(hr, 4, (1, 2))
+    offset = change(hr, albedo=0.5 + 0.5 * hr[Buffer.ALBEDO])
+    found = judge({1: lr}, {1: offset})
+    assert found is None or found.factor is None
+    assert measure_factor(lr[Buffer.ALBEDO], hr[Buffer.ALBEDO], 4) is None
 
 
 def test_textures_that_fit_the_next_frame_better_name_no_moment() -> None:

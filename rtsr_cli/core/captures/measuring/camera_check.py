@@ -6,6 +6,7 @@ tell, they are unverified, and nothing else is measured by them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -44,6 +45,7 @@ class CameraFinding:
         errors: of each kind of evidence, in its own unit.
         position_unit_m: metres in a unit of world positions, where they agree.
         certain: whether axes and order are proven, so that others may be measured by them.
+        contradiction: what of another world does not agree with them; empty if nothing does.
     """
 
     unfit: str = ""
@@ -56,6 +58,7 @@ class CameraFinding:
     errors: Mapping[str, float] = field(default_factory=dict)
     position_unit_m: float | None = None
     certain: bool = False
+    contradiction: str = ""
 
     @property
     def fits(self) -> bool:
@@ -310,7 +313,9 @@ def _judge_unopposed(
     if mirrored and any(not readings[i].mirrors_world for i in own):
         # what agrees as well with a camera that does not mirror speaks for that one
         doubt = " ".join(_describe_mirrored(proofs, [readings[i] for i in own]))
-        return CameraFinding(doubt=doubt, errors=errors)
+        return CameraFinding(
+            doubt=doubt, errors=errors, contradiction=_find_contradiction(given, trials)
+        )
     undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))
     if _rest(given) and not any(t.evidence.tells_step for t in proofs):
         # where one camera is in all frames, no neighbour's is another reading
@@ -322,7 +327,29 @@ def _judge_unopposed(
         undecided=tuple(undecided),
         errors=errors,
         certain=not own,
+        contradiction=_find_contradiction(given, trials),
     )
+
+
+def _find_contradiction(given: Cameras, trials: Sequence[_Trial]) -> str:
+    """Say what would stand in another world by far better; empty where nothing would."""
+    for trial in trials:
+        if trial.fits or not trial.evidence.tells_world:
+            continue
+        worlds = list_worlds(given)
+        errors = [
+            mean_error(trial.evidence.measure(w.cameras, closely=True).values()) for w in worlds
+        ]
+        best = min(errors, default=math.inf)
+        if best <= trial.evidence.limit and ALIKE * best < trial.own:
+            return (
+                f"{trial.evidence.name} of frame {min(given)} do not agree with the camera "
+                f"matrices ({_format(trial.own, trial)} as given, {_format(best, trial)} where "
+                f"matrices are {worlds[errors.index(best)].text}): axes of the world swapped or "
+                "negated between normals and cameras? Angles of view, which demodulation divides "
+                f"by, would be wrong; {OTHER_WORLD}"
+            )
+    return ""
 
 
 def _describe_mirrored(proofs: Sequence[_Trial], others: Sequence[CameraReading]) -> Iterator[str]:

@@ -32,7 +32,11 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
     gap = _describe_gap(settled.reader)
     settled = add_warning(settled, gap) if gap else settled
     found = settled.measured.camera
-    return settled if found is None else _follow_finding(settled, found, leads=leads)
+    if found is None:
+        return settled
+    if found.contradiction and leads:
+        settled = add_warning(settled, found.contradiction)
+    return _follow_finding(settled, found, leads=leads)
 
 
 def _follow_finding(

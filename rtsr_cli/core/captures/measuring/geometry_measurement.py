@@ -7,6 +7,12 @@ from dataclasses import replace
 
 from torch import Tensor
 
+from rtsr_cli.core.captures.measuring.camera_check import (
+    NOTHING_MEASURED,
+    OF_NEIGHBOUR,
+    UNVERIFIED,
+    CameraFinding,
+)
 from rtsr_cli.core.captures.measuring.geometry_finder import (
     DepthFinding,
     StoredGeometry,
@@ -57,9 +63,29 @@ def add_geometry(
         GEOMETRY_RATIO * errors[1], errors[1] - LEAST_APART_PX
     )
     chosen = measured.by_geometry or (ranked[0] if clear else None)
+    if measured.by_geometry is None and chosen is not None and _may_be_neighbours(camera, chosen):
+        # depth that is measured along the same matrices is no better founded
+        doubted = replace(measured, camera=_doubt(camera, chosen))
+        return _add_jitter(reader, doubted, presumed.motion)
     along = moved.get(chosen or ties[0], DepthFinding()) if ties else DepthFinding()
     depth = placed if placed.best is not None else along
     return _add_jitter(reader, replace(measured, by_geometry=chosen, depth=depth), presumed.motion)
+
+
+def _may_be_neighbours(camera: CameraFinding, chosen: MotionCandidate) -> bool:
+    """Tell whether matrices of the frame beside it favour the same vectors of another file."""
+    return OF_NEIGHBOUR in camera.undecided and chosen.convention.file_offset != 0
+
+
+def _doubt(camera: CameraFinding, chosen: MotionCandidate) -> CameraFinding:
+    """Take matrices for unverified that agree with vectors of another file alone."""
+    names = " and ".join(camera.proofs)
+    text = (
+        f"{UNVERIFIED}: by {names} they fit motion that is {chosen.convention}, which matrices of "
+        "a neighbouring frame do as well. Motion stays as it is without them: write each frame's "
+        f"own matrices, or declare [motion] file_offset in capture.toml. {NOTHING_MEASURED}"
+    )
+    return replace(camera, proofs=(), undecided=(), certain=False, doubt=text)
 
 
 def list_close(finding: MotionFinding | None) -> list[MotionCandidate]:

@@ -587,3 +587,13 @@ def test_of_normals_in_another_order_their_channels_are_named_too(room: Room) ->
     turn = np.diag([1.0, -1.0, 1.0, 1.0])
     given = {n: CameraMatrices(turn @ m.view, turn @ m.ndc) for n, m in room.cameras.items()}
     assert "order x, y, z ([buffers] normal, position)" in check(room, given, "normals").unfit
+
+
+def test_rough_normals_of_a_world_with_swapped_axes_are_named(room: Room) -> None:
+    rough = roughen(room, 0.45)
+    swap = np.eye(4)[[0, 2, 1, 3]]
+    given = {n: CameraMatrices(swap @ m.view, swap @ m.ndc) for n, m in room.cameras.items()}
+    found = check(rough, given, "motion", "normals")
+    assert "normals with depth" in (found.contradiction or found.unfit)
+    assert "x, z, y" in (found.contradiction or found.unfit)
+    assert not check(rough, room.cameras, "motion", "normals").contradiction
