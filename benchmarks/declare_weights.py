@@ -121,8 +121,8 @@ DECLARED: Mapping[str, Declared] = {
     ),
     "cgts-2x": Declared(
         scenes=44,
-        source="the file (50 shots); docs/supersampling.md (six captures and 44 scenes; the last "
-        "3,000 steps, by a loop outside rtsr, on the captures and 18 of the scenes)",
+        source="the file (50 shots); docs/supersampling.md (six captures and 44 scenes; 3,000 "
+        "steps, by a loop outside rtsr, on the captures and 18 of the scenes, then 3,600 on all)",
         unknown="seeds and frames of the scenes",
     ),
     "rt-percept-flip-16": RATES,

@@ -89,7 +89,7 @@ def test_networks_have_the_sizes_of_the_design() -> None:
     network = build(CgtsConfig(preset=Preset.PAPER))
     assert count_parameters(network.classifier) == 122_354
     assert count_parameters(network.composition) == 1_025
-    detail = 64 * 49 + 64 * 10 + 64 * 65 + 88 * 65
+    detail = 96 * 49 + 2 * (96 * 10 + 96 * 97) + 88 * 97
     assert count_parameters(build().classifier) == 122_354 + 4 * 5 * 32 + 88 * 33 + detail
 
 

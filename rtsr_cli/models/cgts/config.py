@@ -85,10 +85,10 @@ class CgtsLoss:
     ghosting: float = 0.1
     aliasing: float = 0.1
     rarest: float = 10.0
-    color: float = 1.0
-    squared: float = 10.0
-    temporal: float = 0.5
-    visibility: float = 4.0
+    color: float = 0.3
+    squared: float = 30.0
+    temporal: float = 0.2
+    visibility: float = 2.0
     shading: float = 2.0
 
     def __post_init__(self) -> None:

@@ -55,7 +55,7 @@ WIDTHS = (32, 64, 128, 256)
 DECODED = 32
 """Channels of the decoder: 16 + 8 + 4 + 4 come in."""
 
-DETAIL = 64
+DETAIL = 96
 """Width of what tells kernels beside the decoder."""
 
 HIDDEN = 64
@@ -109,15 +109,15 @@ def make_decoder() -> nn.Sequential:
 
 
 def make_detail(guides: int) -> nn.Sequential:
-    """1x1, depthwise 3x3, 1x1, ReLU, 1x1: of all features of the first scale, not half of them."""
-    return nn.Sequential(
-        nn.Conv2d(WIDTHS[0] + DECODED - WIDTHS[0] // 2, DETAIL, 1),
-        nn.ReLU(inplace=True),
-        nn.Conv2d(DETAIL, DETAIL, 3, padding=1, groups=DETAIL),
-        nn.Conv2d(DETAIL, DETAIL, 1),
-        nn.ReLU(inplace=True),
-        nn.Conv2d(DETAIL, guides, 1),
-    )
+    """1x1, twice (ReLU, depthwise 3x3, 1x1), ReLU, 1x1: of all features of the first scale."""
+    layers: list[nn.Module] = [nn.Conv2d(WIDTHS[0] + DECODED - WIDTHS[0] // 2, DETAIL, 1)]
+    for _ in range(2):
+        layers += [
+            nn.ReLU(inplace=True),
+            nn.Conv2d(DETAIL, DETAIL, 3, padding=1, groups=DETAIL),
+            nn.Conv2d(DETAIL, DETAIL, 1),
+        ]
+    return nn.Sequential(*layers, nn.ReLU(inplace=True), nn.Conv2d(DETAIL, guides, 1))
 
 
 class Classifier(nn.Module):
