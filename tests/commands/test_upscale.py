@@ -166,7 +166,9 @@ def test_a_changed_input_makes_its_output_stale(
     # without history, so that one frame alone is stale
     alone = ("upscale", shot, out, "--system", "fusesr-fast")
     rtsr(*alone)
-    shutil.copy(shot / "lr" / "frame.0001.exr", shot / "lr" / "frame.0002.exr")
+    # of both sizes: LR of one moment beside HR of another would be refused for that
+    for size in ("lr", "hr"):
+        shutil.copy(shot / size / "frame.0001.exr", shot / size / "frame.0002.exr")
     refused = rtsr(*alone)
     assert refused.exit_code == 3
     assert "frame.0002.exr: rtsr upscale did not write this" in refused.output
