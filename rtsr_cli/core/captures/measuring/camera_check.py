@@ -343,7 +343,7 @@ def _find_contradiction(given: Cameras, trials: Sequence[_Trial]) -> str:
         best = min(errors, default=math.inf)
         if best <= trial.evidence.limit and ALIKE * best < trial.own:
             return (
-                f"{trial.evidence.name} of frame {min(given)} do not agree with the camera "
+                f"{trial.evidence.name} of {say_frames(given)} do not agree with the camera "
                 f"matrices ({_format(trial.own, trial)} as given, {_format(best, trial)} where "
                 f"matrices are {worlds[errors.index(best)].text}): axes of the world swapped or "
                 "negated between normals and cameras? Angles of view, which demodulation divides "
