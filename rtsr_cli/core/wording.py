@@ -16,6 +16,13 @@ def join_names(names: Iterable[str]) -> str:
     return " and ".join(filter(None, [", ".join(known[:-1]), *known[-1:]]))
 
 
+def say_missing(buffers: Sequence[str]) -> str:
+    """Write buffer 'a' is missing, buffers 'a' and 'b' are missing."""
+    names = join_names(f"'{buffer}'" for buffer in buffers)
+    several = len(buffers) > 1
+    return f"buffer{'s' if several else ''} {names} {'are' if several else 'is'} missing"
+
+
 def list_some(names: Sequence[str], most: int) -> str:
     """The first names; of more, the rest is counted."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

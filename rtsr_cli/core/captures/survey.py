@@ -141,6 +141,7 @@ def open_frames(
             *_list_elsewhere(frames, bound.layout, binding, capture),
         ),
         lacking=found.lacking,
+        partial=found.partial,
         samples=samples,
         sample_fault=bound.sample_fault,
     )

@@ -294,7 +294,10 @@ def _list_hints(
         named=frozenset(b for one in sets for b in list_named(one.unknown)),
         material=material,
         base_colour=_describe_base_colour(settled, main),
-        divided=any(s is not None and Buffer.MATERIAL in s.reader.stored for s in settled_sets),
+        divided=any(
+            s is not None and Buffer.MATERIAL in s.reader.stored | s.reader.lacking.keys()
+            for s in settled_sets
+        ),
         camera=camera,
         side_car=capture.camera.file or "",
     )
@@ -533,7 +536,9 @@ def _with_pixels(
         layers=reader.layers,
         unknown=unknown,
         guessed=guess_further(reader, unknown, check),
-        material="" if Buffer.MATERIAL in reader.binding else guess_material(unknown, check),
+        material=""
+        if Buffer.MATERIAL in reader.stored | reader.lacking.keys()
+        else guess_material(unknown, check),
         missing=missing,
         statistics=statistics,
         looked_at=looked_at,

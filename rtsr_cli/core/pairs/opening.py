@@ -6,7 +6,7 @@ result goes to whatever reads frames of the shot.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ from rtsr_cli.core.pairs.real_pairs import open_real_pairs, settle_cameras
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.wording import say_missing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,7 +270,7 @@ def survey_set(
         unrendered=opened.options.unrendered,
     )
     reader = open_those(frames, headers=headers)
-    lacking = {b: n for b, n in reader.lacking.items() if b in opened.options.needed}
+    lacking = {b: n for b, n in reader.partial.items() if b in opened.options.needed}
     without = frozenset[int]().union(*lacking.values())
     if not without or without.issuperset(reader.numbers):
         return reader
@@ -279,11 +280,16 @@ def survey_set(
         for key in rest.streams
     }
     reader = open_those(rest, headers=kept)
-    left_out = (
-        f"{say_frames(numbers)} left out (--on-missing skip): buffer '{buffer}' is missing there"
-        for buffer, numbers in lacking.items()
-    )
-    return replace(reader, warnings=(*reader.warnings, *left_out))
+    return replace(reader, warnings=(*reader.warnings, *_say_left_out(lacking)))
+
+
+def _say_left_out(lacking: Mapping[Buffer, frozenset[int]]) -> Iterator[str]:
+    """Say which frames are left out, once for all that they lack."""
+    grouped: dict[frozenset[int], list[Buffer]] = {}
+    for buffer, numbers in lacking.items():
+        grouped.setdefault(numbers, []).append(buffer)
+    for numbers, buffers in grouped.items():
+        yield f"{say_frames(numbers)} left out (--on-missing skip): {say_missing(buffers)} there"
 
 
 def open_radiance(

@@ -12,8 +12,10 @@ from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, FITTING_HR, HR_FRAMES, PairSource
 from rtsr_cli.core.run.system_inputs import (
+    OF_FRAMES,
     SystemTable,
     describe_likely,
+    is_of_frames,
     resolve_system_inputs,
     resolve_unshaded_inputs,
 )
@@ -25,10 +27,7 @@ NETWORKS = "networks"
 
 GIVE_HR = "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
 NO_CAMERA = "give the cameras (headers, or a side-car in capture.toml)"
-OF_FRAMES = " of frame"
-"""Stands between a buffer and the frames that lack it, where others hold it."""
-
-SOME_FRAMES = "render those frames again, or leave them out (see the warning)"
+SOME_FRAMES = "render those frames again, or leave them out (--on-missing skip)"
 UNUSED_CAMERA = "the matrices that are there are not used, see the warning"
 
 CHECKS: Mapping[InputCondition, Callable[[PairSource], bool]] = {
@@ -220,7 +219,7 @@ def suggest_remedies(lacks: Collection[str], *, refused: bool = False) -> tuple[
         lacks: what is missing, with or without its size.
         refused: whether there are camera matrices that are not used.
     """
-    partial = {name for name in lacks if OF_FRAMES in name and not _is_camera(name)}
+    partial = set(filter(is_of_frames, lacks))
     given = set(lacks) - partial
     names = set(map(_strip_size, given))
     if names and names.isdisjoint(given):
