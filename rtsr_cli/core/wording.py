@@ -10,6 +10,11 @@ def say_count(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def say_verb(count: int) -> str:
+    """Write is of one thing, are of several."""
+    return "is" if count == 1 else "are"
+
+
 def join_names(names: Iterable[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     known = list(names)

@@ -18,6 +18,9 @@ from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 Opened = TypeVar("Opened", PairSource, FrameReader)
 """A shot as a command reads it."""
 
+RADIANCE = frozenset({Buffer.COLOR})
+"""What no frame may lack, unless a command reads frames that were not rendered."""
+
 OpenShots = Callable[[frozenset[Buffer]], Iterable[tuple[str, Opened]]]
 """Surveys every shot, by relative path, without the frames that lack one of some buffers."""
 
@@ -40,14 +43,14 @@ def leave_out_lacking(
     """
     if policy is not MissingPolicy.SKIP:
         return open_shots(frozenset())
-    shots = dict(open_shots(frozenset()))
+    shots = dict(open_shots(RADIANCE))
     lacking = frozenset(b for one in shots.values() for r in _list_readers(one) for b in r.partial)
     if not lacking:
         return shots.items()
     needed: set[Buffer] = set()
-    for name, without in open_shots(lacking):
+    for name, without in open_shots(RADIANCE | lacking):
         needed |= lacking.intersection(list_needed(shots[name], without))
-    return open_shots(frozenset(needed))
+    return open_shots(RADIANCE | needed)
 
 
 def _list_readers(opened: PairSource | FrameReader) -> tuple[FrameReader, ...]:

@@ -6,7 +6,7 @@ result goes to whatever reads frames of the shot.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -269,18 +269,43 @@ def survey_set(
         jittered=jittered,
         unrendered=opened.options.unrendered,
     )
-    reader = open_those(frames, headers=headers)
-    lacking = {b: n for b, n in reader.partial.items() if b in opened.options.needed}
+    reader, lacking = _survey_needed(open_those, frames, headers, opened.options)
     without = frozenset[int]().union(*lacking.values())
-    if not without or without.issuperset(reader.numbers):
+    if not without or without.issuperset(frames.numbers):
         return reader
     rest = frames.without(without)
-    kept = {
-        key: {n: header for n, header in headers[key].items() if n not in without}
-        for key in rest.streams
-    }
-    reader = open_those(rest, headers=kept)
+    reader = open_those(rest, headers=_leave_out(headers, rest))
     return replace(reader, warnings=(*reader.warnings, *_say_left_out(lacking)))
+
+
+def _survey_needed(
+    open_those: Callable[..., FrameReader], frames: FrameSet, headers: Headers, options: ReadOptions
+) -> tuple[FrameReader, dict[Buffer, frozenset[int]]]:
+    """Survey frames, and say which of them lack what is needed; radiance may be among that.
+
+    Raises:
+        FrameFolderError: as surveying has it; not of radiance that is needed and some frames lack.
+    """
+    try:
+        reader = open_those(frames, headers=headers)
+        lacking = {}
+    except FrameFolderError:
+        if Buffer.COLOR not in options.needed or options.unrendered:
+            raise
+        reader = open_those(frames, headers=headers, unrendered=True)
+        if not reader.unrendered:
+            raise
+        lacking = {Buffer.COLOR: reader.unrendered}
+    known = {b: n for b, n in reader.partial.items() if b in options.needed}
+    return reader, lacking | known
+
+
+def _leave_out(headers: Headers, rest: FrameSet) -> Headers:
+    """Headers of the files that are left."""
+    return {
+        key: {n: header for n, header in headers[key].items() if n in stream.files}
+        for key, stream in rest.streams.items()
+    }
 
 
 def _say_left_out(lacking: Mapping[Buffer, frozenset[int]]) -> Iterator[str]:
