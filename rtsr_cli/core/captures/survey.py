@@ -46,7 +46,6 @@ from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import Conventions, SpecularWorkflow
-from rtsr_cli.core.frames.selection import format_ranges
 
 LUMINANCE_NOT_READ = (
     "pictures are stored as luminance and chroma (channels Y, RY, BY), which rtsr does not read; "
@@ -273,7 +272,7 @@ def _check_channels(
             others = [n for n, h in by_number.items() if h.views.get(c.channel) != view]
             if others:
                 raise FrameFolderError(
-                    f"{frames.root}, frames {format_ranges(others)}: buffer '{buffer}' (channel "
+                    f"{frames.root}, {say_frames(others)}: buffer '{buffer}' (channel "
                     f"'{c.channel}') is of another view than in other frames; write all frames "
                     "with the same views"
                 )

@@ -16,7 +16,6 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
-from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.wording import say_missing
 
 FirstHeaders = Mapping[str, ExrHeader]
@@ -80,7 +79,9 @@ def bind_rendered(headers: Headers, bind: Bind) -> RenderedBinding:
         first=first,
         lacking={b: n for b, n in lacking.items() if b in RADIANCE_BUFFERS or b in apart},
         notes=tuple(
-            f"buffer '{b}' is not read: frames {format_ranges(lacking[b])} have none" for b in apart
+            f"buffer '{b}' is not read: {say_frames(lacking[b])} "
+            f"{'has' if len(lacking[b]) == 1 else 'have'} none"
+            for b in apart
         ),
     )
 

@@ -36,11 +36,13 @@ from rtsr_cli.core.evaluation.regions import REGION_BUFFERS
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.provenance import COLOR_TAG
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.selection import Selection, format_ranges
 from rtsr_cli.core.pairs.lacking_frames import RADIANCE
 from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, open_set, open_shot, survey_set
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.wording import say_verb
 
 REFERENCE_FOLDERS = (REFERENCE_FOLDER, HR_FOLDER, "")
 """Where below a shot of REF the pictures may lie, in the order they are looked for."""
@@ -394,9 +396,9 @@ def _choose_numbers(
             lacking = chosen - numbers
             if lacking:
                 raise FrameFolderError(
-                    f"{root}: frames {format_ranges(lacking)} are missing, which others have; make "
-                    "them, choose frames with --frames, or judge what all have with --on-missing "
-                    "skip"
+                    f"{root}: {say_frames(lacking)} {say_verb(len(lacking))} missing, which others "
+                    f"have; make {'it' if len(lacking) == 1 else 'them'}, choose frames with "
+                    "--frames, or judge what all have with --on-missing skip"
                 )
     available = tuple(n for n in every if all(n in s for s in there.values()))
     common = tuple(n for n in available if n in chosen)

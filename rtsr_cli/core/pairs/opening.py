@@ -37,7 +37,7 @@ from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import Selection
-from rtsr_cli.core.pairs.real_pairs import open_real_pairs, settle_cameras
+from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs, settle_cameras
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
@@ -386,7 +386,19 @@ def open_single_sets(folder: Path, options: ReadOptions) -> Iterator[tuple[str, 
     """
     files = open_declarations(folder, options)
     for shot in find_shots_of(folder, options, files=files):
-        yield shot.name, open_pair(open_shot(shot, folder, options, files=files), hr=None, scale=1)
+        source = open_pair(open_shot(shot, folder, options, files=files), hr=None, scale=1)
+        yield shot.name, _note_unread_size(source, shot)
+
+
+def _note_unread_size(source: PairSource, shot: Shot) -> PairSource:
+    """Say of a pair that the frames of one size are taken, and which."""
+    if shot.hr is None or not isinstance(source, RealPairs):
+        return source
+    note = (
+        f"frames of one size are read, here those of {shot.frames.root}; {shot.hr.root} beside "
+        "them is not: name it in the place of IN to take those"
+    )
+    return replace(source, lr=replace(source.lr, notes=(note, *source.lr.notes)))
 
 
 def open_pair(

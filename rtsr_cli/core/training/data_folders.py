@@ -22,7 +22,7 @@ from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.marks import MARKED
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
 from rtsr_cli.core.pairs.lacking_frames import leave_out_lacking, list_needed_inputs
@@ -348,7 +348,7 @@ def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | Non
     reader = open_set(frames, opened, jittered=False, vectors=False)
     lacking = sorted(set(source.reader.numbers) - set(reader.numbers))
     if reader.size != hr.size or lacking:
-        what = f"lacks frames {format_ranges(lacking)}" if lacking else "is of another size than HR"
+        what = f"lacks {say_frames(lacking)}" if lacking else "is of another size than HR"
         raise FrameFolderError(f"{beside}: {what}; render it with the HR frames")
     return reader
 

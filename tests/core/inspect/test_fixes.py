@@ -32,7 +32,7 @@ def test_what_is_missing_has_a_line(missing: str, line: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "missing", ["motion", "lr normal", "albedo", "a declared motion convention", "a scale of 4x"]
+    "missing", ["motion", "lr normal", "albedo", "a declared motion convention", "a pair of 4x"]
 )
 def test_what_no_line_provides_has_none(missing: str) -> None:
     assert lines((missing,)) == []
