@@ -505,8 +505,8 @@ def _with_pixels(
     statistics, damaged = measure_statistics(reader, looked_at)
     holes = (
         ShotProblem(
-            text=f"'{key}' lacks frames {format_gaps(lacking)}: render them, or use --on-missing "
-            "skip|hold" + (f" ({NEEDS_NO_RADIANCE})" if key in partial else ""),
+            text=f"'{key}' lacks {_say_gaps(lacking)}, or use --on-missing skip|hold"
+            + (f" ({NEEDS_NO_RADIANCE})" if key in partial else ""),
             gravity=Severity.HOLES,
             radiance=key in partial,
         )
@@ -545,6 +545,11 @@ def _with_pixels(
         lossy=lossy,
         problems=_drop_repeats(problems),
     )
+
+
+def _say_gaps(lacking: Sequence[range]) -> str:
+    one = sum(map(len, lacking)) == 1
+    return f"frame{'' if one else 's'} {format_gaps(lacking)}: render {'it' if one else 'them'}"
 
 
 def _choose_numbers(numbers: Sequence[int], *, every: bool) -> tuple[int, ...]:

@@ -67,7 +67,7 @@ def test_hr_frames_that_are_missing_are_holes_and_of_another_ratio_a_refusal(
 ) -> None:
     sources, (problem,) = match_resolutions(reader, hr, None)
     assert problem.gravity is Severity.HOLES
-    assert "HR lacks frames 3" in problem.text
+    assert "HR lacks frame 3" in problem.text
     assert judge_readiness(BICUBIC, sources, [problem]).how == "--on-missing skip"
     sources, (problem,) = match_resolutions(reader, hr, 3)
     assert (list(sources), problem.gravity) == ([], Severity.REFUSED)
