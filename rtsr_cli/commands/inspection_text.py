@@ -344,10 +344,11 @@ def _explain_reading(
 ) -> str:
     """Say what decides how vectors are read."""
     measured = settled.measured
+    proven = f"singled out by {measured.geometry}" if measured.by_geometry is used else ""
     if declared.motion.decides():
-        return "it is declared"
-    if measured.by_geometry is used:
-        return f"singled out by {measured.geometry}"
+        return f"it is declared, and {proven}" if proven else "it is declared"
+    if proven:
+        return proven
     if measured.best is used:
         return "it is measured"
     # the layout's own name: what capture.toml adds to it says nothing of motion
