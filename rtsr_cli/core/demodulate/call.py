@@ -41,7 +41,7 @@ from rtsr_cli.core.run.shot_runs import (
     describe_outcome,
     run_shots,
 )
-from rtsr_cli.core.run.system_inputs import suggest_without
+from rtsr_cli.core.run.system_inputs import CAMERA_REMEDY, describe_likely, suggest_without
 
 COMMAND = "demodulate"
 
@@ -224,8 +224,9 @@ def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[B
         raise FrameFolderError(
             f"{reader.frames.root}: cannot {'recompose' if inverse else 'demodulate'}, "
             f"missing: {', '.join(missing)}. Layout '{reader.layout.name}' found: "
-            f"{', '.join(sorted(reader.stored))}. Render what is missing, give a camera "
-            f"side-car in capture.toml, or choose another --mode{suggest_without([reader])}"
+            f"{', '.join(sorted(reader.stored))}. Render what is missing, declare it in "
+            f"capture.toml{CAMERA_REMEDY if CAMERA in missing else ''}, or choose another --mode"
+            f"{suggest_without([reader])}{describe_likely([reader], missing)}"
         )
     return resolved.read | ({Buffer.EMISSION} & reader.stored)
 

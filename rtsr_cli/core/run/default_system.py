@@ -63,7 +63,7 @@ class PassedOver:
     @property
     def lacks(self) -> tuple[str, ...]:
         """What is missing, with its size where the other size has it."""
-        return tuple(dict.fromkeys(self._name(missing) for missing in self.missing))
+        return name_once(self._name(missing) for missing in self.missing)
 
     def _name(self, missing: str) -> str:
         plain = _strip_size(missing)
@@ -180,7 +180,7 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver], chose
         texts.append(f"{who} {what}{advice and ': '}{advice}")
         said.update(remedies)
         longest = max(longest, lacks, key=len)
-    likely = describe_likely(source, [name for one in passed for name in one.missing])
+    likely = describe_likely(source.readers, [name for one in passed for name in one.missing])
     return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}{likely}"
 
 

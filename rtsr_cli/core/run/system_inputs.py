@@ -198,7 +198,7 @@ def check_inputs(
             f"{lacks}. {'; '.join(_describe_buffers(reader) for reader in source.readers)}. "
             f"Render what is missing, declare it in capture.toml{remedy}{_suggest_parent(source)}"
             f"{suggest_without(source.readers)}"
-            f"{describe_likely(source, missing)}"
+            f"{describe_likely(source.readers, missing)}"
         )
 
 
@@ -212,16 +212,16 @@ def suggest_without(readers: Iterable[FrameReader]) -> str:
     return f"; {WITHOUT_FRAMES}" if any(reader.partial for reader in readers) else ""
 
 
-def describe_likely(source: PairSource, missing: Collection[str]) -> str:
+def describe_likely(readers: Iterable[FrameReader], missing: Collection[str]) -> str:
     """Say which lines would bind what is missing by channels that are there; empty if none would.
 
     Each stands on a line of its own, so that all of them can be pasted at once.
 
     Args:
-        source: the shot's pairs.
+        readers: of a shot's frames, of each size.
         missing: names of buffers, with or without their size.
     """
-    lines = suggest_lines(source.readers, missing)
+    lines = suggest_lines(readers, missing)
     said = "; perhaps, below [buffers] in capture.toml:"
     return "".join((said, *(f"{INDENTED}{line}" for line in lines))) if lines else ""
 
