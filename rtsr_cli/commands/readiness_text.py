@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 
 from rtsr_cli.core.choices import SystemTask
 from rtsr_cli.core.inspect.fixes import Fix
-from rtsr_cli.core.inspect.readiness import SystemReadiness
+from rtsr_cli.core.inspect.readiness import SKIP, SystemReadiness
 from rtsr_cli.core.inspect.shot_inspection import ShotInspection
+from rtsr_cli.core.run.system_inputs import is_of_frames
 from rtsr_cli.core.wording import join_names
 
 LABELS = {SystemTask.UPSCALE.value: "systems"}
@@ -57,5 +58,7 @@ def _list_command_lines(
             text = f"ready{' with ' + readiness.how if readiness.how else ''}"
         else:
             text = f"missing: {', '.join(readiness.missing)}"
+            if readiness.missing and all(map(is_of_frames, readiness.missing)):
+                text += f" (runs without those, by {SKIP})"
         yield label, f"{name:<{NAME}}{text}"
         label = ""

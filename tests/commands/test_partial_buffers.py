@@ -62,7 +62,7 @@ def test_inspect_names_the_frame_and_offers_no_line_for_it(
     report = rtsr("inspect", folder).output
     assert f"frame {bad}: buffer 'depth' is missing" in report
     (guided,) = (line for line in report.splitlines() if " demod-guided " in line)
-    assert f"missing: depth of frame {bad}" in guided
+    assert f"missing: depth of frame {bad} (runs without those, by --on-missing skip)" in guided
     assert "depth = " not in report
 
 
