@@ -161,7 +161,7 @@ def test_nan_fails_its_frame_unless_it_is_repaired(rtsr: Run, shot: Path, tmp_pa
 
     rewrite(shot / "lr" / "frame.0002.exr", spoil)
     message = refusal(rtsr("upscale", shot, tmp_path / "a"), FAILED)
-    assert "frame 2: 1 values of 'color' are NaN or Inf" in message
+    assert "frame 2: 1 value of 'color' is NaN or Inf" in message
     for policy in ("zero", "inpaint"):
         out = tmp_path / policy
         assert rtsr("upscale", shot, out, "--on-nonfinite", policy).exit_code == 0
