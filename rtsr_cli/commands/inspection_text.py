@@ -319,8 +319,8 @@ def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) ->
     if finding.alike:
         yield _format_line(
             "",
-            f"  tie: behind the best by less than {SIGNIFICANT_T:g} x the uncertainty of that, so "
-            "that the frames cannot tell which is right",
+            f"  tie: behind the best by less than {SIGNIFICANT_T:g} x the uncertainty of that: the "
+            "pictures alone cannot tell which is right",
         )
     if finding.best is None:
         yield _format_line(
