@@ -15,7 +15,7 @@ from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
-from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T
+from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T, MotionCandidate
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.sample_channels import describe_samples, stand_for_pixel
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
@@ -151,7 +151,7 @@ def _list_set_lines(frame_set: SetInspection, declared: CaptureDeclaration) -> I
     yield from _list_guess_lines(frame_set)
     yield _format_line("camera", _describe_camera(reader, frame_set.settled))
     if frame_set.settled is not None:
-        yield from _list_convention_lines(frame_set.settled)
+        yield from _list_convention_lines(frame_set.settled, declared)
         yield from _list_roughness_lines(frame_set, reader, declared)
         yield from _list_id_lines(frame_set)
         for note in frame_set.settled.notes:
@@ -258,6 +258,9 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     return f"verified by {', '.join(found.proofs)}{how}{but}{apart}"
 
 
+SAME_VECTORS = "as good as the best: the vectors of neighbouring files are nearly alike"
+"""Said of a reading that differs from the best in the file alone, and hardly in the vectors."""
+
 SKY_NOTE = "sky measured: "
 """How the note begins that the line of sky says, too."""
 
@@ -265,12 +268,12 @@ ANY_READING = "if motion is read in one of the ways that fit alike, which are li
 """Said of cameras that agree with vectors which are not read."""
 
 
-def _list_convention_lines(settled: MeasuredReader) -> Iterator[str]:
+def _list_convention_lines(settled: MeasuredReader, declared: CaptureDeclaration) -> Iterator[str]:
     reader = settled.reader
     if {Buffer.MOTION, Buffer.FORWARD} & reader.stored:
         how = "not read; presumed as" if reader.motion_undecided else "read as"
         yield _format_line("motion", f"{how} {reader.conventions.motion}")
-        yield from _list_motion_lines(settled)
+        yield from _list_motion_lines(settled, declared)
     if Buffer.DEPTH in reader.stored:
         depth = reader.conventions.depth
         kind = f"{depth.kind}{', reversed' if depth.reversed else ''}"
@@ -282,13 +285,12 @@ def _list_convention_lines(settled: MeasuredReader) -> Iterator[str]:
         yield _format_line("sky", f"{sky.share:.1%} of the pixels, by {sky.rule}")
     if Buffer.NORMAL in reader.stored:
         normal = reader.conventions.normal
-        proof = settled.measured.normal
-        known = ", measured" if proof is not None and proof.space is not None else ""
+        known = ", measured" if settled.measured.proves_normals else ""
         packed = "packed (n + 1) / 2" if normal.packed else "-1..1"
         yield _format_line("normals", f"{normal.space} space, {packed}{known}")
 
 
-def _list_motion_lines(settled: MeasuredReader) -> Iterator[str]:
+def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) -> Iterator[str]:
     finding = settled.measured.motion
     if finding is None:
         yield _format_line(
@@ -304,34 +306,53 @@ def _list_motion_lines(settled: MeasuredReader) -> Iterator[str]:
         f"move; error without motion {finding.unmoved_error:.3f}",
     )
     used = finding.of(settled.reader.conventions.motion)
-    listed = [*finding.candidates[:MOST_CANDIDATES], *([used] if used is not None else [])]
+    # the one that is read leads, whichever fits best
+    listed = [*([used] if used is not None else []), *finding.candidates[:MOST_CANDIDATES]]
     for candidate in dict.fromkeys(listed):
-        mark = " (tie)" if candidate in finding.ties and len(finding.ties) > 1 else ""
-        if settled.measured.by_geometry is candidate:
-            mark += " (singled out by camera and depth)"
-        behind = "best"
-        if candidate.margin:
-            behind = (
-                f"{candidate.margin:.1%} behind, {candidate.significance:.2f} x its uncertainty"
-            )
-        mark += (
-            " (as good as the best one's vectors, out of other files)"
-            if candidate.same_vectors
-            else ""
-        )
-        mark += " (as it is read)" if candidate is used else ""
-        yield _format_line("", f"  {candidate.error:.3f}  {candidate.convention}: {behind}{mark}")
-    if len(finding.ties) > 1:
+        marks = [_describe_fit(candidate)]
+        marks += ["tie"] if candidate in finding.alike else []
+        marks += [SAME_VECTORS] if candidate.same_vectors else []
+        if candidate is used and not settled.reader.motion_undecided:
+            marks += [f"read so: {_explain_reading(candidate, settled, declared)}"]
+        text = f"{candidate.error:.3f}  {candidate.convention}: {', '.join(marks)}"
+        yield _format_line("", f"  {text}")
+    if finding.alike:
         yield _format_line(
             "",
-            f"  tie: behind the best by less than {SIGNIFICANT_T:g} x the uncertainty of that, so "
-            "that the frames cannot tell which is right",
+            f"  tie: behind the best by less than {SIGNIFICANT_T:g} x the uncertainty of that: the "
+            "pictures alone cannot tell which is right",
+        )
+    if finding.best is None:
+        yield _format_line(
+            "", "  none fits much better than no motion at all: these frames tell little of it"
         )
     jitter = settled.measured.jitter
     if jitter is not None:
         yield _format_line(
             "jitter", f"{jitter.verdict} (largest offset found {jitter.spread_px:.2f} px)"
         )
+
+
+def _describe_fit(candidate: MotionCandidate) -> str:
+    if not candidate.margin:
+        return "fits best"
+    return f"{candidate.margin:.1%} behind, {candidate.significance:.2f} x its uncertainty"
+
+
+def _explain_reading(
+    used: MotionCandidate, settled: MeasuredReader, declared: CaptureDeclaration
+) -> str:
+    """Say what decides how vectors are read."""
+    measured = settled.measured
+    proven = f"singled out by {measured.geometry}" if measured.by_geometry is used else ""
+    if declared.motion.decides():
+        return f"it is declared, and {proven}" if proven else "it is declared"
+    if proven:
+        return proven
+    if measured.best is used:
+        return "it is measured"
+    # the layout's own name: what capture.toml adds to it says nothing of motion
+    return f"layout '{settled.reader.layout.name.partition(' + ')[0]}' says so"
 
 
 def _describe_depth_proof(settled: MeasuredReader) -> str:

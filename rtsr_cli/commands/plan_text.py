@@ -7,9 +7,10 @@ from pathlib import Path
 
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.run.events import BETTER, FILTER, FILTER_DOUBT, RunDone, ShotPlanned
-from rtsr_cli.core.wording import list_some, say_count
+from rtsr_cli.core.wording import list_some, say_count, say_verb
 
 MIB = 1 << 20
 
@@ -17,7 +18,7 @@ HELD = "held"
 
 REASONS = {
     "done": "done already",
-    "not_selected": "not selected",
+    "not_selected": "not to be written",
     "missing": "missing",
     HELD: "missing, the frame before stands in",
 }
@@ -47,7 +48,7 @@ def log_plan(plan: ShotPlanned, what: str, *, estimate: bool) -> None:
     if plan.details.get(FILTER_DOUBT):
         LOG.warning("Warning: %s: %s", plan.reader.frames.root, plan.details[FILTER_DOUBT])
     if HELD in plan.skipped and not estimate:
-        LOG.info("    frames %s: %s", plan.skipped[HELD], REASONS[HELD])
+        LOG.info("    %s: %s", _say_ranges(plan.skipped[HELD]), REASONS[HELD])
     log_files_made_again(plan.damaged, "cut or damaged after writing; made again")
     log_files_made_again(plan.empty, "an empty file; its content is made")
     log_findings(plan.readers)
@@ -94,7 +95,11 @@ def log_estimate(plan: ShotPlanned) -> None:
         plan.write_bytes_at_most / MIB,
     )
     for reason, frames in plan.skipped.items():
-        LOG.info("    frames %s: %s", frames, REASONS[reason])
+        LOG.info("    %s: %s", _say_ranges(frames), REASONS[reason])
+
+
+def _say_ranges(ranges: str) -> str:
+    return f"frame{'' if ranges.isdigit() else 's'} {ranges}"
 
 
 def log_binding(reader: FrameReader) -> None:
@@ -114,10 +119,13 @@ def log_pixel_findings(done: RunDone) -> None:
     if done.repaired:
         LOG.info("repaired %d NaN or Inf in %s", *_count_by_frame(done.repaired))
     if done.negative:
+        count, where = _count_by_frame(done.negative)
         LOG.warning(
-            "Warning: %d values of radiance are below 0, which no light is, in %s: render them "
-            "again, or clamp them, if they are not meant",
-            *_count_by_frame(done.negative),
+            "Warning: %s of radiance %s below 0, which no light is, in %s: if that is not meant, "
+            "render them again, or clamp the values",
+            say_count(count, "value"),
+            say_verb(count),
+            where,
         )
     if done.as_float:
         LOG.warning(
@@ -127,12 +135,11 @@ def log_pixel_findings(done: RunDone) -> None:
         )
     for shot, shares in done.no_material.items():
         LOG.info(
-            "%s: %s of the pixels of frames %s are surfaces whose material is 0, another one at "
-            "LR than at HR, or far too dark for their radiance: their radiance is enlarged as it "
-            "is",
+            "%s: %s of the pixels of %s are surfaces whose material is 0, another one at LR than "
+            "at HR, or far too dark for their radiance: their radiance is enlarged as it is",
             shot if shot != "." else done.folder,
             _name_share(shares.values()),
-            format_ranges(shares),
+            say_frames(shares),
         )
 
 

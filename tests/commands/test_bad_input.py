@@ -67,7 +67,7 @@ def test_where_an_hr_frame_is_missing_the_pair_before_stands_in(
     assert any(event.get("skipped", {}).get("held") == "3" for event in events(plan.stdout))
     run = rtsr("upscale", shot, tmp_path / "out", *choice)
     assert run.exit_code == 0
-    assert "frames 3: missing, the frame before stands in" in run.output
+    assert "frame 3: missing, the frame before stands in" in run.output
     assert "not those of the LR frames" not in run.output
     second, third = (read_channels(tmp_path / "out" / FRAMES[i], "RGB") for i in (1, 2))
     assert all(np.array_equal(second[c], third[c]) for c in "RGB")
@@ -247,9 +247,9 @@ def test_a_dry_run_says_what_it_would_read_write_and_leave_out(
     assert plan["read_bytes"] == (shot / "lr" / FRAMES[2]).stat().st_size
     assert plan["write_bytes_at_most"] == 192 * 128 * 3 * 2 + (1 << 14)
     for line in (
-        "frames 1: done already",
-        "frames 2: missing",
-        "frames 4: not selected",
+        "frame 1: done already",
+        "frame 2: missing",
+        "frame 4: not to be written",
         "writes at most 0.2 MiB (without compression)",
     ):
         assert line in said
@@ -262,7 +262,7 @@ def test_a_held_frame_is_named_by_a_dry_run(rtsr: Run, captures: Path, tmp_path:
     (captures / FRAMES[1]).unlink()
     result = rtsr("demodulate", captures, tmp_path / "out", "--on-missing", "hold", "--dry-run")
     assert result.exit_code == 0
-    assert "frames 2: missing, the frame before stands in" in result.output
+    assert "frame 2: missing, the frame before stands in" in result.output
     assert not (tmp_path / "out").exists()
 
 
@@ -298,7 +298,7 @@ def test_a_number_that_is_none_counts_as_bad_however_it_is_stored(
     choice = ("upscale", shot, tmp_path / "out", "--system", "taau")
     result = rtsr(*choice)
     assert result.exit_code == 1
-    assert "frame 2: 1 values of 'object_id' are NaN or Inf" in result.stderr
+    assert "frame 2: 1 value of 'object_id' is NaN or Inf" in result.stderr
     fixed = rtsr(*choice[:2], tmp_path / "fixed", *choice[3:], "--on-nonfinite", "inpaint")
     assert fixed.exit_code == 0
     assert "repaired 1 NaN or Inf in 1 frame" in fixed.output

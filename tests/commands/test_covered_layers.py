@@ -170,7 +170,7 @@ def test_coverage_that_is_no_number_is_bad_as_any_buffer_is(
     shot = layer(8.0, change=spoil)
     refused = rtsr("upscale", shot, tmp_path / "out", "--system", "bicubic")
     assert refused.exit_code == 1
-    assert "1 values of 'alpha' are NaN or Inf" in refused.output
+    assert "1 value of 'alpha' is NaN or Inf" in refused.output
     choice = ("--system", "bicubic", "--on-nonfinite", "inpaint")
     assert rtsr("upscale", shot, tmp_path / "out", *choice).exit_code == 0
     made = read(tmp_path / "out" / "f.0001.exr")

@@ -245,7 +245,7 @@ def test_mismatched_sizes_and_missing_frames_are_refused(
     assert "compare frames of one size" in message
     short = Path(shutil.copytree(results / "bicubic", tmp_path / "short"))
     (short / "frame.0004.exr").unlink()
-    assert "short: frames 4 are missing" in refusal(rtsr("evaluate", short, small_capture))
+    assert "short: frame 4 is missing" in refusal(rtsr("evaluate", short, small_capture))
     assert rtsr("evaluate", short, small_capture, "--on-missing", "skip").exit_code == 0
 
 

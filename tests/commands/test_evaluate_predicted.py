@@ -42,7 +42,7 @@ def test_predicted_frames_alone_are_judged_without_further_options(
 ) -> None:
     said, result = judged(("--system", "warp"), "--metric", "psnr,temporal")
     assert "frames 2, 4, 6 (stamped rtsr:predicted)" in said
-    assert "frames 2, 4, 6 are stamped rtsr:predicted, and they alone are judged" in said
+    assert "frames 2, 4, 6 alone are judged, stamped rtsr:predicted" in said
     test = result["tests"]["out"]
     assert list(test["frames"]) == ["2", "4", "6"]
     assert test["predicted"] == [2, 4, 6]

@@ -171,7 +171,8 @@ def test_inspect_covers_every_command_that_reads_frames(
         *("upscale", "extrapolate", "predict-vrs", "label", "train", "evaluate")
     }
     assert commands["train"]["nsrd"]["ready"], "reference/ holds the radiance"
-    assert commands["train"]["rt-percept"]["missing"] == ["a scale of 1x"]
+    (one_size,) = commands["train"]["rt-percept"]["missing"]
+    assert one_size.startswith("frames of one size")
     assert commands["upscale"]["fusesr-direct"]["missing"] == [
         "weights for 4x (rtsr train makes them)"
     ]

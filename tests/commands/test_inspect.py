@@ -358,9 +358,9 @@ def as_folder(path: Path) -> None:
 @pytest.mark.parametrize(
     ("number", "harm", "code", "said", "ready"),
     [
-        (2, spoil, 1, "2 values of 'color' are NaN or Inf in frames 2", "--simulate-lr S"),
+        (2, spoil, 1, "2 values of 'color' are NaN or Inf in frame 2", "--simulate-lr S"),
         (2, damage, 1, "its pixels are damaged", "--simulate-lr S"),
-        (3, Path.unlink, 3, "lacks frames 3", "--simulate-lr S --on-missing skip"),
+        (3, Path.unlink, 3, "lacks frame 3", "--simulate-lr S --on-missing skip"),
         (3, lambda p: p.write_text("text"), 3, "it is another kind of file", None),
         (4, lambda p: p.write_bytes(p.read_bytes()[:9999]), 3, "the file ends too early", None),
         (4, as_folder, 3, "is a folder that is named like a frame", None),
@@ -404,7 +404,7 @@ def test_hr_frames_that_do_not_match_are_a_problem(
     found = facts(rtsr, shot)
     assert found["systems"]["bicubic"]["how"] == "--on-missing skip"
     # beside that the crop's camera is of the whole frame
-    assert any("HR lacks frames 4" in problem for problem in found["hr"]["problems"])
+    assert any("HR lacks frame 4" in problem for problem in found["hr"]["problems"])
     shutil.rmtree(shot / "hr")
     shutil.copytree(shot / "lr", shot / "hr")
     (shot / "hr" / "frame.0001.exr").unlink()

@@ -124,7 +124,7 @@ REASONS = [
         spare_but_once,
         "",
         (*TAAU, "--passthrough", "spare"),
-        f"frames {BAD}: channels",
+        f"frame {BAD}: channels",
         id="pass",
     ),
 ]

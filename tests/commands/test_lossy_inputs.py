@@ -61,7 +61,7 @@ def test_numbers_under_dwa_are_named_with_what_is_altered(
         },
     }  # fmt: skip
     said = rtsr("inspect", folder).output
-    assert f"'motion' is stored with {compression}, a lossy compression, in frames 1: " in said
+    assert f"'motion' is stored with {compression}, a lossy compression, in frame 1: " in said
 
 
 @pytest.mark.parametrize(

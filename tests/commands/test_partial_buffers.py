@@ -38,7 +38,7 @@ def test_the_best_system_that_all_frames_allow_runs(
     assert planned.exit_code == 0, planned.output
     assert f"need {buffer} of frame {bad}: render those frames again, or leave" in planned.output
     assert f"frame {bad}: buffer '{buffer}' is missing" in planned.output
-    assert "--on-missing skip|hold" in planned.output
+    assert "render this frame again, or leave it out: --on-missing skip" in planned.output
     refused = rtsr(*line, "--system", "demod-guided")
     assert refused.exit_code == 3
     assert f"cannot run, missing: {buffer} of frame {bad}" in refused.output
@@ -62,7 +62,7 @@ def test_inspect_names_the_frame_and_offers_no_line_for_it(
     report = rtsr("inspect", folder).output
     assert f"frame {bad}: buffer 'depth' is missing" in report
     (guided,) = (line for line in report.splitlines() if " demod-guided " in line)
-    assert f"missing: depth of frame {bad}" in guided
+    assert f"missing: depth of frame {bad} (runs without those, by --on-missing skip)" in guided
     assert "depth = " not in report
 
 
@@ -124,7 +124,13 @@ def test_radiance_is_missed_in_every_command(
 
     refused = rtsr("upscale", changed(small_capture, dark), tmp_path / "out", "--simulate-lr", 4)
     assert refused.exit_code == 3
-    assert "frames 2: buffer 'color' is missing" in refused.output
+    assert "frame 2: buffer 'color' is missing" in refused.output
+    assert "render this frame again, or leave it out: --on-missing skip" in refused.output
+    line = ("upscale", changed(small_capture, dark), tmp_path / "out", "--simulate-lr", 4)
+    skipped = rtsr(*line, "--on-missing", "skip", "--dry-run")
+    assert skipped.exit_code == 0, skipped.output
+    assert "frames 1, 3-4" in skipped.output
+    assert "frame 2 left out (--on-missing skip): buffer 'color' is missing" in skipped.output
 
 
 def test_where_a_network_runs_the_others_are_named_one_by_one(
@@ -138,3 +144,105 @@ def test_where_a_network_runs_the_others_are_named_one_by_one(
     assert "system fusesr-fast" in planned
     assert "networks" not in planned
     assert "gather" in planned
+
+
+SKIPPING = (
+    ("demodulate",),
+    ("predict-vrs",),
+    ("label", "--kind", "cgts", "--samples-per-pixel", 2),
+    ("extrapolate", "--system", "warp-guided"),
+    ("extrapolate",),
+)
+
+
+@pytest.mark.parametrize("command", SKIPPING, ids=lambda line: " ".join(map(str, line)))
+def test_every_command_leaves_such_a_frame_out(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path, command: tuple[object, ...]
+) -> None:
+    name, *options = command
+    buffer = "depth" if name == "label" else "normal"
+    folder = changed(small_capture, drop(buffer, 4))
+    line = (name, folder, tmp_path / "out", *options)
+    if len(command) > 1:
+        refused = rtsr(*line, "--dry-run")
+        assert refused.exit_code == 3
+        assert f"missing: {buffer} of frame 4" in refused.output
+        assert "left out by --on-missing skip" in refused.output
+    planned = rtsr(*line, "--on-missing", "skip", "--dry-run")
+    assert planned.exit_code == 0, planned.output
+    said = f"frame 4 left out (--on-missing skip): buffer '{buffer}' is missing there"
+    assert said in planned.output
+
+
+def test_training_leaves_such_a_frame_out(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
+) -> None:
+    folder = changed(small_capture, drop("normal", 4))
+    run = ("train", "nsrd", folder, "--set", "training.steps=1", "--set", "training.crop=16")
+    refused = rtsr(*run, "--out", tmp_path / "a", "--on-missing", "error")
+    assert refused.exit_code == 3
+    assert "normal of frame 4" in refused.output
+    done = rtsr(*run, "--out", tmp_path / "b", "--on-missing", "skip")
+    assert "frame 4 left out (--on-missing skip): buffer 'normal' is missing" in done.output
+    assert "frames 1-3" in done.output
+
+
+def test_pictures_are_judged_and_regions_leave_the_frame_out(
+    rtsr: Run, small_capture: Path, changed: Copy
+) -> None:
+    folder = changed(small_capture, drop("normal", 2))
+    line = ("evaluate", small_capture, folder, "--metric", "psnr")
+    plain, skipped = rtsr(*line), rtsr(*line, "--on-missing", "skip")
+    assert plain.exit_code == skipped.exit_code == 0, skipped.output
+    said = "the buffers: frame 2 left out (--on-missing skip): buffer 'normal' is missing there"
+    assert said in skipped.output
+    assert said not in plain.output
+    assert "frames 1-4" in skipped.output
+
+
+def with_passes(planes: dict[str, Any], number: int) -> None:
+    """Say the same as sums of passes: Blender's, without metallic and roughness."""
+    del number
+    metal = planes.pop("metallic")
+    planes.pop("roughness")
+    for c in "RGB":
+        albedo = planes.pop(f"albedo.{c}")
+        planes[f"ViewLayer.Diffuse Color.{c}"] = albedo * (1 - metal)
+        planes[f"ViewLayer.Glossy Color.{c}"] = 0.04 + albedo * metal
+        planes[f"ViewLayer.Combined.{c}"] = planes.pop(c)
+    planes["ViewLayer.Depth.Z"] = planes.pop("depth.Z")
+    for c in "XYZ":
+        planes[f"ViewLayer.Normal.{c}"] = planes.pop(f"normal.{c}")
+    for name in [name for name in planes if not name.startswith("ViewLayer.")]:
+        del planes[name]
+
+
+def test_a_pass_that_one_frame_lacks_is_declared_for_none(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
+) -> None:
+    def change(planes: dict[str, Any], number: int) -> None:
+        with_passes(planes, number)
+        if number == 3:
+            for c in "RGB":
+                del planes[f"ViewLayer.Glossy Color.{c}"]
+
+    folder = changed(small_capture, change)
+    report = rtsr("inspect", folder).output
+    (guided,) = (line for line in report.splitlines() if " demod-guided " in line)
+    assert "material of frame 3" in guided
+    assert "metallic" not in guided
+    assert "material = " not in report
+    (warning,) = (line for line in report.splitlines() if "is in the other frames" in line)
+    assert "frame 3: buffers 'specular' and 'material' are missing" in warning
+    assert "render this frame again, or leave it out: --on-missing skip" in warning
+    line = ("upscale", folder, tmp_path / "out", "--simulate-lr", 4)
+    for options in ((), ("--system", "demod-guided")):
+        said = rtsr(*line, *options, "--dry-run").output
+        assert "material = " not in said
+        assert "material of frame 3" in said
+    skipped = rtsr(*line, "--system", "demod-guided", "--on-missing", "skip", "--dry-run")
+    assert skipped.exit_code == 0, skipped.output
+    assert "frames 1-2, 4" in skipped.output
+    refused = rtsr("demodulate", folder, tmp_path / "out")
+    assert "missing: material of frame 3" in refused.output
+    assert rtsr("demodulate", folder, tmp_path / "o", "--on-missing", "skip").exit_code == 0

@@ -199,7 +199,7 @@ def test_a_channel_that_some_frames_lack_is_refused_before_work(
     write_exr(path, planes, attributes=read_header(path).attributes)
     result = rtsr("upscale", shot, tmp_path / "out", "--passthrough", "extra")
     assert result.exit_code == 3
-    assert f"{shot}/hr, frames 3: channels of --passthrough are missing (extra" in result.stderr
+    assert f"{shot}/hr, frame 3: channels of --passthrough are missing (extra" in result.stderr
 
 
 def test_what_goes_through_is_part_of_the_stamp(rtsr: Run, shot: Path, tmp_path: Path) -> None:

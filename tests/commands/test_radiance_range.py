@@ -190,7 +190,7 @@ def test_radiance_below_0_is_counted_and_said(
 
 def test_inspect_names_radiance_below_0(rtsr: Run, dark: Path) -> None:
     said = rtsr("inspect", dark)
-    assert "3 values of 'color' are below 0 in frames 1" in said.output
+    assert "3 values of 'color' are below 0 in frame 1" in said.output
     assert json.loads(rtsr("inspect", dark, "--json").stdout)["negative"] == {"color": {"1": 3}}
 
 
@@ -207,8 +207,8 @@ def test_evaluate_tells_radiance_below_0_apart(rtsr: Run, tmp_path: Path, protoc
     values = 3 * SIZE[0] * SIZE[1]
     assert (test["negative"], test["negative_reference"]) == (values, values)
     said = rtsr("evaluate", tmp_path / "a", tmp_path / "b", *choice)
-    assert f"Note: a: radiance is below 0 in {values} values of frames 1" in said.output
-    assert f"Note: a: the reference is below 0 in {values} values of frames 1" in said.output
+    assert f"Note: a: radiance is below 0 in {values} values of frame 1" in said.output
+    assert f"Note: a: the reference is below 0 in {values} values of frame 1" in said.output
 
 
 def test_evaluate_finds_equal_frames_equal_below_0(rtsr: Run, tmp_path: Path) -> None:

@@ -72,7 +72,8 @@ def test_a_missing_hr_channel_names_folder_buffer_and_remedy(
 def test_a_channel_that_disappears_names_the_frame(rtsr: Run, shot: Path, tmp_path: Path) -> None:
     rewrite(shot / "hr" / "frame.0003.exr", lambda p: p.pop("roughness") is None or None)
     message = refusal(rtsr("upscale", shot, tmp_path / "out", "--system", "demod-guided"))
-    assert "may be moved out of the folder (--on-missing skip|hold)" in message
+    assert "Render what these frames lack, or choose another --system" in message
+    assert "left out by --on-missing skip" in message
     assert "missing: hr roughness of frame 3" in message
 
 
@@ -160,7 +161,7 @@ def test_nan_fails_its_frame_unless_it_is_repaired(rtsr: Run, shot: Path, tmp_pa
 
     rewrite(shot / "lr" / "frame.0002.exr", spoil)
     message = refusal(rtsr("upscale", shot, tmp_path / "a"), FAILED)
-    assert "frame 2: 1 values of 'color' are NaN or Inf" in message
+    assert "frame 2: 1 value of 'color' is NaN or Inf" in message
     for policy in ("zero", "inpaint"):
         out = tmp_path / policy
         assert rtsr("upscale", shot, out, "--on-nonfinite", policy).exit_code == 0

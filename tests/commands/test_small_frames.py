@@ -86,7 +86,7 @@ def test_ssim_is_null_with_the_reason_where_none_fits(
     result = rtsr("evaluate", *write_pair(*size), "--metric", "psnr,ssim,flip,vmaf", *outputs)
     assert result.exit_code in (0, 1), result.output
     reason = f"needs at least 11 pixels a side, the frame is {size[1]} x {size[0]}"
-    assert f"Note: a: no SSIM of frames 1: SSIM (wang) {reason}" in result.output
+    assert f"Note: a: no SSIM of frame 1: SSIM (wang) {reason}" in result.output
     stored = json.loads(files[0].read_text())["tests"]["a"]
     assert stored["mean"]["ssim"] is None
     assert stored["mean"]["psnr"] > 20

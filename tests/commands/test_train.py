@@ -382,7 +382,7 @@ def test_radiance_that_is_no_light_or_too_large_is_said_each_time(
         result = train(rtsr, shot, tmp_path / "cache", tmp_path / out, *one)
         assert result.exit_code == 0, result.output
         assert "3 values of hr radiance are below 0" in result.output
-        assert "1 values of hr radiance are trained on as 65504" in result.output
+        assert "1 value of hr radiance is trained on as 65504" in result.output
 
 
 def test_a_network_is_trained_on_the_colour_of_what_covers_a_pixel(

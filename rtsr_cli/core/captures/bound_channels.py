@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 from rtsr_cli.core.captures.buffer_expressions import write_sum
@@ -35,6 +35,11 @@ class BoundSum:
     def is_one_channel(self) -> bool:
         """Tell whether it is a channel of a file, and nothing is added to it."""
         return len(self.terms) == 1 and self.constant == 0.0
+
+    def multiplied(self, factor: float, added: float = 0.0) -> BoundSum:
+        """Return `factor` times the same, and a constant."""
+        terms = tuple(replace(t, factor=t.factor * factor) for t in self.terms)
+        return BoundSum(terms=terms, constant=self.constant * factor + added)
 
 
 @dataclass(frozen=True)
@@ -98,14 +103,16 @@ class BoundBuffer:
 
     def multiplied(self, factor: float, added: float = 0.0) -> BoundBuffer:
         """Return `factor` times the same, and a constant."""
-        components = (
-            BoundSum(
-                terms=tuple(replace(t, factor=t.factor * factor) for t in component.terms),
-                constant=component.constant * factor + added,
-            )
-            for component in self.components
-        )
-        return BoundBuffer(tuple(components))
+        return BoundBuffer(tuple(c.multiplied(factor, added) for c in self.components))
+
+    def tinted(self, factors: Sequence[float]) -> BoundBuffer:
+        """Return each component times a factor of its own.
+
+        Raises:
+            ValueError: there are not as many factors as components.
+        """
+        pairs = zip(self.components, factors, strict=True)
+        return BoundBuffer(tuple(component.multiplied(factor) for component, factor in pairs))
 
     def _changed(self, change: Callable[[BoundChannel], BoundChannel]) -> BoundBuffer:
         return BoundBuffer(

@@ -247,10 +247,13 @@ def _describe_absence(buffer: Buffer, term: Term, sets: Sequence[Streams], sourc
     column = f"column {term.column}" if term.column else ""
     written = ", ".join(filter(None, (source, column)))
     stands = f"; it stands in {written}" if written else ""
+    named = ""
+    if place.file != "*":
+        said = ", ".join(repr(key) for key in files if key) or "none, for files that are numbers"
+        named = f"; before the colon stands what a file is called without its number, here {said}"
     meant = _find_letters(buffer, place.channel, channels)
     strange = explain_signs(place.channel) or explain_quotes(place.channel, channels)
     return (
         f"buffer '{buffer}': no channel is called '{spec}'"
-        f"{did_you_mean(place.channel, channels, meant=meant)}{strange}{stands}; "
-        f"file sequences: {', '.join(map(repr, files))}"
+        f"{did_you_mean(place.channel, channels, meant=meant)}{strange}{stands}{named}"
     )

@@ -197,6 +197,7 @@ class Layout:
         other_depth_units: metres in a unit of depth that is met with as well; it is read where the
             layout's own would make kilometres of the frames.
         unread: what is known and not read.
+        bright_albedo: what base colours above 1 are in such files, in words.
     """
 
     name: str
@@ -216,6 +217,7 @@ class Layout:
     open_motion: OpenMotion = OpenMotion.NOTHING
     other_depth_units: tuple[float, ...] = ()
     unread: tuple[UnreadPass, ...] = ()
+    bright_albedo: str = "it holds reflections or light, or was multiplied"
 
     def list_unread(self, streams: Mapping[str, Collection[str]]) -> dict[str, UnreadPass]:
         """What is known and not read of file sequences and their channels, by name."""

@@ -68,7 +68,8 @@ def find_base_colour(reader: FrameReader, others: Collection[Buffer] = ()) -> st
         others: buffers that unknown channels are likely to be.
     """
     more = {Buffer.MATERIAL, Buffer.METALLIC, Buffer.SPECULAR}
-    if Buffer.ALBEDO not in reader.stored or more & (reader.stored | set(others)):
+    known = reader.stored | reader.lacking.keys()
+    if Buffer.ALBEDO not in reader.stored or more & (known | set(others)):
         return ""
     return reader.binding[Buffer.ALBEDO].describe(streams=len(reader.channels) > 1)
 
@@ -97,7 +98,9 @@ def _suggest_of(reader: FrameReader, wanted: frozenset[Buffer]) -> Iterator[str]
     # what is not looked for needs no look at pixels
     others = frozenset(Buffer) - wanted - ({Buffer.MATERIAL} if wanted & PARTS else set())
     check = check_guesses(choose_files(reader.frames, reader.channels), others | reader.stored)
-    material = guess_material(unknown, check) if wanted & PARTS else ""
+    held = reader.stored | reader.lacking.keys()
+    sought = wanted & PARTS and Buffer.MATERIAL not in held
+    material = guess_material(unknown, check) if sought else ""
     guessed = guess_further(reader, unknown, check)
     base_colour = ""
     if wanted & PARTS and not material and not reader.has_matrices:

@@ -51,6 +51,8 @@ def _sum_blender_passes(buffer: Buffer, *sums: tuple[str, ...]) -> tuple[Compone
 BLENDER = Layout(
     name="blender",
     description="Blender multilayer: <view layer>.Combined.*, .Depth.Z, .Vector.XYZW, AOVs",
+    bright_albedo="Blender's Denoising Albedo holds reflections; its Diffuse Color, and an AOV of "
+    "base colour, are above 1 only if they were multiplied",
     # AOVs that are called like rtsr's buffers come first; names of Blender 5 and of Blender 4
     buffers={
         Buffer.COLOR: name_components(Buffer.COLOR, f"{SCOPE}.Combined"),

@@ -82,6 +82,8 @@ def _name_albedo() -> tuple[Component, ...]:
 MITSUBA = Layout(
     name="mitsuba",
     description="Mitsuba AOVs: R G B, <name>.R/G/B albedo, <name>.X/Y/Z normals, <name>.T depth",
+    bright_albedo="on conductors Mitsuba's albedo is the BRDF along the normal times pi, neither "
+    "diffuse reflectance nor F0",
     # users name their AOVs: their types' names and those of the documentation come first, then
     # what tells a type; what scripts add is called as in rtsr's own layout
     buffers={

@@ -96,6 +96,7 @@ class FrameReader:
         lent_motion: vectors of another resolution, in place of those that there are none of.
         lacking: buffer -> frames whose files do not hold it: radiance where they were not rendered,
             and buffers that are therefore not bound.
+        partial: those of them that are not bound since some frames lack them, rendered or not.
         samples: where each sample of a pixel is, of buffers whose channels hold a sample each;
             `binding` has what stands for the pixel.
         sample_fault: why samples cannot be read; empty if they can, or there are none.
@@ -134,6 +135,7 @@ class FrameReader:
     layer: str = ""
     lent_motion: MotionSource | None = None
     lacking: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
+    partial: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
     samples: Samples = field(default_factory=dict)
     sample_fault: str = ""
 

@@ -44,8 +44,8 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.files.provenance import is_predicted
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import Conventions, SpecularWorkflow
-from rtsr_cli.core.frames.selection import format_ranges
 
 LUMINANCE_NOT_READ = (
     "pictures are stored as luminance and chroma (channels Y, RY, BY), which rtsr does not read; "
@@ -141,6 +141,7 @@ def open_frames(
             *_list_elsewhere(frames, bound.layout, binding, capture),
         ),
         lacking=found.lacking,
+        partial=found.partial,
         samples=samples,
         sample_fault=bound.sample_fault,
     )
@@ -260,16 +261,18 @@ def _check_channels(
             by_number = {n: h for n, h in headers[c.stream].items() if n not in spared}
             lacking = [n for n, h in by_number.items() if c.channel not in h.channels]
             if lacking:
+                one = len(lacking) == 1
                 raise FrameFolderError(
-                    f"{frames.root}, frames {format_ranges(lacking)}: buffer '{buffer}' is missing "
-                    f"(channel '{c.channel}' is in other frames of '{c.stream}'); "
-                    "render these frames again, or move them out of the folder"
+                    f"{frames.root}, {say_frames(lacking)}: buffer '{buffer}' is missing (channel "
+                    f"'{c.channel}' is in the other frames, not in {'this one' if one else 'these'}"
+                    f"); render {'this frame' if one else 'these frames'} again, or leave "
+                    f"{'it' if one else 'them'} out: --on-missing skip"
                 )
             view = next(iter(by_number.values())).views.get(c.channel)
             others = [n for n, h in by_number.items() if h.views.get(c.channel) != view]
             if others:
                 raise FrameFolderError(
-                    f"{frames.root}, frames {format_ranges(others)}: buffer '{buffer}' (channel "
+                    f"{frames.root}, {say_frames(others)}: buffer '{buffer}' (channel "
                     f"'{c.channel}') is of another view than in other frames; write all frames "
                     "with the same views"
                 )

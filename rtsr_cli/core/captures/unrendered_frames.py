@@ -6,7 +6,7 @@ nor what else either kind holds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from rtsr_cli.core.captures.bound_channels import Binding, BoundChannel
@@ -16,7 +16,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.wording import say_missing
 
 FirstHeaders = Mapping[str, ExrHeader]
 """Per file sequence, what stands for its files."""
@@ -34,6 +34,7 @@ class RenderedBinding:
         first: what stands for the files of each sequence.
         lacking: buffer -> frames that do not hold it: radiance, and what is not bound since one
             kind of frames has it alone, or some frames have it not.
+        partial: those of them that some frames have not, of whatever kind.
         notes: of what one kind of frames has alone, for the user.
         warnings: of what some frames have not.
     """
@@ -41,6 +42,7 @@ class RenderedBinding:
     bound: BoundLayers
     first: FirstHeaders
     lacking: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
+    partial: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -77,7 +79,9 @@ def bind_rendered(headers: Headers, bind: Bind) -> RenderedBinding:
         first=first,
         lacking={b: n for b, n in lacking.items() if b in RADIANCE_BUFFERS or b in apart},
         notes=tuple(
-            f"buffer '{b}' is not read: frames {format_ranges(lacking[b])} have none" for b in apart
+            f"buffer '{b}' is not read: {say_frames(lacking[b])} "
+            f"{'has' if len(lacking[b]) == 1 else 'have'} none"
+            for b in apart
         ),
     )
 
@@ -189,10 +193,8 @@ def leave_out_partial(found: RenderedBinding, headers: Headers, bind: Bind) -> R
         found,
         bound=replace(found.bound, binding=binding),
         lacking={**found.lacking, **unheld},
-        warnings=tuple(
-            _describe_partial(buffer, whole[buffer], headers, without)
-            for buffer, without in unheld.items()
-        ),
+        partial=unheld,
+        warnings=_describe_partial(whole, headers, unheld),
     )
 
 
@@ -204,16 +206,24 @@ def _list_without(headers: Headers, parts: Iterable[BoundChannel]) -> frozenset[
 
 
 def _describe_partial(
-    buffer: Buffer, parts: Iterable[BoundChannel], headers: Headers, without: frozenset[int]
-) -> str:
-    held = next(c for c in parts if _list_without(headers, (c,)))
+    binding: Binding, headers: Headers, unheld: Mapping[Buffer, frozenset[int]]
+) -> tuple[str, ...]:
+    """Say which frames lack which channel, once for all buffers that it is part of."""
+    grouped: dict[tuple[frozenset[int], BoundChannel], list[Buffer]] = {}
+    for buffer, without in unheld.items():
+        held = next(c for c in binding[buffer] if _list_without(headers, (c,)))
+        grouped.setdefault((without, held), []).append(buffer)
+    return tuple(_say_partial(*key, buffers) for key, buffers in grouped.items())
+
+
+def _say_partial(without: frozenset[int], held: BoundChannel, buffers: Sequence[Buffer]) -> str:
+    one = len(without) == 1
     return (
-        f"{say_frames(without)}: buffer '{buffer}' is missing (channel '{held.channel}' is in "
-        f"other frames of '{held.stream}'), so that it is not used in any frame; render "
-        f"{'this frame' if len(without) == 1 else 'these frames'} again, or leave "
-        f"{'it' if len(without) == 1 else 'them'} out: upscale --on-missing skip, elsewhere move "
-        f"{'its file' if len(without) == 1 else 'their files'} out of the folder and use "
-        "--on-missing skip|hold"
+        f"{say_frames(without)}: {say_missing(buffers)} (channel '{held.channel}' is in the other "
+        f"frames, not in {'this one' if one else 'these'}), so that "
+        f"{'they are' if len(buffers) > 1 else 'it is'} not used in any frame; render "
+        f"{'this frame' if one else 'these frames'} again, or leave {'it' if one else 'them'} out: "
+        "--on-missing skip"
     )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -17,10 +17,16 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import read_header, write_exr
 from rtsr_cli.core.files.provenance import describe_provenance, name_color_space
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig, resolve_needs
+from rtsr_cli.core.imaging.derivation import (
+    CAMERA,
+    BufferNeeds,
+    DerivationConfig,
+    resolve_needs,
+)
+from rtsr_cli.core.pairs.lacking_frames import leave_out_lacking
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.opening import open_radiance
-from rtsr_cli.core.pairs.sources import describe_missing
+from rtsr_cli.core.pairs.sources import describe_missing, name_partial
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned, Status
 from rtsr_cli.core.run.frame_pairs import read_options
 from rtsr_cli.core.run.loop import Outcome, Product
@@ -35,6 +41,7 @@ from rtsr_cli.core.run.shot_runs import (
     describe_outcome,
     run_shots,
 )
+from rtsr_cli.core.run.system_inputs import CAMERA_REMEDY, describe_likely, suggest_without
 
 COMMAND = "demodulate"
 
@@ -99,7 +106,7 @@ def demodulate_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    opened = open_radiance(request.in_folder, read_options(request), lighting=request.inverse)
+    opened = open_whole(request)
     jobs = [DivisionJob(plan_division(name, reader, request), request) for name, reader in opened]
     check_selection(request.selection, [job.plan.inputs for job in jobs])
     for job in jobs:
@@ -111,6 +118,23 @@ def demodulate_frames(
         if isinstance(event, FrameDivided) and event.status is Status.WRITTEN:
             written.append(event)
         yield finish_division(event, written) if isinstance(event, RunDone) else event
+
+
+def open_whole(request: DemodulateRequest) -> Iterable[tuple[str, FrameReader]]:
+    """Survey every frame set; with policy skip, without frames that lack what is divided by."""
+    options = read_options(request)
+
+    def list_needed(whole: FrameReader, without: FrameReader) -> frozenset[Buffer]:
+        missing = resolve_division(whole, request).missing
+        return resolve_division(without, request).read if missing else frozenset()
+
+    return leave_out_lacking(
+        lambda needed: open_radiance(
+            request.in_folder, replace(options, needed=needed), lighting=request.inverse
+        ),
+        request.on_missing,
+        list_needed,
+    )
 
 
 def finish_division(done: RunDone, written: list[FrameDivided]) -> DivisionDone:
@@ -164,6 +188,22 @@ def plan_division(name: str, reader: FrameReader, request: DemodulateRequest) ->
     )
 
 
+DIVIDED, MULTIPLIED = (
+    (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY),
+    (Buffer.LIGHTING, Buffer.MATERIAL),
+)
+"""What is read to divide, and to multiply back."""
+
+
+def resolve_division(reader: FrameReader, request: DemodulateRequest) -> BufferNeeds:
+    """Resolve what dividing, or multiplying back, reads of a frame set, and what it lacks there."""
+    inverse = request.inverse
+    stored = reader.readable if inverse else reader.readable - {Buffer.LIGHTING}
+    config = make_derivation_config(request)
+    wanted = MULTIPLIED if inverse else DIVIDED
+    return resolve_needs(wanted, stored, has_camera=reader.has_camera, config=config)
+
+
 def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[Buffer]:
     """Return what is read of a frame set.
 
@@ -171,16 +211,11 @@ def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[B
         FrameFolderError: names what is missing.
     """
     inverse = request.inverse
-    wanted = (
-        (Buffer.LIGHTING, Buffer.MATERIAL)
-        if inverse
-        else (Buffer.COLOR, Buffer.MATERIAL, Buffer.SKY)
-    )
-    stored = reader.readable if inverse else reader.readable - {Buffer.LIGHTING}
-    config = make_derivation_config(request)
-    resolved = resolve_needs(wanted, stored, has_camera=reader.has_camera, config=config)
+    resolved = resolve_division(reader, request)
     if resolved.missing:
-        missing = describe_missing(resolved.missing, reader)
+        wanted = MULTIPLIED if inverse else DIVIDED
+        lacking = name_partial(wanted, reader, make_derivation_config(request))
+        missing = describe_missing(lacking, reader)
         if reader.camera_unfit and any(CAMERA in m.split() for m in missing):
             raise FrameFolderError(
                 f"{reader.frames.root}: what lighting is divided by needs the camera, but "
@@ -189,8 +224,9 @@ def read_buffers(reader: FrameReader, request: DemodulateRequest) -> frozenset[B
         raise FrameFolderError(
             f"{reader.frames.root}: cannot {'recompose' if inverse else 'demodulate'}, "
             f"missing: {', '.join(missing)}. Layout '{reader.layout.name}' found: "
-            f"{', '.join(sorted(reader.stored))}. Render what is missing, give a camera "
-            "side-car in capture.toml, or choose another --mode"
+            f"{', '.join(sorted(reader.stored))}. Render what is missing, declare it in "
+            f"capture.toml{CAMERA_REMEDY if CAMERA in missing else ''}, or choose another --mode"
+            f"{suggest_without([reader])}{describe_likely([reader], missing)}"
         )
     return resolved.read | ({Buffer.EMISSION} & reader.stored)
 

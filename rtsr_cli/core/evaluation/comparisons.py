@@ -32,13 +32,17 @@ from rtsr_cli.core.evaluation.predicted_frames import (
     list_between,
     list_stamped,
 )
+from rtsr_cli.core.evaluation.regions import REGION_BUFFERS
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.files.provenance import COLOR_TAG
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import ColorSpace
 from rtsr_cli.core.frames.selection import Selection, format_ranges
+from rtsr_cli.core.pairs.lacking_frames import RADIANCE
 from rtsr_cli.core.pairs.opening import ReadOptions, find_shots_of, open_set, open_shot, survey_set
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.wording import say_verb
 
 REFERENCE_FOLDERS = (REFERENCE_FOLDER, HR_FOLDER, "")
 """Where below a shot of REF the pictures may lie, in the order they are looked for."""
@@ -233,6 +237,8 @@ def _open_radiance(
     opened = files.open_shot(shot, root)
     if on_missing is not None:
         opened = replace(opened, options=replace(opened.options, on_missing=on_missing))
+    if opened.options.on_missing is MissingPolicy.SKIP:
+        opened = replace(opened, options=replace(opened.options, needed=RADIANCE))
     reader = survey_set(shot.frames, opened, jittered=False)
     if Buffer.COLOR not in reader.stored:
         raise FrameFolderError(
@@ -268,6 +274,11 @@ def _open_gbuffer(
         return None
     opened = files.open_shot(shot, root)
     reader = open_set(shot.frames, opened, jittered=False)
+    needed = reader.partial.keys() & REGION_BUFFERS
+    if needed and options.read.on_missing is MissingPolicy.SKIP:
+        # frames without them are judged as pictures, the others by region as well
+        opened = replace(opened, options=replace(opened.options, needed=frozenset(needed)))
+        reader = open_set(shot.frames, opened, jittered=False)
     if reader.size != truth.size:
         if options.gbuffer is None:
             return None
@@ -385,9 +396,9 @@ def _choose_numbers(
             lacking = chosen - numbers
             if lacking:
                 raise FrameFolderError(
-                    f"{root}: frames {format_ranges(lacking)} are missing, which others have; make "
-                    "them, choose frames with --frames, or judge what all have with --on-missing "
-                    "skip"
+                    f"{root}: {say_frames(lacking)} {say_verb(len(lacking))} missing, which others "
+                    f"have; make {'it' if len(lacking) == 1 else 'them'}, choose frames with "
+                    "--frames, or judge what all have with --on-missing skip"
                 )
     available = tuple(n for n in every if all(n in s for s in there.values()))
     common = tuple(n for n in available if n in chosen)

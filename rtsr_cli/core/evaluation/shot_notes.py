@@ -8,7 +8,8 @@ from typing import Any
 from rtsr_cli.core.evaluation.comparisons import Comparison
 from rtsr_cli.core.evaluation.metric_table import METRICS
 from rtsr_cli.core.evaluation.score_summary import NO_HISTORY, REASONS
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.camera_needs import say_frames
+from rtsr_cli.core.wording import say_count, say_verb
 
 
 def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -> list[str]:
@@ -27,13 +28,17 @@ def list_notes(comparison: Comparison, method: str, frames: Mapping[str, Any]) -
             "data windows are smaller than what is compared; pixels that no file holds are black"
         )
     if bad:
-        where = format_ranges(int(n) for n in bad)
-        notes.append(f"{sum(bad.values())} pixels are NaN or Inf in frames {where}; left out")
+        count, where = sum(bad.values()), say_frames([int(n) for n in bad])
+        notes.append(
+            f"{say_count(count, 'pixel')} {say_verb(count)} NaN or Inf in {where}; left out"
+        )
     hidden = {n: c for n, f in frames.items() if (c := f["nonfinite_reference"])}
     if hidden:
-        where = format_ranges(int(n) for n in hidden)
-        count = sum(hidden.values())
-        notes.append(f"{count} pixels of the reference are NaN or Inf in frames {where}; left out")
+        count, where = sum(hidden.values()), say_frames([int(n) for n in hidden])
+        notes.append(
+            f"{say_count(count, 'pixel')} of the reference {say_verb(count)} NaN or Inf in "
+            f"{where}; left out"
+        )
     notes += _describe_stamped(comparison)
     notes += _describe_negative(frames)
     notes += _describe_reasons(frames)
@@ -54,8 +59,8 @@ def _describe_stamped(comparison: Comparison) -> list[str]:
     between = comparison.between
     change = "; temporal metrics are of the frames between them, too" if between else ""
     return [
-        f"frames {format_ranges(comparison.numbers)} are stamped rtsr:predicted, and they alone "
-        f"are judged{change}"
+        f"{say_frames(comparison.numbers)} alone {say_verb(len(comparison.numbers))} judged, "
+        f"stamped rtsr:predicted{change}"
     ]
 
 
@@ -80,7 +85,7 @@ def _describe_negative(frames: Mapping[str, Any]) -> list[str]:
         bad = {int(n): f[key] for n, f in frames.items() if f.get(key)}
         if bad:
             notes.append(
-                f"{whose} below 0 in {sum(bad.values())} values of frames {format_ranges(bad)}: "
+                f"{whose} below 0 in {say_count(sum(bad.values()), 'value')} of {say_frames(bad)}: "
                 "PSNR compares them as -c/(1-c), pictures show black"
             )
     return notes
@@ -93,6 +98,6 @@ def _describe_reasons(frames: Mapping[str, Any]) -> list[str]:
         for metric, reason in facts.get(REASONS, {}).items():
             lacking.setdefault((metric, reason), []).append(int(number))
     return [
-        f"no {METRICS[metric].title} of frames {format_ranges(numbers)}: {reason}"
+        f"no {METRICS[metric].title} of {say_frames(numbers)}: {reason}"
         for (metric, reason), numbers in lacking.items()
     ]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import asdict, replace
 
 import torch
 
@@ -18,6 +18,7 @@ from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.network.exported import load_chosen_network
 from rtsr_cli.core.network.load import LoadedNetwork
+from rtsr_cli.core.pairs.lacking_frames import leave_out_lacking, list_needed_inputs
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.sources import PairSource
@@ -64,13 +65,40 @@ def extrapolate_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    opened = open_single_sets(request.in_folder, read_options(request, unrendered=True))
+    opened = open_whole(request, systems)
     jobs = [plan_extrapolation(name, source, request, systems) for name, source in opened]
     check_selection(request.selection, [job.plan.inputs for job, _ in jobs])
     for job, details in jobs:
         yield job.plan.announcement(details)
     if not request.dry_run:
         yield from run_shots([job for job, _ in jobs], request)
+
+
+def open_whole(
+    request: ExtrapolateRequest, systems: SystemTable
+) -> Iterable[tuple[str, PairSource]]:
+    """Survey every shot; with policy skip, without frames that lack what the chosen system needs.
+
+    Which system that is shows where all frames that lack anything are left out.
+    """
+    options = read_options(request, unrendered=True)
+
+    def list_needed(whole: PairSource, without: PairSource) -> frozenset[Buffer]:
+        rendered, _ = split_by_cadence(without.reader, request.cadence)
+        system, _ = choose_extrapolator(request, without, systems, lambda system: "", rendered)
+        shaded, predicted = split_by_cadence(whole.reader, request.cadence)
+        read = (
+            (resolve_system_inputs(system, request.on_nonfinite), shaded),
+            (resolve_unshaded_inputs(system, request.on_nonfinite), predicted),
+        )
+        needed = (list_needed_inputs(whole, without, inputs, of) for inputs, of in read)
+        return frozenset[Buffer]().union(*needed)
+
+    return leave_out_lacking(
+        lambda needed: open_single_sets(request.in_folder, replace(options, needed=needed)),
+        request.on_missing,
+        list_needed,
+    )
 
 
 def plan_extrapolation(

@@ -11,7 +11,8 @@ from rtsr_cli.core.captures.measuring.declaration_text import write_toml_value
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.inspect.readiness import SystemReadiness
-from rtsr_cli.core.pairs.sources import HR_FRAMES
+from rtsr_cli.core.pairs.sources import FITTING_HR, HR_FRAMES, name_once
+from rtsr_cli.core.wording import join_names
 
 BUFFERS_TABLE = "[buffers] of capture.toml"
 CAMERA_TABLE = "[camera] of capture.toml"
@@ -39,6 +40,7 @@ class Fix:
         line: to paste.
         note: what it takes to be right; may be empty.
         bare: whether nothing in the files speaks for it.
+        serves: systems, and parts of commands, that would run with it and the other lines.
     """
 
     missing: str
@@ -46,6 +48,7 @@ class Fix:
     line: str
     note: str = ""
     bare: bool = False
+    serves: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,20 +86,25 @@ def list_fixes(
     """Return the lines that would provide what the systems of commands lack.
 
     A line that no file speaks for, a constant or a place, is offered where something would run with
-    the lines that there are; what lacks more beside it would gain nothing.
+    the lines that there are; what lacks more beside it would gain nothing. None is while HR frames
+    do not fit LR's: the frames have to be mended first.
 
     Args:
         commands: by command, whether each of its systems or parts can run.
         hints: what may stand for what is missing.
     """
     missing: dict[str, bool] = {}
-    for systems in commands.values():
-        for readiness in systems.values():
-            names = dict.fromkeys(map(strip_size, readiness.missing))
-            unlocks = all(any(True for _ in _list_fixes_of(name, hints)) for name in names)
-            missing.update({name: unlocks or missing.get(name, False) for name in names})
+    unlocked: dict[str, dict[str, None]] = {}
+    judged = [(name, r) for systems in commands.values() for name, r in systems.items()]
+    unfit = any(FITTING_HR in readiness.missing for _, readiness in judged)
+    for system, readiness in judged:
+        names = dict.fromkeys(map(strip_size, readiness.missing))
+        unlocks = not unfit and all(any(True for _ in _list_fixes_of(n, hints)) for n in names)
+        missing.update({name: unlocks or missing.get(name, False) for name in names})
+        for name in names if unlocks else ():
+            unlocked.setdefault(name, {})[system] = None
     fixes = [
-        fix
+        replace(fix, serves=tuple(unlocked.get(name, ())))
         for name, unlocks in missing.items()
         for fix in _list_fixes_of(name, hints)
         if unlocks or not fix.bare
@@ -114,8 +122,9 @@ def _merge_fixes(fixes: Iterable[Fix]) -> Iterator[Fix]:
     for fix in fixes:
         grouped.setdefault((fix.where, fix.line), []).append(fix)
     for same in grouped.values():
-        names = dict.fromkeys(fix.missing for fix in same)
-        yield replace(same[0], missing=", ".join(names))
+        names = name_once(fix.missing for fix in same)
+        serves = dict.fromkeys(name for fix in same for name in fix.serves)
+        yield replace(same[0], missing=join_names(names), serves=tuple(serves))
 
 
 def strip_size(missing: str) -> str:

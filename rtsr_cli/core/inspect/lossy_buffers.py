@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.files.lossy_channels import ChannelCompression, find_lossy_channels
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.camera_needs import say_frames
 
 NUMBER_BUFFERS = (
     Buffer.NORMAL,
@@ -108,8 +108,8 @@ def describe_lossy(lossy: Mapping[str, LossyBuffer]) -> list[str]:
 
 
 def _describe_one(name: str, buffer: LossyBuffer) -> str:
-    compression, frames = "/".join(buffer.compression), format_ranges(buffer.frames)
-    where = f"'{name}' is stored with {compression}, a lossy compression, in frames {frames}: "
+    compression, frames = "/".join(buffer.compression), say_frames(buffer.frames)
+    where = f"'{name}' is stored with {compression}, a lossy compression, in {frames}: "
     spared = f"{', '.join(buffer.spared)} is spared because of its name" if buffer.spared else ""
     altered = f"{', '.join(buffer.altered)} is altered" if buffer.altered else ""
     listed = ", ".join(part for part in (altered, spared) if part)

@@ -12,8 +12,9 @@ from torch import Tensor
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import SkyRule
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.wording import say_count, say_verb
 
 COARSE_STEP_PX = 0.25
 """Vectors stored in coarser steps than this have lost the sub-pixel part."""
@@ -132,27 +133,32 @@ def describe_nonfinite(
     if Buffer.DEPTH in statistics and reader.conventions.depth.sky is not SkyRule.NAN:
         found[Buffer.DEPTH] = statistics[Buffer.DEPTH].not_numbers
     return [
-        f"{sum(frames.values())} values of '{buffer}' are NaN or Inf in frames "
-        f"{format_ranges(frames)}: render them again, or use --on-nonfinite zero|inpaint"
+        f"{say_count(count, 'value')} of '{buffer}' {say_verb(count)} NaN or Inf in "
+        f"{say_frames(frames)}: render {'it' if len(frames) == 1 else 'them'} again, or use "
+        "--on-nonfinite zero|inpaint"
         for buffer, frames in found.items()
-        if frames
+        if (count := sum(frames.values()))
     ]
 
 
 def describe_negative(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
     """Say which radiance is below 0, which no light is."""
     return [
-        f"{sum(s.negative.values())} values of '{buffer}' are below 0 in frames "
-        f"{format_ranges(s.negative)}, which no light is; render them again, or clamp "
-        "them, if they are not meant"
+        f"{say_count(count, 'value')} of '{buffer}' {say_verb(count)} below 0 in "
+        f"{say_frames(s.negative)}, which no light is; if that is not meant, render "
+        f"{'this frame' if len(s.negative) == 1 else 'these frames'} again, or clamp the values"
         for buffer, s in statistics.items()
-        if s.negative and buffer in NEVER_NEGATIVE
+        if buffer in NEVER_NEGATIVE and (count := sum(s.negative.values()))
     ]
 
 
 def list_doubts(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
     """Pixels that may not be what they should, though commands take them."""
-    problems = [*_doubt_ids(statistics), *_doubt_colors(statistics), *_doubt_zeros(statistics)]
+    problems = [
+        *_doubt_ids(statistics),
+        *_doubt_colors(reader, statistics),
+        *_doubt_zeros(statistics),
+    ]
     motion = statistics.get(Buffer.MOTION)
     if motion is None:
         return problems
@@ -163,8 +169,8 @@ def list_doubts(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics
         )
     elif motion.zero and len(motion.zero) < len(reader.numbers):
         problems.append(
-            f"motion is zero in every pixel of frames {format_ranges(motion.zero)}: still frames, "
-            "or a pass that was not rendered there"
+            f"motion is zero in every pixel of {say_frames(motion.zero)}: nothing moves there, or "
+            "the pass was not rendered"
         )
     step = _motion_step_px(reader)
     if step > COARSE_STEP_PX:
@@ -182,8 +188,9 @@ NEVER_EMPTY = (Buffer.NORMAL, Buffer.ALBEDO, Buffer.MATERIAL, Buffer.ROUGHNESS, 
 def _doubt_zeros(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
     """Say of passes that some frames lack; of those that all lack surfaces tell."""
     return [
-        f"'{buffer}' is 0 in every pixel of frames {format_ranges(s.zero)}, and not in others: a "
-        "pass that was not rendered there; render these frames again"
+        f"'{buffer}' is 0 in every pixel of {say_frames(s.zero)}, and not in others: a pass that "
+        f"was not rendered there; render {'this frame' if len(s.zero) == 1 else 'these frames'} "
+        "again"
         for buffer, s in statistics.items()
         if buffer in NEVER_EMPTY and s.zero and s.high > s.low
     ]
@@ -201,16 +208,15 @@ def _doubt_ids(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
     ]
 
 
-def _doubt_colors(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
+def _doubt_colors(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
     """Base colours above 1 reflect more than they receive: they hold highlights or light."""
     albedo = statistics.get(Buffer.ALBEDO)
     if albedo is None or albedo.above_one < LEAST_SHARE:
         return []
     return [
         f"{albedo.above_one:.1%} of 'albedo' are above 1 (up to {albedo.high:.3g}), which no base "
-        "colour is: it holds reflections, as Mitsuba's does on conductors (there the BRDF along "
-        "the normal times pi, neither diffuse reflectance nor F0); write base colours, metallic "
-        "and roughness as AOVs of your own"
+        f"colour is: {reader.layout.bright_albedo}; write base colours of 0 to 1, linear, as "
+        "an AOV of your own where no pass holds them"
     ]
 
 

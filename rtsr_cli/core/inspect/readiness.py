@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shots import HR_FOLDER, LR_FOLDER
 from rtsr_cli.core.choices import NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.cadence import Cadence
@@ -16,7 +17,7 @@ from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs
 from rtsr_cli.core.pairs.simulated_pairs import SimulatedPairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import PairInputs, PairSource
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource, name_once
 from rtsr_cli.core.run.system_inputs import resolve_system_inputs, resolve_unshaded_inputs
 from rtsr_cli.core.system import System
 
@@ -24,6 +25,9 @@ ANY_SCALE = 2
 """Stands for the scale where readiness does not depend on it."""
 
 SKIP = "--on-missing skip"
+
+ONE_SIZE = 1
+"""Scale of systems that enlarge nothing."""
 
 
 class Severity(IntEnum):
@@ -179,6 +183,13 @@ def judge_demand(
     return min(ways, key=lambda way: len(way.missing))
 
 
+def _say_other_scale(scales: Sequence[int], scale: int) -> str:
+    """Say which sizes would do: a pair is of its ratio, whatever system is chosen."""
+    if tuple(scales) == (ONE_SIZE,):
+        return f"frames of one size ({LR_FOLDER} or {HR_FOLDER} by itself; these are a pair)"
+    return f"a pair of {' or '.join(f'{s}x' for s in scales)} (this one is {scale}x)"
+
+
 def _list_missing(demand: InputDemand, source: PairSource) -> tuple[str, ...]:
     """What the files lack, and the scale and weights where they are known not to fit."""
     known, scale = len(source.readers) > 1, source.scale
@@ -192,9 +203,9 @@ def _list_missing(demand: InputDemand, source: PairSource) -> tuple[str, ...]:
             *source.missing(demand.inputs, rendered),
             *source.missing(demand.unshaded, reader.unrendered),
         )
-        lacking = list(dict.fromkeys(of_both))
+        lacking = list(name_once(of_both))
     if not fits:
-        lacking.append(f"a scale of {', '.join(f'{s}x' for s in demand.scales)}")
+        lacking.append(_say_other_scale(demand.scales, scale))
     elif demand.weights is not None and not (scale in demand.weights if known else demand.weights):
         lacking.append(f"weights{f' for {scale}x' if known else ''} (rtsr train makes them)")
     return tuple(lacking)

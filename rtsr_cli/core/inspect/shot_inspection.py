@@ -294,7 +294,10 @@ def _list_hints(
         named=frozenset(b for one in sets for b in list_named(one.unknown)),
         material=material,
         base_colour=_describe_base_colour(settled, main),
-        divided=any(s is not None and Buffer.MATERIAL in s.reader.stored for s in settled_sets),
+        divided=any(
+            s is not None and Buffer.MATERIAL in s.reader.stored | s.reader.lacking.keys()
+            for s in settled_sets
+        ),
         camera=camera,
         side_car=capture.camera.file or "",
     )
@@ -502,8 +505,8 @@ def _with_pixels(
     statistics, damaged = measure_statistics(reader, looked_at)
     holes = (
         ShotProblem(
-            text=f"'{key}' lacks frames {format_gaps(lacking)}: render them, or use --on-missing "
-            "skip|hold" + (f" ({NEEDS_NO_RADIANCE})" if key in partial else ""),
+            text=f"'{key}' lacks {_say_gaps(lacking)}, or use --on-missing skip|hold"
+            + (f" ({NEEDS_NO_RADIANCE})" if key in partial else ""),
             gravity=Severity.HOLES,
             radiance=key in partial,
         )
@@ -533,13 +536,20 @@ def _with_pixels(
         layers=reader.layers,
         unknown=unknown,
         guessed=guess_further(reader, unknown, check),
-        material="" if Buffer.MATERIAL in reader.binding else guess_material(unknown, check),
+        material=""
+        if Buffer.MATERIAL in reader.stored | reader.lacking.keys()
+        else guess_material(unknown, check),
         missing=missing,
         statistics=statistics,
         looked_at=looked_at,
         lossy=lossy,
         problems=_drop_repeats(problems),
     )
+
+
+def _say_gaps(lacking: Sequence[range]) -> str:
+    one = sum(map(len, lacking)) == 1
+    return f"frame{'' if one else 's'} {format_gaps(lacking)}: render {'it' if one else 'them'}"
 
 
 def _choose_numbers(numbers: Sequence[int], *, every: bool) -> tuple[int, ...]:

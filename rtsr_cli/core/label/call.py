@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rtsr_cli.core.choices import LabelKind
 from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
-from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.label.class_labels import CLASS_BUFFERS
 from rtsr_cli.core.label.kinds import KINDS, FigureKind
 from rtsr_cli.core.label.request import LabelRequest
+from rtsr_cli.core.pairs.lacking_frames import leave_out_lacking, list_needed_inputs
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.sampled_frames import open_sampled_frames
-from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
 from rtsr_cli.core.run.figures import SUMMARY, RunFigures, gather_figures, write_figures
 from rtsr_cli.core.run.frame_pairs import PairJob, PairReading, read_options
@@ -50,7 +51,7 @@ def label_frames(
         RtsrError: before the first frame: an input is missing or wrong, an output is in the way;
             after the last event: nothing more can be written.
     """
-    opened = _open_shots(request)
+    opened = open_whole(request)
     planned = [plan_labelling(name, source, request) for name, source in opened]
     plans = [each.job.plan for each in planned]
     check_selection(request.selection, [plan.inputs for plan in plans])
@@ -66,11 +67,28 @@ def label_frames(
         yield from _write_summary(request, figures, plans)
 
 
-def _open_shots(request: LabelRequest) -> Iterator[tuple[str, PairSource]]:
-    """Survey every shot of IN, as captures where a pixel has several samples."""
+def open_whole(request: LabelRequest) -> Iterable[tuple[str, PairSource]]:
+    """Survey every shot; with policy skip, without frames that lack what labels are made of."""
+    inputs = PairInputs(lr=KINDS[request.kind].buffers)
+    return leave_out_lacking(
+        lambda needed: open_shots(request, needed),
+        request.on_missing,
+        lambda whole, without: list_needed_inputs(whole, without, inputs),
+    )
+
+
+def open_shots(
+    request: LabelRequest, needed: frozenset[Buffer] = frozenset()
+) -> Iterator[tuple[str, PairSource]]:
+    """Survey every shot of IN, as captures where a pixel has several samples.
+
+    Args:
+        request: what is asked for.
+        needed: buffers without which frames are left out.
+    """
     # labels that follow from G-buffers need no frame to be rendered
     unrendered = RADIANCE_BUFFERS.isdisjoint(KINDS[request.kind].buffers)
-    options = read_options(request, unrendered=unrendered)
+    options = replace(read_options(request, unrendered=unrendered), needed=needed)
     if request.kind is not LabelKind.CGTS:
         return open_single_sets(request.in_folder, options)
     return open_sampled_frames(request.in_folder, options, CLASS_BUFFERS, request.samples_per_pixel)

@@ -12,6 +12,7 @@ from rtsr_cli.core.errors import NonfiniteError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import grow_valid
+from rtsr_cli.core.wording import say_count, say_verb
 
 INPAINT_STEPS = 16
 """Non-finite regions are filled from their rim this many pixels deep, then with 0."""
@@ -34,11 +35,12 @@ def apply_policy(frame: Frame, policy: NonfinitePolicy) -> tuple[Frame, int]:
     if not bad:
         return frame, 0
     if policy is NonfinitePolicy.ERROR:
-        listed = ", ".join(f"{count} values of '{b}'" for b, count in bad.items())
+        listed = ", ".join(f"{say_count(count, 'value')} of '{b}'" for b, count in bad.items())
+        count = sum(bad.values())
         raise NonfiniteError(
-            f"{frame.gbuffer.where}: {listed} are NaN or Inf; render the frame again, or choose "
-            "--on-nonfinite zero|inpaint",
-            sum(bad.values()),
+            f"{frame.gbuffer.where}: {listed} {say_verb(count)} NaN or Inf; render the frame "
+            "again, or choose --on-nonfinite zero|inpaint",
+            count,
         )
     fixed = {
         b: _repair_ids(frame.gbuffer[b])

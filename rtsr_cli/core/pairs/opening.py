@@ -6,7 +6,7 @@ result goes to whatever reads frames of the shot.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -37,10 +37,11 @@ from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import Selection
-from rtsr_cli.core.pairs.real_pairs import open_real_pairs, settle_cameras
+from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs, settle_cameras
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.wording import say_missing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,22 +269,52 @@ def survey_set(
         jittered=jittered,
         unrendered=opened.options.unrendered,
     )
-    reader = open_those(frames, headers=headers)
-    lacking = {b: n for b, n in reader.lacking.items() if b in opened.options.needed}
+    reader, lacking = _survey_needed(open_those, frames, headers, opened.options)
     without = frozenset[int]().union(*lacking.values())
-    if not without or without.issuperset(reader.numbers):
+    if not without or without.issuperset(frames.numbers):
         return reader
     rest = frames.without(without)
-    kept = {
-        key: {n: header for n, header in headers[key].items() if n not in without}
-        for key in rest.streams
+    reader = open_those(rest, headers=_leave_out(headers, rest))
+    return replace(reader, warnings=(*reader.warnings, *_say_left_out(lacking)))
+
+
+def _survey_needed(
+    open_those: Callable[..., FrameReader], frames: FrameSet, headers: Headers, options: ReadOptions
+) -> tuple[FrameReader, dict[Buffer, frozenset[int]]]:
+    """Survey frames, and say which of them lack what is needed; radiance may be among that.
+
+    Raises:
+        FrameFolderError: as surveying has it; not of radiance that is needed and some frames lack.
+    """
+    try:
+        reader = open_those(frames, headers=headers)
+        lacking = {}
+    except FrameFolderError:
+        if Buffer.COLOR not in options.needed or options.unrendered:
+            raise
+        reader = open_those(frames, headers=headers, unrendered=True)
+        if not reader.unrendered:
+            raise
+        lacking = {Buffer.COLOR: reader.unrendered}
+    known = {b: n for b, n in reader.partial.items() if b in options.needed}
+    return reader, lacking | known
+
+
+def _leave_out(headers: Headers, rest: FrameSet) -> Headers:
+    """Headers of the files that are left."""
+    return {
+        key: {n: header for n, header in headers[key].items() if n in stream.files}
+        for key, stream in rest.streams.items()
     }
-    reader = open_those(rest, headers=kept)
-    left_out = (
-        f"{say_frames(numbers)} left out (--on-missing skip): buffer '{buffer}' is missing there"
-        for buffer, numbers in lacking.items()
-    )
-    return replace(reader, warnings=(*reader.warnings, *left_out))
+
+
+def _say_left_out(lacking: Mapping[Buffer, frozenset[int]]) -> Iterator[str]:
+    """Say which frames are left out, once for all that they lack."""
+    grouped: dict[frozenset[int], list[Buffer]] = {}
+    for buffer, numbers in lacking.items():
+        grouped.setdefault(numbers, []).append(buffer)
+    for numbers, buffers in grouped.items():
+        yield f"{say_frames(numbers)} left out (--on-missing skip): {say_missing(buffers)} there"
 
 
 def open_radiance(
@@ -355,7 +386,19 @@ def open_single_sets(folder: Path, options: ReadOptions) -> Iterator[tuple[str, 
     """
     files = open_declarations(folder, options)
     for shot in find_shots_of(folder, options, files=files):
-        yield shot.name, open_pair(open_shot(shot, folder, options, files=files), hr=None, scale=1)
+        source = open_pair(open_shot(shot, folder, options, files=files), hr=None, scale=1)
+        yield shot.name, _note_unread_size(source, shot)
+
+
+def _note_unread_size(source: PairSource, shot: Shot) -> PairSource:
+    """Say of a pair that the frames of one size are taken, and which."""
+    if shot.hr is None or not isinstance(source, RealPairs):
+        return source
+    note = (
+        f"frames of one size are read, here those of {shot.frames.root}; {shot.hr.root} beside "
+        "them is not: name it in the place of IN to take those"
+    )
+    return replace(source, lr=replace(source.lr, notes=(note, *source.lr.notes)))
 
 
 def open_pair(

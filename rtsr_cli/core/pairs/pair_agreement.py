@@ -88,6 +88,9 @@ ORDERS = tuple(order for order in permutations(range(3)) if order != (0, 1, 2))
 FACTOR = "to be about {factor:.3g} x LR in {buffer}"
 """How colours of HR may look beside LR's, all channels alike."""
 
+TINT = "to be about {factors} x LR in the R, G, B of {buffer}"
+"""The same, each channel by itself."""
+
 LEAST_FACTOR, MOST_FACTOR = 1.2, 300.0
 """Ratios to either side of 1 that are called a factor: from what no rounding makes to 0..255."""
 
@@ -120,7 +123,8 @@ class Misfit:
         looks: what HR is beside LR, as it looks; empty where nothing explains it.
         remedy: what to do about that.
         buffer: in which it is so, where that is one of several.
-        factor: how many times LR's values HR's are there, where that is all there is to it.
+        factors: how many times LR's values HR's are there, a channel, where that is all there is
+            to it.
     """
 
     frame: int
@@ -128,7 +132,7 @@ class Misfit:
     looks: str = ""
     remedy: str = ""
     buffer: Buffer | None = None
-    factor: float | None = None
+    factors: tuple[float, ...] = ()
 
 
 Read = Callable[[int], GBuffer]
@@ -209,11 +213,13 @@ def _find_reading(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit |
             continue
         found = measure_readings(buffer, lr, hr, scale)
         factors = _list_factors(buffer, lr, hr, scale)
-        found |= {
-            looks: measure_strays_of(buffer, lr[buffer], hr[buffer] / factor, lr, scale) or 0.0
-            for looks, factor in factors.items()
-        }
+        found |= _measure_factors(buffer, lr, hr, scale, factors)
         looks = min(found, key=found.__getitem__)
+        if found[looks] * FAR_BETTER >= strays and buffer in COLOURS:
+            # three numbers fit more than one does: only where nothing simpler explains it
+            factors = _list_tints(buffer, lr, hr, scale)
+            found |= _measure_factors(buffer, lr, hr, scale, factors)
+            looks = min(found, key=found.__getitem__)
         if found[looks] * FAR_BETTER < strays:
             remedy = COLOUR_REMEDY if buffer in COLOURS else VECTOR_REMEDY
             return Misfit(
@@ -222,16 +228,53 @@ def _find_reading(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit |
                 looks=looks,
                 remedy=remedy.format(buffer=buffer),
                 buffer=buffer,
-                factor=factors.get(looks),
+                factors=factors.get(looks, ()),
             )
     return None
 
 
-def _list_factors(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> dict[str, float]:
+Factors = dict[str, tuple[float, ...]]
+"""How HR looks -> how many times LR's values its values are, a channel."""
+
+
+def _measure_factors(
+    buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int, factors: Factors
+) -> dict[str, float]:
+    """Share of LR samples that stray from HR without its factors, by how HR looks."""
+    seen = {
+        looks: hr[buffer] / torch.tensor(known, dtype=hr[buffer].dtype).view(1, -1, 1, 1)
+        for looks, known in factors.items()
+    }
+    return {
+        looks: measure_strays_of(buffer, lr[buffer], image, lr, scale) or 0.0
+        for looks, image in seen.items()
+    }
+
+
+def _list_factors(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> Factors:
     """Factors that HR's colours may have, by how they look: the round one first."""
     factor = measure_factor(lr[buffer], hr[buffer], scale) if buffer in COLOURS else None
-    known = [] if factor is None else [float(f"{factor:.2g}"), factor]
-    return {FACTOR.format(factor=f, buffer=buffer): f for f in known}
+    known = [] if factor is None else [_round_factor(factor, 2), factor]
+    return {FACTOR.format(factor=f, buffer=buffer): (f, f, f) for f in known}
+
+
+def _list_tints(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> Factors:
+    """Factors that each channel may have: the round ones first; none where none is one."""
+    parts = [slice(channel, channel + 1) for channel in range(lr[buffer].shape[1])]
+    found = [measure_factor(lr[buffer][:, c], hr[buffer][:, c], scale) for c in parts]
+    if not any(found):
+        return {}
+    exact = tuple(1.0 if factor is None else factor for factor in found)
+    known = (*(tuple(_round_factor(f, digits) for f in exact) for digits in (1, 2)), exact)
+    said = (", ".join(f"{factor:.3g}" for factor in factors) for factors in known)
+    return {
+        TINT.format(factors=text, buffer=buffer): factors
+        for text, factors in zip(said, known, strict=True)
+    }
+
+
+def _round_factor(factor: float, digits: int) -> float:
+    return float(f"{factor:.{digits}g}")
 
 
 def measure_factor(image: Image, seen: Image, scale: int) -> float | None:

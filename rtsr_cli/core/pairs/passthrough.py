@@ -20,7 +20,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.channel_names import strip_view
 from rtsr_cli.core.files.exr import Plane, read_header
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.pairs.sources import PairSource
 from rtsr_cli.core.shapes import Size
 
@@ -251,6 +251,6 @@ def _check_frames(passed: PassedChannels, numbers: Iterable[int]) -> None:
     lacking = [number for number in numbers if wanted - passed.list_held_channels(number)]
     if lacking:
         raise FrameFolderError(
-            f"{passed.reader.frames.root}, frames {format_ranges(lacking)}: channels of "
+            f"{passed.reader.frames.root}, {say_frames(lacking)}: channels of "
             f"--passthrough are missing ({', '.join(sorted(wanted))} are in other frames)"
         )

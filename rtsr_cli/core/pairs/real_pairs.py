@@ -8,8 +8,10 @@ from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 
+from rtsr_cli.core.captures.bound_channels import BoundBuffer
 from rtsr_cli.core.captures.measuring.camera_decision import share_verdicts
 from rtsr_cli.core.captures.measuring.camera_path import find_apart, gather_run
+from rtsr_cli.core.captures.measuring.declaration_text import write_toml_value
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
 from rtsr_cli.core.captures.shots import HR_FOLDER
@@ -18,7 +20,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.dark_material import leave_outshining
@@ -279,8 +281,9 @@ def open_real_pairs(
     refused = [n for n in lacking if not wanted or min(wanted) <= n <= max(wanted)]
     if refused and not skip_missing:
         raise FrameFolderError(
-            f"{hr.frames.root}: HR lacks frames {format_ranges(refused)} that LR has in "
-            f"{lr.frames.root}; render them, or use --on-missing skip"
+            f"{hr.frames.root}: HR lacks {say_frames(refused)} that LR has in "
+            f"{lr.frames.root}; render {'it' if len(refused) == 1 else 'them'}, or use "
+            "--on-missing skip"
         )
     lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
     lr = _hold_pairs(lr, hr)
@@ -308,15 +311,22 @@ def _suggest_factor(misfit: Misfit, lr: FrameReader, hr: FrameReader) -> str:
 
     capture.toml is that of both sizes, and a file sequence of one name is in both.
     """
-    if misfit.factor is None or misfit.buffer is None:
+    if not misfit.factors or misfit.buffer is None:
         return ""
-    bound = hr.binding[misfit.buffer].multiplied(float(f"{1.0 / misfit.factor:.4g}"))
+    bound = hr.binding[misfit.buffer].tinted([_invert(factor) for factor in misfit.factors])
     rename = ""
     if {c.stream for c in bound} & {c.stream for c in lr.binding[misfit.buffer]}:
         bound = bound.moved_to(HR_FOLDER)
         rename = f"rename HR's files to {HR_FOLDER}.####.exr, so that this is of them alone, and "
-    line = f'capture.toml: [buffers] {misfit.buffer} = "{bound.describe(streams=True)}"'
-    return f"; or, if LR is right, {rename}{line}"
+    made: str | list[str] = bound.describe(streams=True)
+    if len(set(misfit.factors)) > 1:
+        made = [BoundBuffer((part,)).describe(streams=True) for part in bound.components]
+    line = f"{misfit.buffer} = {write_toml_value(made)}"
+    return f"; or, if LR is right, {rename}capture.toml: [buffers] {line}"
+
+
+def _invert(factor: float) -> float:
+    return float(f"{1.0 / factor:.4g}")
 
 
 def _hold_pairs(lr: FrameReader, hr: FrameReader) -> FrameReader:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -20,11 +20,12 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera_needs import name_lacking, say_frames
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.coverage import CoveredColor
-from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig
+from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig, resolve_needs
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.straight_radiance import take_coverage_out
 from rtsr_cli.core.pairs.window import Reads, resolve_reads
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.wording import join_names
 
 DECLARED_MOTION = "a declared motion convention"
 """What is missing where nothing decides how vectors are stored."""
@@ -197,13 +198,42 @@ def resolve_buffers(
     inputs: PairInputs,
 ) -> Reads:
     """Say what is read of one resolution, and what is missing there."""
-    return resolve_reads(
+    reads = resolve_reads(
         required,
         optional,
         reader.readable,
         has_camera=reader.has_camera,
         derivation=inputs.derivation,
     )
+    if not reads.missing:
+        return reads
+    missing = name_partial(required, reader, inputs.derivation)
+    return replace(reads, missing=missing)
+
+
+def name_partial(
+    required: Collection[Buffer], reader: FrameReader, derivation: DerivationConfig
+) -> tuple[str, ...]:
+    """Name what is missing: where some frames alone lack it, the buffer that the others hold.
+
+    A system that divides by `material` lacks nothing else where one frame has none; what material
+    could be derived from instead would be asked of all frames for the sake of one.
+
+    Args:
+        required: buffers that are wanted, stored or derived.
+        reader: of the frames.
+        derivation: what divides radiance.
+    """
+    partial = reader.partial.keys()
+    names: dict[str, None] = {}
+    for buffer in required:
+        now, whole = (
+            resolve_needs((buffer,), stored, has_camera=reader.has_camera, config=derivation)
+            for stored in (reader.readable, reader.readable | partial)
+        )
+        held = sorted(whole.read & partial) if whole.missing != now.missing else []
+        names.update(dict.fromkeys((*held, *whole.missing) if now.missing else ()))
+    return tuple(names)
 
 
 def describe_missing(
@@ -221,7 +251,24 @@ def describe_missing(
     """
     if reader.undecided and missing:
         return (NAMED_LAYOUT,)
-    return tuple(dict.fromkeys(_describe_one(name, reader, size) for name in missing))
+    return name_once(_describe_one(name, reader, size) for name in missing)
+
+
+CONVERTS = " (to convert "
+"""Stands between a camera and the buffers that cannot be read without it."""
+
+
+def name_once(missing: Iterable[str]) -> tuple[str, ...]:
+    """Name each thing once: a camera that converts buffers is the camera that is wanted anyhow."""
+    known: dict[str, dict[str, None]] = {}
+    for name in missing:
+        what, _, converted = name.partition(CONVERTS)
+        reasons = known.setdefault(what, {})
+        reasons.update({converted.removesuffix(")"): None} if converted else {})
+    return tuple(
+        f"{what}{CONVERTS}{join_names(reasons)})" if reasons else what
+        for what, reasons in known.items()
+    )
 
 
 def describe_lacking(
@@ -250,5 +297,5 @@ def _describe_one(name: str, reader: FrameReader, size: str) -> str:
     if without:
         return f"{size}{name} of {say_frames(without)}"
     if unmet is not None:
-        return f"{size}{CAMERA}{unmet.frames} (to convert {name} from {unmet.need.stored_as})"
+        return f"{size}{CAMERA}{unmet.frames}{CONVERTS}{name} from {unmet.need.stored_as})"
     return DECLARED_MOTION if name in reader.stored - reader.readable else f"{size}{name}"

@@ -10,10 +10,18 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.network.load import has_weights
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
-from rtsr_cli.core.pairs.sources import DECLARED_MOTION, FITTING_HR, HR_FRAMES, PairSource
+from rtsr_cli.core.pairs.sources import (
+    DECLARED_MOTION,
+    FITTING_HR,
+    HR_FRAMES,
+    PairSource,
+    name_once,
+)
 from rtsr_cli.core.run.system_inputs import (
+    OF_FRAMES,
     SystemTable,
     describe_likely,
+    is_of_frames,
     resolve_system_inputs,
     resolve_unshaded_inputs,
 )
@@ -25,10 +33,7 @@ NETWORKS = "networks"
 
 GIVE_HR = "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
 NO_CAMERA = "give the cameras (headers, or a side-car in capture.toml)"
-OF_FRAMES = " of frame"
-"""Stands between a buffer and the frames that lack it, where others hold it."""
-
-SOME_FRAMES = "render those frames again, or leave them out (see the warning)"
+SOME_FRAMES = "render those frames again, or leave them out (--on-missing skip)"
 UNUSED_CAMERA = "the matrices that are there are not used, see the warning"
 
 CHECKS: Mapping[InputCondition, Callable[[PairSource], bool]] = {
@@ -58,7 +63,7 @@ class PassedOver:
     @property
     def lacks(self) -> tuple[str, ...]:
         """What is missing, with its size where the other size has it."""
-        return tuple(dict.fromkeys(self._name(missing) for missing in self.missing))
+        return name_once(self._name(missing) for missing in self.missing)
 
     def _name(self, missing: str) -> str:
         plain = _strip_size(missing)
@@ -118,7 +123,7 @@ def judge_preferred(
     if system.unshaded_inputs:
         others = None if rendered is None else set(source.reader.numbers).difference(rendered)
         unshaded = source.missing(resolve_unshaded_inputs(system, policy), others)
-        missing = tuple(dict.fromkeys((*missing, *unshaded)))
+        missing = name_once((*missing, *unshaded))
     if FITTING_HR in missing:
         return PassedOver(system=system, reason=f"the HR G-buffer is not read: {source.misfit}")
     if missing:
@@ -168,13 +173,14 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver], chose
         if not lacks:
             texts.append(f"{who}: {members[0].reason}")
             continue
-        remedies = suggest_remedies(lacks, refused=refused)
+        divided = Buffer.MATERIAL.value in members[0].held
+        remedies = suggest_remedies(lacks, refused=refused, divided=divided)
         advice = ", ".join(remedy for remedy in remedies if remedy not in said)
         what = _describe_lacks(lacks, longest, plural=len(members) > 1)
         texts.append(f"{who} {what}{advice and ': '}{advice}")
         said.update(remedies)
         longest = max(longest, lacks, key=len)
-    likely = describe_likely(source, [name for one in passed for name in one.missing])
+    likely = describe_likely(source.readers, [name for one in passed for name in one.missing])
     return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}{likely}"
 
 
@@ -213,14 +219,17 @@ SURFACE = CONSTANTS | {Buffer.ALBEDO.value, Buffer.MATERIAL.value, Buffer.NOV.va
 """What material follows from."""
 
 
-def suggest_remedies(lacks: Collection[str], *, refused: bool = False) -> tuple[str, ...]:
+def suggest_remedies(
+    lacks: Collection[str], *, refused: bool = False, divided: bool = False
+) -> tuple[str, ...]:
     """Say in a few words each what would help against all that is missing.
 
     Args:
         lacks: what is missing, with or without its size.
         refused: whether there are camera matrices that are not used.
+        divided: whether material is there: what is lacking is then asked for by itself.
     """
-    partial = {name for name in lacks if OF_FRAMES in name and not _is_camera(name)}
+    partial = set(filter(is_of_frames, lacks))
     given = set(lacks) - partial
     names = set(map(_strip_size, given))
     if names and names.isdisjoint(given):
@@ -232,9 +241,9 @@ def suggest_remedies(lacks: Collection[str], *, refused: bool = False) -> tuple[
     left = names - cameras - {HR_FRAMES}
     if not left:
         return tuple(parts)
-    if left <= CONSTANTS:
+    if left <= CONSTANTS and not divided:
         return (*parts, "declare constants or material")
-    if left <= SURFACE:
+    if left <= SURFACE and not divided:
         return (*parts, "declare material")
     verb = "declare" if left == {DECLARED_MOTION} else "render or declare"
     return (*parts, f"{verb} {'the rest' if parts else _say_it(left)}")

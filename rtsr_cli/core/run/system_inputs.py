@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from rtsr_cli.core.captures.likely_channels import suggest_lines
@@ -35,11 +35,11 @@ class SystemTable:
     when: Mapping[str, tuple[InputCondition, ...]] = field(default_factory=dict)
 
 
-WITHOUT_FRAMES = (
-    "frames that lack what others hold are left out by upscale --on-missing skip; elsewhere they "
-    "may be moved out of the folder (--on-missing skip|hold)"
-)
+WITHOUT_FRAMES = "frames that lack what the others hold are left out by --on-missing skip"
 """What helps where some frames lack a buffer."""
+
+OF_FRAMES = " of frame"
+"""Stands between a buffer and the frames that lack it, where others hold it."""
 
 CAMERA_REMEDY = ' (cameras: matrices in the headers, or camera = "camera.csv", a row a frame)'
 """Where camera matrices are declared."""
@@ -188,31 +188,40 @@ def check_inputs(
     if needs_camera:
         remedy = f"{CAMERA_REMEDY}{remedy}"
     if missing:
+        lacks = f"{root}: {reads} cannot run, missing: {', '.join(missing)}"
+        if all(is_of_frames(name) for name in missing):
+            raise FrameFolderError(
+                f"{lacks}, which the other frames have. Render what these frames lack{remedy}"
+                f"{suggest_without(source.readers)}"
+            )
         raise FrameFolderError(
-            f"{root}: {reads} cannot run, missing: {', '.join(missing)}. "
-            f"{'; '.join(_describe_buffers(reader) for reader in source.readers)}. Render what is "
-            f"missing, declare it in capture.toml{remedy}{_suggest_parent(source)}"
-            f"{_suggest_without(source)}"
-            f"{describe_likely(source, missing)}"
+            f"{lacks}. {'; '.join(_describe_buffers(reader) for reader in source.readers)}. "
+            f"Render what is missing, declare it in capture.toml{remedy}{_suggest_parent(source)}"
+            f"{suggest_without(source.readers)}"
+            f"{describe_likely(source.readers, missing)}"
         )
 
 
-def _suggest_without(source: PairSource) -> str:
+def is_of_frames(missing: str) -> bool:
+    """Tell whether a buffer is missing in some frames alone, and not a camera."""
+    return OF_FRAMES in missing and CAMERA not in missing.split()
+
+
+def suggest_without(readers: Iterable[FrameReader]) -> str:
     """Say how to do without frames that lack what others hold; empty where none does."""
-    partial = any(b not in r.stored for r in source.readers for b in r.lacking)
-    return f"; {WITHOUT_FRAMES}" if partial else ""
+    return f"; {WITHOUT_FRAMES}" if any(reader.partial for reader in readers) else ""
 
 
-def describe_likely(source: PairSource, missing: Collection[str]) -> str:
+def describe_likely(readers: Iterable[FrameReader], missing: Collection[str]) -> str:
     """Say which lines would bind what is missing by channels that are there; empty if none would.
 
     Each stands on a line of its own, so that all of them can be pasted at once.
 
     Args:
-        source: the shot's pairs.
+        readers: of a shot's frames, of each size.
         missing: names of buffers, with or without their size.
     """
-    lines = suggest_lines(source.readers, missing)
+    lines = suggest_lines(readers, missing)
     said = "; perhaps, below [buffers] in capture.toml:"
     return "".join((said, *(f"{INDENTED}{line}" for line in lines))) if lines else ""
 
@@ -221,7 +230,9 @@ def _suggest_parent(source: PairSource) -> str:
     """Say that a shot's folder holds both sizes, where only one of them was named."""
     root = source.reader.frames.root
     other = {LR_FOLDER: HR_FOLDER, HR_FOLDER: LR_FOLDER}.get(root.name)
-    if other is None or len(source.readers) > 1 or not is_folder(root.parent / other):
+    # a command for frames of one size reads no pair, whatever it is given
+    alone = len(source.readers) == 1 and source.scale > 1
+    if other is None or not alone or not is_folder(root.parent / other):
         return ""
     return f"; {root.parent} holds '{LR_FOLDER}' and '{HR_FOLDER}': name that to use both"
 

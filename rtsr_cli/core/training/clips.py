@@ -25,6 +25,7 @@ from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.storage import MAX_HALF
 from rtsr_cli.core.limits import LARGEST_FACTOR
 from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.wording import say_count, say_verb
 
 V = TypeVar("V")
 
@@ -177,9 +178,15 @@ def list_doubts(clip: Clip) -> list[str]:
             continue
         below, beyond = int((color < 0).sum()), int((color >= MAX_HALF).sum())
         if below:
-            doubts.append(f"{below} values of {size} radiance are below 0, which no light is")
+            doubts.append(
+                f"{say_count(below, 'value')} of {size} radiance {say_verb(below)} below 0, which "
+                "no light is"
+            )
         if beyond:
-            doubts.append(f"{beyond} values of {size} radiance are trained on as {MAX_HALF:.0f}")
+            doubts.append(
+                f"{say_count(beyond, 'value')} of {size} radiance {say_verb(beyond)} trained on as "
+                f"{MAX_HALF:.0f}"
+            )
     return doubts
 
 

@@ -22,9 +22,10 @@ from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.files.provenance import digest_config, digest_values
 from rtsr_cli.core.files.tensor_file import is_whole_tensor_file
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.frames.selection import format_ranges
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.marks import MARKED
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
+from rtsr_cli.core.pairs.lacking_frames import leave_out_lacking, list_needed_inputs
 from rtsr_cli.core.pairs.opening import (
     OpenedShot,
     ReadOptions,
@@ -35,7 +36,7 @@ from rtsr_cli.core.pairs.opening import (
     open_shot,
 )
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import PairSource
+from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.training.clip_recording import (
     RECORDING,
     CapturedShot,
@@ -237,11 +238,8 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
         refuse_foreign(list_foreign([index]), "rtsr train")
     real = shot.hr is not None and bool(shot.frames.streams) and shot.frames.root != shot.hr.root
     simulation = Simulation(scale=how.wanted.scale, samples_per_pixel=how.samples_per_pixel)
-    source = open_pair(
-        opened,
-        hr=shot.hr if real else None,
-        simulation=None if real else simulation,
-    )
+    hr, simulated = (shot.hr, None) if real else (None, simulation)
+    source = open_whole(opened, how.wanted, hr=hr, simulation=simulated)
     captured = CapturedShot(
         source,
         _open_reference(opened, source) if real else None,
@@ -264,6 +262,32 @@ def record_clips(chosen: ChosenShot, how: ClipSources) -> Generator[str, None, l
     content = {**MARKED, "files": [path.name for path in paths], "remarks": remarks}
     write_text_atomically(index, json.dumps(content))
     return paths
+
+
+def open_whole(
+    opened: OpenedShot,
+    wanted: RecordedInputs,
+    *,
+    hr: FrameSet | None,
+    simulation: Simulation | None,
+) -> PairSource:
+    """Survey a shot; with policy skip, without frames that lack what is recorded.
+
+    Raises:
+        RtsrError: a file or declaration is wrong.
+    """
+    inputs = PairInputs(lr=wanted.lr, hr=wanted.hr, derivation=wanted.derivation)
+
+    def open_shots(needed: frozenset[Buffer]) -> list[tuple[str, PairSource]]:
+        without = replace(opened, options=replace(opened.options, needed=needed))
+        return [(opened.shot.name, open_pair(without, hr=hr, simulation=simulation))]
+
+    ((_, source),) = leave_out_lacking(
+        open_shots,
+        opened.options.on_missing,
+        lambda whole, without: list_needed_inputs(whole, without, inputs),
+    )
+    return source
 
 
 def _list_remarks(readers: Iterable[FrameReader]) -> list[str]:
@@ -324,7 +348,7 @@ def _open_reference(opened: OpenedShot, source: PairSource) -> FrameReader | Non
     reader = open_set(frames, opened, jittered=False, vectors=False)
     lacking = sorted(set(source.reader.numbers) - set(reader.numbers))
     if reader.size != hr.size or lacking:
-        what = f"lacks frames {format_ranges(lacking)}" if lacking else "is of another size than HR"
+        what = f"lacks {say_frames(lacking)}" if lacking else "is of another size than HR"
         raise FrameFolderError(f"{beside}: {what}; render it with the HR frames")
     return reader
 

@@ -7,12 +7,13 @@ from dataclasses import asdict, replace
 
 import torch
 
-from rtsr_cli.core.choices import JitterMode, MissingPolicy, PixelFilter, SystemTask
+from rtsr_cli.core.choices import JitterMode, PixelFilter, SystemTask
 from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.network.exported import load_chosen_network
 from rtsr_cli.core.network.load import LoadedNetwork
 from rtsr_cli.core.network.tiling import choose_tile_side
+from rtsr_cli.core.pairs.lacking_frames import leave_out_lacking, list_needed_inputs
 from rtsr_cli.core.pairs.opening import open_pairs
 from rtsr_cli.core.pairs.passthrough import find_passthrough
 from rtsr_cli.core.pairs.simulation import Simulation
@@ -80,25 +81,17 @@ def upscale_frames(
 def open_whole(request: UpscaleRequest, systems: SystemTable) -> Iterable[tuple[str, PairSource]]:
     """Survey every shot; with policy skip, without frames that lack what the chosen system needs.
 
-    Which system that is shows where all frames that lack anything are left out; of those, it then
-    gets back the ones that have all that it needs.
+    Which system that is shows where all frames that lack anything are left out.
     """
-    if request.on_missing is not MissingPolicy.SKIP:
-        return open_shots(request)
-    shots = dict(open_shots(request))
-    lacking = {
-        b for pairs in shots.values() for r in pairs.readers for b in r.lacking if b not in r.stored
-    }
-    if not lacking:
-        return shots.items()
-    needed: set[Buffer] = set()
-    for name, pairs in open_shots(request, frozenset(lacking)):
-        system, _ = choose_system(request, pairs, systems)
+
+    def list_needed(whole: PairSource, without: PairSource) -> frozenset[Buffer]:
+        system, _ = choose_system(request, without, systems)
         inputs = resolve_system_inputs(system, request.on_nonfinite)
-        if shots[name].missing(inputs):
-            reads = pairs.resolve(replace(inputs, lr_optional=(), hr_optional=()))
-            needed |= lacking & (reads.lr.stored | reads.hr.stored)
-    return open_shots(request, frozenset(needed))
+        return list_needed_inputs(whole, without, inputs)
+
+    return leave_out_lacking(
+        lambda needed: open_shots(request, needed), request.on_missing, list_needed
+    )
 
 
 def open_shots(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from rtsr_cli.core.devices import resolve_device
 from rtsr_cli.core.files.ownership import list_foreign, refuse_foreign
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.pairs.auxiliary_radiance import AuxiliaryRadiance, find_auxiliary
+from rtsr_cli.core.pairs.lacking_frames import leave_out_lacking, list_needed_inputs
 from rtsr_cli.core.pairs.opening import open_single_sets
 from rtsr_cli.core.pairs.sources import PairInputs, PairSource
 from rtsr_cli.core.run.events import FrameDone, RunDone, RunStarted, ShotPlanned
@@ -83,7 +84,7 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
     device = resolve_device(request.device)
     chosen = choose_predictor(request, systems, device)
     options = make_rate_options(request, chosen)
-    opened = list(open_single_sets(request.in_folder, read_options(request)))
+    opened = list(open_whole(request, chosen))
     captured = [find_captured(source, request) for _, source in opened]
     jobs = [
         plan_prediction(name, source, rates, request=request, chosen=chosen, options=options)
@@ -97,6 +98,18 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
     if not request.dry_run:
         yield from run_shots(jobs, request)
         yield from write_summary(request.out_folder, [job.plan for job in jobs], options)
+
+
+def open_whole(
+    request: PredictVrsRequest, chosen: ChosenPredictor
+) -> Iterable[tuple[str, PairSource]]:
+    """Survey every shot; with policy skip, without frames that lack what the predictor needs."""
+    inputs, options = resolve_prediction_inputs(request, chosen), read_options(request)
+    return leave_out_lacking(
+        lambda needed: open_single_sets(request.in_folder, replace(options, needed=needed)),
+        request.on_missing,
+        lambda whole, without: list_needed_inputs(whole, without, inputs),
+    )
 
 
 def find_captured(source: PairSource, request: PredictVrsRequest) -> tuple[AuxiliaryRadiance, ...]:

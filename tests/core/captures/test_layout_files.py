@@ -200,7 +200,7 @@ def test_folders_that_a_capture_declares_are_one_shot(tmp_path: Path) -> None:
         ),
         (
             'depth = "beauty:R"',
-            r"buffer 'depth': no channel is called 'beauty:R'.*file sequences: 'f'",
+            r"buffer 'depth': no channel is called 'beauty:R'.*without its number, here 'f'",
         ),
         ('normal = "nrm.XYZ"', r"buffer 'normal': no channel is called 'nrm\.X'"),
     ],

@@ -55,7 +55,7 @@ def test_what_one_kind_of_frames_has_alone_is_not_bound() -> None:
     found = bind_rendered({"f": {1: header("RZP"), 2: header("Z"), 3: header("RZP")}}, bind)
     assert set(found.bound.binding) == {Buffer.COLOR, Buffer.DEPTH}
     assert found.lacking[Buffer.POSITION] == frozenset({2})
-    assert found.notes == ("buffer 'position' is not read: frames 2 have none",)
+    assert found.notes == ("buffer 'position' is not read: frame 2 has none",)
 
 
 def test_what_a_single_frame_lacks_stays_bound_for_it_is_a_fault() -> None:

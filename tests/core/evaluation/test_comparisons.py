@@ -63,7 +63,7 @@ def test_a_frame_that_one_folder_lacks_is_named(tmp_path: Path) -> None:
         open_comparisons({"test": test}, ref, CompareOptions())
     assert open_comparisons({"test": test}, ref, skip)[0].numbers == (1, 2, 4)
     write(tmp_path / "short", range(1, 4))
-    with pytest.raises(FrameFolderError, match=r"short: frames 4 are missing, which others have"):
+    with pytest.raises(FrameFolderError, match=r"short: frame 4 is missing, which others have"):
         open_comparisons({"test": tmp_path / "short"}, ref, CompareOptions())
     few = CompareOptions(selection=Selection(frames=frozenset({1, 2})))
     assert open_comparisons({"test": tmp_path / "short"}, ref, few)[0].numbers == (1, 2)

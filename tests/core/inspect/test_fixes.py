@@ -9,6 +9,7 @@ import pytest
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.inspect.fixes import Hints, list_fixes
 from rtsr_cli.core.inspect.readiness import SystemReadiness
+from rtsr_cli.core.pairs.sources import FITTING_HR
 
 
 def lines(missing: tuple[str, ...], hints: Hints | None = None) -> list[str]:
@@ -32,7 +33,7 @@ def test_what_is_missing_has_a_line(missing: str, line: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "missing", ["motion", "lr normal", "albedo", "a declared motion convention", "a scale of 4x"]
+    "missing", ["motion", "lr normal", "albedo", "a declared motion convention", "a pair of 4x"]
 )
 def test_what_no_line_provides_has_none(missing: str) -> None:
     assert lines((missing,)) == []
@@ -114,3 +115,29 @@ def test_base_colour_alone_is_offered_as_material_once() -> None:
     hints = Hints(base_colour="albedo.RGB")
     found = lines(("metallic", "roughness", "camera"), hints)
     assert found == ['material = "albedo.RGB"', 'camera = "camera.csv"']
+
+
+def test_a_line_says_what_would_run_with_it() -> None:
+    lacking = {
+        "a": SystemReadiness(ready=False, missing=("lr camera",)),
+        "b": SystemReadiness(ready=False, missing=("camera (to convert depth from ray distance)",)),
+        "c": SystemReadiness(ready=False, missing=("camera", "motion")),
+    }
+    (fix,) = list_fixes({"upscale": lacking}, Hints())
+    assert fix.serves == ("a", "b")
+    assert fix.missing == "camera (to convert depth from ray distance)"
+
+
+def test_no_line_that_files_say_nothing_of_while_both_sizes_do_not_fit() -> None:
+    unfit = SystemReadiness(ready=False, missing=(FITTING_HR,))
+    commands = {
+        "upscale": {"demod-guided": unfit},
+        "predict-vrs": {"rt-percept": SystemReadiness(ready=False, missing=("camera",))},
+    }
+    assert list_fixes(commands, Hints()) == ()
+    assert len(list_fixes({"predict-vrs": commands["predict-vrs"]}, Hints())) == 1
+
+
+def test_what_single_frames_lack_is_declared_for_none() -> None:
+    hints = Hints(material="a.RGB + b.RGB", base_colour="albedo.RGB")
+    assert lines(("lr material of frame 3", "lr roughness of frames 2, 4"), hints) == []

@@ -67,7 +67,7 @@ def test_hr_frames_that_are_missing_are_holes_and_of_another_ratio_a_refusal(
 ) -> None:
     sources, (problem,) = match_resolutions(reader, hr, None)
     assert problem.gravity is Severity.HOLES
-    assert "HR lacks frames 3" in problem.text
+    assert "HR lacks frame 3" in problem.text
     assert judge_readiness(BICUBIC, sources, [problem]).how == "--on-missing skip"
     sources, (problem,) = match_resolutions(reader, hr, 3)
     assert (list(sources), problem.gravity) == ([], Severity.REFUSED)
@@ -78,4 +78,6 @@ def test_a_scale_that_a_system_is_not_made_for_is_missing(
 ) -> None:
     sources, _ = match_resolutions(reader, hr, None)
     found = judge_readiness(replace(BICUBIC, scales=(3, 4)), sources, [])
-    assert found.missing == ("a scale of 3x, 4x",)
+    assert found.missing == ("a pair of 3x or 4x (this one is 2x)",)
+    found = judge_readiness(replace(BICUBIC, scales=(1,)), sources, [])
+    assert found.missing == ("frames of one size (lr or hr by itself; these are a pair)",)

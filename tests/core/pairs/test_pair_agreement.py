@@ -185,7 +185,19 @@ def test_a_factor_on_the_colours_of_one_size_is_named(factor: float, name: str) 
     assert found is not None
     assert f"about {factor:g} x LR in {name}" in found.looks
     assert found.buffer == name
-    assert found.factor == pytest.approx(factor, rel=0.02)
+    assert found.factors == pytest.approx((factor,) * 3, rel=0.02)
+
+
+@pytest.mark.parametrize("tint", [(1.0, 2.0, 2.0), (1.0, 1.0, 0.4), (3.0, 0.5, 1.5)])
+def test_a_factor_of_each_channel_is_named(tint: tuple[float, ...]) -> None:
+    colour = render()[Buffer.ALBEDO]
+    lr = keep(render(), 4, (1, 2))
+    tinted = colour * torch.tensor(tint).view(1, 3, 1, 1)
+    found = judge({1: lr}, {1: change(render(), albedo=tinted)})
+    assert found is not None
+    said = ", ".join(f"{factor:g}" for factor in tint)
+    assert f"about {said} x LR in the R, G, B of albedo" in found.looks
+    assert found.factors == pytest.approx(tint, rel=0.02)
 
 
 def test_colours_that_no_factor_makes_alike_have_none() -> None:
@@ -193,7 +205,7 @@ def test_colours_that_no_factor_makes_alike_have_none() -> None:
     lr = keep(hr, 4, (1, 2))
     offset = change(hr, albedo=0.5 + 0.5 * hr[Buffer.ALBEDO])
     found = judge({1: lr}, {1: offset})
-    assert found is None or found.factor is None
+    assert found is None or not found.factors
     assert measure_factor(lr[Buffer.ALBEDO], hr[Buffer.ALBEDO], 4) is None
 
 

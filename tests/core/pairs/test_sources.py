@@ -18,7 +18,7 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
-from rtsr_cli.core.pairs.sources import FramePair, PairInputs
+from rtsr_cli.core.pairs.sources import FramePair, PairInputs, name_once
 
 Write = Callable[..., Path]
 Open = Callable[..., FrameReader]
@@ -367,3 +367,15 @@ def test_what_a_system_reads_is_resolved_once_a_source(pair_folders: Callable[..
         source.load(1, EVERYTHING)
         assert source.resolve(EVERYTHING) is reads
         assert source.resolve(PairInputs(lr=(Buffer.COLOR,))).lr.used == (Buffer.COLOR,)
+
+
+def test_a_camera_that_converts_buffers_is_named_once() -> None:
+    missing = (
+        "lr camera",
+        "lr camera (to convert depth from ray distance)",
+        "lr motion",
+        "hr camera",
+        "lr camera (to convert normal from view-space normals)",
+    )
+    converts = "to convert depth from ray distance and normal from view-space normals"
+    assert name_once(missing) == (f"lr camera ({converts})", "lr motion", "hr camera")

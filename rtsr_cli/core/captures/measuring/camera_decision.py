@@ -62,8 +62,8 @@ def _follow_finding(
         return replace(settled, notes=(*settled.notes, found.doubt))
     if found.undecided and leads:
         note = (
-            f"camera: {' and '.join(found.proofs)} agree with the matrices, but cannot tell them "
-            f"from {found.likenesses}"
+            f"camera: the matrices fit {' and '.join(found.proofs)}, which cannot tell them from "
+            f"{found.likenesses}"
         )
         return replace(settled, notes=(*settled.notes, note))
     return settled

@@ -34,6 +34,7 @@ from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import (
     SKY_MARKERS,
     DepthKind,
@@ -42,7 +43,6 @@ from rtsr_cli.core.frames.conventions import (
     SkyRule,
 )
 from rtsr_cli.core.frames.motion import MotionConvention, MotionDirection
-from rtsr_cli.core.frames.selection import format_ranges
 
 WIDE_MARGIN = 0.02
 WIDE_SIGNIFICANCE = 5.0
@@ -290,9 +290,8 @@ def _check_repeats(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         return settled
     settled = add_warning(
         settled,
-        f"frames {format_ranges(measured.repeated)} show the picture of the frame before them, "
-        "though their motion vectors say that things move (animation on twos?); render motion of "
-        "zero there, or leave such frames out",
+        f"{_say_repeated(measured.repeated)}, though the motion vectors there say that things "
+        "move (animation on twos?); render motion of zero there, or leave such frames out",
     )
     finding = measured.motion
     best = None if finding is None else finding.best
@@ -300,6 +299,14 @@ def _check_repeats(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     if clear or capture.motion.decides():
         return settled
     return replace(settled, motion_undecided=describe_repeated(reader))
+
+
+def _say_repeated(numbers: tuple[int, ...]) -> str:
+    one = len(numbers) == 1
+    return (
+        f"{say_frames(numbers)} show{'s' if one else ''} the picture of the frame before "
+        f"{'it' if one else 'them'}"
+    )
 
 
 def _add_resting(settled: MeasuredReader) -> MeasuredReader:
@@ -310,8 +317,8 @@ def _add_resting(settled: MeasuredReader) -> MeasuredReader:
         return settled
     return add_warning(
         settled,
-        f"frames {format_ranges(measured.resting)} show the picture of the frame before them "
-        "(animation on twos?), so that little of the motion can be measured",
+        f"{_say_repeated(measured.resting)} (animation on twos?), so that little of the motion "
+        "can be measured",
     )
 
 

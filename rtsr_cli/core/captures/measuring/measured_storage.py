@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
+from rtsr_cli.core.captures.measuring.camera_evidence import NormalEvidence
 from rtsr_cli.core.captures.measuring.empty_buffers import BufferFault
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
@@ -49,6 +50,13 @@ class StorageMeasurement:
     sky: SkyFinding | None = None
     faults: tuple[BufferFault, ...] = ()
     frames: tuple[int, ...] = ()
+
+    @property
+    def proves_normals(self) -> bool:
+        """Tell whether the axes of normals are measured: by what faces the camera, or by depth."""
+        if self.normal is not None and self.normal.space is not None:
+            return True
+        return self.camera is not None and NormalEvidence.name in self.camera.proofs
 
     @property
     def best(self) -> MotionCandidate | None:

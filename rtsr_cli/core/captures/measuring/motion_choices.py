@@ -75,7 +75,7 @@ def _format_choice(candidate: MotionCandidate, ties: Sequence[MotionCandidate]) 
 def describe_distrust(
     convention: MotionConvention, finding: MotionFinding, *, declared: bool
 ) -> str:
-    """Say what would make vectors relied upon that are not; empty if no declaration would.
+    """Say what would make vectors relied upon that are not: a line, or that one names the system.
 
     Args:
         convention: that they are read by.
@@ -86,7 +86,8 @@ def describe_distrust(
         return "these frames do not show that what is declared is right: name the system"
     read = finding.of(replace(convention, jittered=False, jitter_inverted=False))
     if read is None or read not in finding.ties:
-        return ""
+        # what is declared would be relied upon no more
+        return "these frames do not show which reading of it is right: name the system to use it"
     line = write_motion(convention, shifted=any(c.convention.file_offset for c in finding.ties))
     return f"if it is right as it is read: {line} at the head of capture.toml"
 

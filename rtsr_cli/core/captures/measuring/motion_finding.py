@@ -96,6 +96,15 @@ class MotionFinding:
         same = alike if id(best) in alike else set()
         return (best, *(c for c in self.candidates if c.tied and id(c) not in {*same, id(best)}))
 
+    @property
+    def alike(self) -> tuple[MotionCandidate, ...]:
+        """Those that cannot be told from the one that fits best, though all may fit badly.
+
+        Readings that say the same of neighbouring files are none.
+        """
+        tied = tuple(c for c in self.candidates if c.tied and not c.same_vectors)
+        return tied if len(tied) > 1 else ()
+
     def of(self, convention: MotionConvention) -> MotionCandidate | None:
         """Return what was measured about a convention; jitter is not part of the hypothesis."""
         plain = replace(convention, jittered=False, jitter_inverted=False)

@@ -443,7 +443,7 @@ def test_frames_that_repeat_are_said_and_their_vectors_not_read(settled: Settle)
 
 def test_a_clear_reading_holds_though_a_frame_repeats(settled: Settle) -> None:
     result = settled(StorageMeasurement(motion=clear(MotionConvention(), NEGATED), repeated=(2,)))
-    assert "frames 2 show" in result.warnings[-1]
+    assert "frame 2 shows" in result.warnings[-1]
     assert result.motion_undecided == ""
 
 
