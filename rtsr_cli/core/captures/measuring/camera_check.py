@@ -7,10 +7,14 @@ tell, they are unverified, and nothing else is measured by them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from rtsr_cli.core.captures.measuring.camera_evidence import CameraEvidence, mean_error
+from rtsr_cli.core.captures.measuring.camera_evidence import (
+    CameraEvidence,
+    Errors,
+    mean_error,
+)
 from rtsr_cli.core.captures.measuring.camera_hypotheses import (
     CameraReading,
     Cameras,
@@ -25,9 +29,14 @@ from rtsr_cli.core.captures.measuring.camera_structure import (
 )
 from rtsr_cli.core.frames.camera_convention import CameraConvention, CameraWord
 from rtsr_cli.core.frames.camera_needs import say_frames
+from rtsr_cli.core.frames.selection import format_ranges
 
 ALIKE = 2.0
 """Of readings whose errors are within this factor of the best one's, the simplest is named."""
+
+
+LEAST_SAID = 1e-3
+"""Smaller errors are of the last digits, and said as none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +47,7 @@ class CameraFinding:
         unfit: why they are not used; empty if they are.
         declared: words of `[camera] convention` that would make them right; empty if none would.
         doubt: why they are unverified; empty if they are not.
+        disputed: whether that is because something does not agree with them.
         stuck: whether they are one frame's in all, though what is seen moves.
         strays: why those of single frames are in doubt; empty if none are.
         proofs: what agrees with them.
@@ -51,6 +61,7 @@ class CameraFinding:
     unfit: str = ""
     declared: str = ""
     doubt: str = ""
+    disputed: bool = False
     stuck: bool = False
     strays: str = ""
     proofs: tuple[str, ...] = ()
@@ -76,15 +87,26 @@ class _Trial:
     """How the readings fare before one kind of evidence."""
 
     evidence: CameraEvidence
-    own: float
+    errors: Errors
+    """Of the matrices as given."""
     pairs: Mapping[int, tuple[float, float]]
     """By index of the reading: its error, and that of the matrices as given on the same frames."""
     spread: frozenset[int] = frozenset()
     """Indices of the readings that are better in most of the frames, and not for one of them."""
 
     @property
+    def own(self) -> float:
+        return mean_error(self.errors.values())
+
+    @property
     def fits(self) -> bool:
         return self.own <= self.evidence.limit
+
+    @property
+    def wrong(self) -> list[int]:
+        """Numbers of the frames that do not fit; all where only the mean of them does not."""
+        apart = [n for n, error in self.errors.items() if error > self.evidence.limit]
+        return apart or list(self.errors)
 
     def is_better(self, index: int, *, backed: bool) -> bool:
         """Tell whether a reading fits where the matrices as given do not, by far.
@@ -142,12 +164,13 @@ def check_cameras(
         of_lens: whether clip space is made of worldToCamera and a field of view.
     """
     readings = list_readings(given, step, of_lens=of_lens)
-    for number, matrices in given.items():
-        fault = _find_fault(matrices)
-        if fault:
-            chosen = _choose_sound(readings, evidence)
-            text = _describe_unfit(number, fault, chosen, convention)
-            return CameraFinding(unfit=text, declared=_list_words(chosen, convention))
+    faults = {number: fault for number, m in given.items() if (fault := _find_fault(m))}
+    if faults:
+        chosen = _choose_sound(readings, evidence)
+        fault = next(iter(faults.values()))
+        alike = [number for number, other in faults.items() if other == fault]
+        text = _describe_unfit(_say_of(alike, given), fault, chosen, convention)
+        return CameraFinding(unfit=text, declared=_list_words(chosen, convention))
     trials = _try_all(evidence, given, readings)
     errors = {t.evidence.name: t.own for t in trials}
     found = _find_rival(trials, readings)
@@ -157,7 +180,8 @@ def check_cameras(
         others = [t for t in trials if not t.evidence.tells_world]
         found = _find_rival(_try_all(tellers, given, worlds), worlds, others)
     if found is not None:
-        text = _describe_unfit(min(given), "", found.reading, convention, found.describe())
+        where = _say_of(found.trial.wrong, found.trial.errors)
+        text = _describe_unfit(where, "", found.reading, convention, found.describe())
         declared = _list_words(found.reading, convention)
         return CameraFinding(unfit=text, declared=declared, errors=errors)
     lone = _find_lone(trials, given)
@@ -214,7 +238,7 @@ def _try_readings(
             improved = [n for n in same if own[n] > errors[n] + evidence.slack]
             if 2 * len(improved) > len(same) or not same:
                 spread.add(index)
-    return _Trial(evidence=evidence, own=mean, pairs=pairs, spread=frozenset(spread))  # type: ignore[arg-type]
+    return _Trial(evidence=evidence, errors=own, pairs=pairs, spread=frozenset(spread))  # type: ignore[arg-type]
 
 
 def _find_lone(trials: Sequence[_Trial], given: Cameras) -> str:
@@ -309,7 +333,8 @@ def _judge_unopposed(
     if not proofs or not told or not trials[0].fits:
         doubt = " ".join(_describe_doubt(trials, silent, mirrored=mirrored, resting=_rest(given)))
         stuck = _rest(given) and any(t.evidence.tells_step and not t.fits for t in trials)
-        return CameraFinding(doubt=doubt, stuck=stuck, errors=errors)
+        disputed = any(not t.fits for t in trials)
+        return CameraFinding(doubt=doubt, disputed=disputed, stuck=stuck, errors=errors)
     if mirrored and any(not readings[i].mirrors_world for i in own):
         # what agrees as well with a camera that does not mirror speaks for that one
         doubt = " ".join(_describe_mirrored(proofs, [readings[i] for i in own]))
@@ -343,7 +368,7 @@ def _find_contradiction(given: Cameras, trials: Sequence[_Trial]) -> str:
         best = min(errors, default=math.inf)
         if best <= trial.evidence.limit and ALIKE * best < trial.own:
             return (
-                f"{trial.evidence.name} of {say_frames(given)} do not agree with the camera "
+                f"{trial.evidence.name} of {say_frames(trial.errors)} do not agree with the camera "
                 f"matrices ({_format(trial.own, trial)} as given, {_format(best, trial)} where "
                 f"matrices are {worlds[errors.index(best)].text}): axes of the world swapped or "
                 "negated between normals and cameras? Angles of view, which demodulation divides "
@@ -387,7 +412,7 @@ def _describe_doubt(
 ) -> Iterator[str]:
     apart = [t for t in trials if not t.fits]
     if apart:
-        listed = "; ".join(f"{t.evidence.name}: {_format(t.own, t)}" for t in apart)
+        listed = "; ".join(_say_apart(t) for t in apart)
         yield f"{UNVERIFIED}: what the frames show does not agree with them ({listed})."
         if resting and any(t.evidence.tells_step for t in apart):
             yield (
@@ -408,12 +433,33 @@ def _describe_doubt(
     yield NOTHING_MEASURED
 
 
+def _say_apart(trial: _Trial) -> str:
+    """Say by how much one kind of evidence is off, and in which of the frames looked at."""
+    wrong = trial.wrong
+    right = [n for n in trial.errors if n not in wrong]
+    off = _format(mean_error(trial.errors[n] for n in wrong), trial)
+    said = f"{trial.evidence.name}: {off} in {_say_of(wrong, trial.errors)}"
+    if not right:
+        return said
+    return f"{said}; {_format(mean_error(trial.errors[n] for n in right), trial)} in " + say_frames(
+        right
+    )
+
+
+def _say_of(numbers: Sequence[int], looked_at: Iterable[int]) -> str:
+    """Name frames, and say where they are all that are known."""
+    every = len(numbers) > 1 and set(looked_at) <= set(numbers)
+    return f"all frames looked at ({format_ranges(numbers)})" if every else say_frames(numbers)
+
+
 def _format(error: float, trial: _Trial) -> str:
-    return "behind the camera" if error >= 1e8 else f"{error:.3g} {trial.evidence.unit}"
+    if error >= 1e8:
+        return "behind the camera"
+    return f"{error if error >= LEAST_SAID else 0:.3g} {trial.evidence.unit}"
 
 
 def _describe_unfit(
-    number: int,
+    where: str,
     fault: str,
     reading: CameraReading | None,
     convention: CameraConvention,
@@ -422,7 +468,7 @@ def _describe_unfit(
     """One message: what is wrong with the matrices, what they look like, the remedy."""
     said = f" (read as declared: {convention})" if convention.words else ""
     looks = () if reading is None else (f"worldToCamera looks {_word_look(reading)}",)
-    first = f"the camera matrices of frame {number} are not used{said}: "
+    first = f"the camera matrices of {where} are not used{said}: "
     found = ": ".join((*looks, fault or proof))
     remedy = OTHER_WORLD if reading is not None and reading.mirrors_world else OWN
     remedy = OTHER_FRAME if reading is not None and reading.of_neighbour else remedy

@@ -20,6 +20,7 @@ from rtsr_cli.core.captures.measuring.camera_evidence import (
     thin,
 )
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras, list_worlds
+from rtsr_cli.core.captures.measuring.camera_rounding import measure_rounding
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry, ThinnedFrame
 from rtsr_cli.core.captures.measuring.normal_finder import unpack_normals
@@ -28,6 +29,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.frames.vector_length import vector_length
 
 Stored = Mapping[int, Mapping[Buffer, Tensor]]
 
@@ -114,8 +116,7 @@ def _gather_positions(
     thinning = next(iter(thinned.values()))[1]
     units = list_units(presumed.metres_per_position)
     evidence = PositionEvidence(frames=frames, units=units, thinning=thinning)
-    unit = evidence.choose_unit(given)
-    return [replace(evidence, units=list_units(unit))]
+    return [evidence.hold(given)]
 
 
 def _gather_motion(
@@ -128,15 +129,23 @@ def _gather_motion(
     if not {Buffer.MOTION, Buffer.DEPTH} <= reader.stored or not motions:
         return []
     frames: dict[MotionConvention, dict[int, StoredGeometry]] = {}
+    roundings: dict[MotionConvention, float] = {}
     thinning = 1
-    for motion in motions[:MOST_READINGS]:
+    # what may hold as it is read is not left out for what fits pictures a little better
+    plain = replace(presumed.motion, jittered=False, jitter_inverted=False)
+    own = [motion for motion in motions if motion in {plain, presumed.motion}]
+    for motion in dict.fromkeys((*own, *motions[:MOST_READINGS])):
         frames[motion] = {}
         for number, buffers in stored.items():
             source = number + motion.file_offset * reader.step
             if source not in stored:
                 continue
             geometry = _make_geometry(reader, number, buffers, Buffer.DEPTH)
-            vectors = motion.pixels(stored[source][Buffer.MOTION], reader.view.display, dim=1)
+            file = stored[source][Buffer.MOTION]
+            vectors = motion.pixels(file, reader.view.display, dim=1)
+            off = motion.pixels(file + measure_rounding(file), reader.view.display, dim=1) - vectors
+            far = float(vector_length(off).nanmedian())
+            roundings[motion] = max(roundings.get(motion, 0.0), far)
             other = number + (reader.step if motion.direction.to_next else -reader.step)
             previous = reader.cameras[other] if other in given else geometry.camera
             moved = replace(geometry, motion_px=vectors, position=None, previous=previous)
@@ -146,6 +155,7 @@ def _gather_motion(
         step=reader.step,
         depths=list_likely_depths(presumed.depth),
         thinning=thinning,
+        roundings_px=roundings,
     )
     return [evidence.hold(given)]
 
