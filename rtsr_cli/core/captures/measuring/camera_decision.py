@@ -144,7 +144,7 @@ def _describe_dispute(lr: FrameReader, hr: FrameReader) -> Iterator[str]:
     if lr.camera_doubt and hr.camera_certain:
         yield (
             "the cameras are in doubt by what the LR frames show, though the HR frames agree with "
-            "theirs: motion or depth of LR may be what is wrong"
+            "theirs: files of LR may be what is wrong"
         )
 
 
