@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from torch import Tensor
 
-from rtsr_cli.core.captures.measuring.camera_check import CameraFinding, check_cameras
+from rtsr_cli.core.captures.bound_channels import BoundBuffer
+from rtsr_cli.core.captures.measuring.camera_check import (
+    CameraFinding,
+    check_cameras,
+    check_normals,
+)
 from rtsr_cli.core.captures.measuring.camera_evidence import (
     MOST_SURFACE_PIXELS,
     CameraEvidence,
@@ -21,15 +27,16 @@ from rtsr_cli.core.captures.measuring.camera_evidence import (
 )
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras, list_worlds
 from rtsr_cli.core.captures.measuring.camera_rounding import measure_rounding
-from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
+from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices, Matrix4
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry, ThinnedFrame
-from rtsr_cli.core.captures.measuring.normal_finder import unpack_normals
+from rtsr_cli.core.captures.measuring.normal_finder import find_packing, unpack_normals
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.frames.vector_length import vector_length
+from rtsr_cli.core.shapes import Vector3
 
 Stored = Mapping[int, Mapping[Buffer, Tensor]]
 
@@ -73,7 +80,8 @@ def check_reader_cameras(
     given = list_matrices(reader, tuple(stored))
     if not given:
         return None
-    normals, silent = _gather_normals(reader, stored, presumed, given)
+    buffers = [b for b in (Buffer.GEONORMAL, Buffer.NORMAL) if b in reader.stored]
+    normals, silent = _gather_normals(reader, stored, presumed, given, buffers[:1])
     evidence = (
         *_gather_positions(reader, stored, presumed, given),
         *_gather_motion(reader, stored, presumed, motions, given),
@@ -87,9 +95,57 @@ def check_reader_cameras(
         silent=silent,
         of_lens=all(reader.cameras[n].of_lens for n in given),
     )
+    found = _declare_normals(found, reader, stored, buffers)
+    shading, _ = _gather_normals(reader, stored, presumed, given, buffers[1:])
+    if shading and found.normal_world is None:
+        found = _declare_normals(
+            check_normals(found, given, shading[0]), reader, stored, buffers[1:]
+        )
     units = [e.units[0] for e in evidence if isinstance(e, PositionEvidence)]
     proven = found.fits and PositionEvidence.name in found.proofs
     return replace(found, position_unit_m=units[0]) if proven else found
+
+
+def _declare_normals(
+    found: CameraFinding, reader: FrameReader, stored: Stored, normals: Sequence[Buffer]
+) -> CameraFinding:
+    """Add the lines that make normals fit the matrices as given, where axes do."""
+    if found.normal_world is None:
+        return found
+    held = next(iter(stored.values()))
+    lines = (
+        f"{buffer} = [{', '.join(turned)}]"
+        for buffer in normals
+        if (turned := write_turned(reader.binding[buffer], found.normal_world, held[buffer]))
+    )
+    said = "; ".join(lines)
+    if not said:
+        return found
+    text = f"; or, if the matrices are right, [buffers] of capture.toml: {said}"
+    if found.unfit:
+        return replace(found, unfit=found.unfit + text)
+    return replace(found, contradiction=found.contradiction + text)
+
+
+def write_turned(bound: BoundBuffer, axes: Matrix4, stored: Vector3) -> list[str]:
+    """Write the components of n . A as `[buffers]` takes them; none where they are no channels.
+
+    Args:
+        bound: what n is made of.
+        axes: A, each row of which has one entry of 1 or -1.
+        stored: n, as stored; where (n + 1) / 2 is, an axis is negated by 1 - x.
+    """
+    if not bound.is_as_stored or len(bound) != 3:
+        return []
+    packed = find_packing(stored)
+    written = []
+    for column in axes[:3, :3].T:
+        row = int(np.abs(column).argmax())
+        turned = BoundBuffer((bound.components[row],))
+        if column[row] < 0.0:
+            turned = turned.multiplied(-1.0, 1.0 if packed else 0.0)
+        written.append(f'"{turned.describe(streams=True)}"')
+    return written
 
 
 def _make_geometry(
@@ -161,19 +217,28 @@ def _gather_motion(
 
 
 def _gather_normals(
-    reader: FrameReader, stored: Stored, presumed: Conventions, given: Cameras
+    reader: FrameReader,
+    stored: Stored,
+    presumed: Conventions,
+    given: Cameras,
+    buffers: Sequence[Buffer],
 ) -> tuple[list[CameraEvidence], tuple[str, ...]]:
-    """Normals and depths; where the normals are of the camera's own axes, why they tell nothing."""
-    buffer = Buffer.GEONORMAL if Buffer.GEONORMAL in reader.stored else Buffer.NORMAL
-    if not {buffer, Buffer.DEPTH} <= reader.stored:
+    """Normals and depths; where the normals are of the camera's own axes, why they tell nothing.
+
+    Args:
+        reader, stored, presumed, given: as for `check_reader_cameras`.
+        buffers: the normals, one buffer; or none.
+    """
+    if not buffers or Buffer.DEPTH not in reader.stored:
         return [], ()
+    (buffer,) = buffers
     frames, normals = {}, {}
-    for number, buffers in list(stored.items())[-MOST_NORMAL_FRAMES:]:
-        unit = unpack_normals(buffers[buffer])
+    for number, held in list(stored.items())[-MOST_NORMAL_FRAMES:]:
+        unit = unpack_normals(held[buffer])
         if unit is None:
             continue
         frames[number], thinning = thin(
-            _make_geometry(reader, number, buffers, Buffer.DEPTH), MOST_SURFACE_PIXELS
+            _make_geometry(reader, number, held, Buffer.DEPTH), MOST_SURFACE_PIXELS
         )
         normals[number] = ThinnedFrame(thinning).image(unit)
     if not frames:

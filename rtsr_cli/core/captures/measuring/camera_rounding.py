@@ -5,8 +5,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-HALF_ROUNDING, SINGLE_ROUNDING = 2.0**-12, 2.0**-25
+HALF_ROUNDING, SINGLE_ROUNDING = 2.0**-11, 2.0**-24
 """Shares of a number that halves and singles of 11 and 24 digits are off by at most."""
+
+SMALLEST_HALF = 2.0**-25
+"""What small halves, of fewer digits, are off by."""
 
 COARSEST, FINEST = 0, -20
 """Powers of two that steps are looked for in."""
@@ -18,7 +21,7 @@ LEAST_STEPS = 8
 def measure_rounding(stored: Tensor) -> Tensor:
     """Largest distance of each number from what was meant, in its unit; 0 where it is not finite.
 
-        r = max(s, |x| 2^-12 of halves or |x| 2^-25 of singles)
+        r = max(s, |x| 2^-11 of halves or |x| 2^-24 of singles)
 
     s is the largest power of two of which all are multiples, as halves around 0.5 are from which a
     constant was taken: there the step of the smaller ones is half that of the larger ones.
@@ -28,9 +31,9 @@ def measure_rounding(stored: Tensor) -> Tensor:
     """
     finite = torch.isfinite(stored)
     known = stored[finite]
-    digits = HALF_ROUNDING if bool((known.half().float() == known).all()) else SINGLE_ROUNDING
-    step = find_step(known)
-    off = (stored.abs() * digits).clamp(min=step)
+    halves = bool((known.half().to(known) == known).all())
+    step = max(find_step(known), SMALLEST_HALF if halves else 0.0)
+    off = (stored.abs() * (HALF_ROUNDING if halves else SINGLE_ROUNDING)).clamp(min=step)
     return torch.where(finite, off, torch.zeros_like(off))
 
 
