@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -149,3 +150,40 @@ def test_matrices_of_the_frame_before_turn_no_sense_around(
     measured = StorageMeasurement(motion=motion, camera=camera, frames=numbers)
     found = add_geometry(reader, stored, conventions, measured)
     assert (None if found.by_geometry is None else found.by_geometry.convention) == settled
+
+
+def test_the_reading_that_is_presumed_is_tried_whatever_fits_pictures_better(
+    tmp_path: Path,
+) -> None:
+    """Coarse pictures rank others before it; right matrices agree with it alone."""
+    numbers = (1, 2, 3, 4)
+    reader = write_frames(tmp_path, numbers, of=0)
+    stored = {n: reader.read_raw(n, buffers=(Buffer.DEPTH, Buffer.MOTION)) for n in numbers}
+    others = [MotionConvention(scale=s) for s in (0.1, 0.2, 0.3, 0.4, 0.5)]
+    for presumed in (BACK, replace(BACK, jittered=True)):
+        found = check_reader_cameras(reader, stored, Conventions(motion=presumed), (*others, BACK))
+        assert found is not None
+        assert found.fits
+        assert found.errors["motion with depth"] < 1e-3
+
+
+def test_depth_is_measured_along_a_reading_that_geometry_leaves(tmp_path: Path) -> None:
+    """Where two are left, along the presumed one; never along short vectors that rank first."""
+    numbers = (1, 2, 3, 4)
+    reader = write_frames(tmp_path, numbers, of=0)
+    stored = {n: reader.read_raw(n, buffers=(Buffer.DEPTH, Buffer.MOTION)) for n in numbers}
+    alike = MotionConvention(scale=1.0005)
+    ranked = tuple(
+        MotionCandidate(
+            convention=c, error=0.1, margin=0.0, significance=0.0, offsets_px=((0.0, 0.0),)
+        )
+        for c in (MotionConvention(scale=0.05), alike, BACK)
+    )
+    motion = MotionFinding(candidates=ranked, unmoved_error=0.4, moving=1.0, triples=(2, 3))
+    camera = CameraFinding(proofs=("motion with depth",), certain=True)
+    measured = StorageMeasurement(motion=motion, camera=camera, frames=numbers)
+    found = add_geometry(reader, stored, Conventions(motion=BACK), measured)
+    assert found.by_geometry is None
+    assert found.depth.best is not None
+    assert found.depth.best.convention == DepthConvention()
+    assert found.depth.best.error < 1e-3
