@@ -33,7 +33,7 @@ def test_upscale_reads_no_turned_gbuffer(rtsr: Run, turned: Path, tmp_path: Path
     assert f"{turned / 'hr'}: all frames looked at (1, 3-4): " in refused.output
     assert "HR looks upside down" in refused.output
     assert "choose another --system (system 'demod-guided'" in refused.output
-    assert "camera matrices of frame" not in refused.output
+    assert "camera matrices of" not in refused.output
     assert not (tmp_path / "no").exists()
     chosen = rtsr("upscale", turned, tmp_path / "out", "--frames", 1)
     assert chosen.exit_code == 0, chosen.output
@@ -48,7 +48,7 @@ def test_inspect_names_a_turned_gbuffer(rtsr: Run, turned: Path, small_shot: Pat
     said = rtsr("inspect", turned).output
     assert f"{turned / 'hr'}: all frames looked at (1, 3-4): " in said
     assert "HR looks upside down" in said
-    assert "camera matrices of frame" not in said
+    assert "camera matrices of" not in said
     (guided,) = (line for line in said.splitlines() if "demod-guided" in line)
     assert "missing" in guided
     assert guided.endswith("frames of hr that fit lr")
