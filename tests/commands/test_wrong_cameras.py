@@ -185,7 +185,7 @@ def test_evaluate_names_matrices_of_the_buffers_that_are_not_used(
     give_matrices(tmp_path / "ref", {n: n for n in FIRST_FRAMES}, transpose=True)
     for more in ((), ("--dry-run",)):
         said = " ".join(rtsr(*words, *more).output.split())
-        assert "the buffers: the camera matrices of frame 1 are not used" in said
+        assert "the buffers: the camera matrices of all frames looked at (1-3) are not used" in said
         assert "transposed" in said
 
 

@@ -86,6 +86,7 @@ class FrameReader:
         matrices: how the files store camera matrices; `cameras` are in memory's convention.
         camera_unfit: why camera matrices are not used; empty if they are.
         camera_certain: whether what the frames show proves them.
+        camera_doubt: what the frames show that does not agree with them; empty if nothing does.
         faulty: buffers in which something is wrong in frames that were looked at.
         motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
         motion_distrust: what would make vectors relied upon that are not; empty if unknown.
@@ -126,6 +127,7 @@ class FrameReader:
     matrices: CameraConvention = field(default_factory=CameraConvention)
     camera_unfit: str = ""
     camera_certain: bool = False
+    camera_doubt: str = ""
     faulty: frozenset[Buffer] = frozenset()
     motion_trusted: bool = False
     motion_distrust: str = ""

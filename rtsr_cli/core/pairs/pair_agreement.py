@@ -16,7 +16,7 @@ filters or differently made buffers it strays by.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import torch
@@ -24,6 +24,8 @@ import torch.nn.functional as F
 
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.frames.camera_needs import say_frames
+from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.imaging.color import encode_srgb
 from rtsr_cli.core.shapes import Image, Mask
 
@@ -118,8 +120,10 @@ class Misfit:
     """How HR frames do not show what LR frames show.
 
     Attributes:
-        frame: number of the frame in which it was seen.
+        frame: number of the frame in which it was seen first.
         strays: share of its samples that stray, mean over the buffers.
+        frames: numbers of those in which it is so, ascending.
+        looked_at: numbers of those that were compared, ascending.
         looks: what HR is beside LR, as it looks; empty where nothing explains it.
         remedy: what to do about that.
         buffer: in which it is so, where that is one of several.
@@ -129,10 +133,28 @@ class Misfit:
 
     frame: int
     strays: float
+    frames: tuple[int, ...] = ()
+    looked_at: tuple[int, ...] = ()
     looks: str = ""
     remedy: str = ""
     buffer: Buffer | None = None
     factors: tuple[float, ...] = ()
+
+    @property
+    def where(self) -> str:
+        """Name the frames, and among how many they were found: few are looked at."""
+        frames = self.frames or (self.frame,)
+        if len(self.looked_at) < 2:
+            return say_frames(frames)
+        others = format_ranges(self.looked_at)
+        if frames == self.looked_at:
+            return f"all frames looked at ({others})"
+        return f"{say_frames(frames)} of those looked at ({others})"
+
+    def is_like(self, other: Misfit) -> bool:
+        """Tell whether another frame misfits in the same way."""
+        turned = self.remedy == TURN_REMEDY and self.looks != other.looks
+        return (self.remedy, self.buffer) == (other.remedy, other.buffer) and not turned
 
 
 Read = Callable[[int], GBuffer]
@@ -162,34 +184,53 @@ def find_misfit(
         stored: numbers of HR frames.
         doubted: numbers among those, whose frames something else speaks against.
     """
-    looked_at = (numbers[len(numbers) // 2], numbers[0], numbers[-1], *doubted[:MOST_DOUBTED])
-    doubt: Misfit | None = None
-    told = False
-    for number in dict.fromkeys(looked_at):
+    looked_at = dict.fromkeys(
+        (numbers[len(numbers) // 2], numbers[0], numbers[-1], *doubted[:MOST_DOUBTED])
+    )
+    found: dict[int, Misfit] = {}
+    first: Misfit | None = None
+    for number in looked_at:
         try:
-            small, beside = lr(number), hr(number)
-            strays = measure_strays(small, beside, scale)
-            if strays is None:
-                continue
-            looks = _find_turn(small, beside, scale, strays)
-            if looks:
-                return Misfit(frame=number, strays=strays, looks=looks, remedy=TURN_REMEDY)
-            other = _find_reading(small, beside, scale, number)
-            if other is not None:
-                return other
-            around = sorted(stored, key=lambda n: (abs(n - number), n))[: MOST_OTHERS + 1]
-            others = [
-                n for n in dict.fromkeys((*around, *looked_at)) if n in stored and n != number
-            ]
-            moved = _find_moment(small, hr, scale, number, others)
+            misfit = _judge_frame(lr, hr, number, scale, stored=stored, looked_at=looked_at)
         except FrameFolderError:
-            return doubt
-        if moved is not None:
-            return moved
-        if not told and strays > MOST_STRAYS:
-            doubt = Misfit(frame=number, strays=strays)
-        told = True
-    return doubt
+            break
+        if misfit is not None:
+            found[number] = misfit
+            first = misfit if first is None and misfit.looks else first
+    if first is None:
+        first = next(iter(found.values()), None)
+        if first is None or first.strays <= MOST_STRAYS:
+            return None
+        alike = [n for n, misfit in found.items() if misfit.strays > MOST_STRAYS]
+    else:
+        alike = [n for n, misfit in found.items() if misfit.looks and misfit.is_like(first)]
+    return replace(first, frames=tuple(sorted(alike)), looked_at=tuple(sorted(found)))
+
+
+def _judge_frame(
+    lr: Read,
+    hr: Read,
+    number: int,
+    scale: int,
+    *,
+    stored: Collection[int],
+    looked_at: Collection[int],
+) -> Misfit | None:
+    """How many samples of a frame stray, and how HR looks if that explains it; None if few tell."""
+    small, beside = lr(number), hr(number)
+    strays = measure_strays(small, beside, scale)
+    if strays is None:
+        return None
+    looks = _find_turn(small, beside, scale, strays)
+    if looks:
+        return Misfit(frame=number, strays=strays, looks=looks, remedy=TURN_REMEDY)
+    other = _find_reading(small, beside, scale, number)
+    if other is not None:
+        return other
+    around = sorted(stored, key=lambda n: (abs(n - number), n))[: MOST_OTHERS + 1]
+    others = [n for n in dict.fromkeys((*around, *looked_at)) if n in stored and n != number]
+    moved = _find_moment(small, hr, scale, number, others)
+    return moved or Misfit(frame=number, strays=strays)
 
 
 def _find_turn(lr: GBuffer, hr: GBuffer, scale: int, strays: float) -> str:

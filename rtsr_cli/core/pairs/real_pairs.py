@@ -167,10 +167,11 @@ class RealPairs:
         found = self._misfit
         if self.hr is None or found is None or not found.looks:
             return ""
+        remedy = f"{found.remedy}{_suggest_factor(found, self.lr, self.hr)}"
         return (
-            f"{self.hr.frames.root}: frame {found.frame}: beside {self.lr.frames.root}, HR looks "
-            f"{found.looks}: as it is, {found.strays:.1%} of the LR samples are unlike all HR "
-            f"pixels around them; {found.remedy}{_suggest_factor(found, self.lr, self.hr)}"
+            f"{self.hr.frames.root}: {found.where}: beside {self.lr.frames.root}, HR looks "
+            f"{found.looks}: as it is, {found.strays:.1%} of the LR samples of frame {found.frame} "
+            f"are unlike all HR pixels around them; {remedy}"
         )
 
     @property
@@ -180,9 +181,9 @@ class RealPairs:
         if self.hr is None or found is None or found.looks:
             return ""
         return (
-            f"LR and HR ({self.hr.frames.root}) hardly show one picture: in frame {found.frame} "
-            f"{found.strays:.0%} of the LR samples are unlike all HR pixels around them in "
-            f"{', '.join(self._compared)}; render both of one scene, with one camera"
+            f"LR and HR ({self.hr.frames.root}) hardly show one picture in {found.where}: "
+            f"{found.strays:.0%} of the LR samples of frame {found.frame} are unlike all HR pixels "
+            f"around them in {', '.join(self._compared)}; render both of one scene, with one camera"
         )
 
     @cached_property

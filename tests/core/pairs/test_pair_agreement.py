@@ -257,3 +257,23 @@ def test_what_cannot_be_read_is_left_to_who_reads_it() -> None:
 
     lr = keep(render(), 4, (2, 2))
     assert find_misfit(lambda number: lr, fail, [1], 4, stored=[1]) is None
+
+
+def test_frames_that_misfit_alike_are_named_among_those_looked_at() -> None:
+    hr = {n: render(n) for n in (1, 2, 3, 4, 5)}
+    lr = {n: keep(image, 4, (2, 2)) for n, image in hr.items()}
+    dims = TURNED["upside down"]
+    every = judge(lr, {n: flip(image, dims) for n, image in hr.items()})
+    assert every is not None
+    assert every.where == "all frames looked at (1, 3, 5)"
+    some = judge(lr, {n: flip(image, dims) if n in (3, 5) else image for n, image in hr.items()})
+    assert some is not None
+    assert some.frames == (3, 5)
+    assert some.where == "frames 3, 5 of those looked at (1, 3, 5)"
+    mixed = {n: flip(image, dims if n == 3 else (-1,)) for n, image in hr.items()}
+    one = judge(lr, mixed)
+    assert one is not None
+    assert one.where == "frame 3 of those looked at (1, 3, 5)"
+    alone = judge({3: lr[3]}, {3: flip(hr[3], dims)})
+    assert alone is not None
+    assert alone.where == "frame 3"

@@ -7,10 +7,14 @@ tell, they are unverified, and nothing else is measured by them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from rtsr_cli.core.captures.measuring.camera_evidence import CameraEvidence, mean_error
+from rtsr_cli.core.captures.measuring.camera_evidence import (
+    CameraEvidence,
+    Errors,
+    mean_error,
+)
 from rtsr_cli.core.captures.measuring.camera_hypotheses import (
     CameraReading,
     Cameras,
@@ -19,15 +23,21 @@ from rtsr_cli.core.captures.measuring.camera_hypotheses import (
 )
 from rtsr_cli.core.captures.measuring.camera_structure import (
     CameraMatrices,
+    Matrix4,
     are_mirrored,
     find_view_fault,
     is_sound,
 )
 from rtsr_cli.core.frames.camera_convention import CameraConvention, CameraWord
 from rtsr_cli.core.frames.camera_needs import say_frames
+from rtsr_cli.core.frames.selection import format_ranges
 
 ALIKE = 2.0
 """Of readings whose errors are within this factor of the best one's, the simplest is named."""
+
+
+LEAST_SAID = 1e-3
+"""Smaller errors are of the last digits, and said as none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +48,7 @@ class CameraFinding:
         unfit: why they are not used; empty if they are.
         declared: words of `[camera] convention` that would make them right; empty if none would.
         doubt: why they are unverified; empty if they are not.
+        disputed: whether that is because something does not agree with them.
         stuck: whether they are one frame's in all, though what is seen moves.
         strays: why those of single frames are in doubt; empty if none are.
         proofs: what agrees with them.
@@ -46,11 +57,14 @@ class CameraFinding:
         position_unit_m: metres in a unit of world positions, where they agree.
         certain: whether axes and order are proven, so that others may be measured by them.
         contradiction: what of another world does not agree with them; empty if nothing does.
+        normal_world: axes A under which normals stand on their surfaces, n . A; None where they do
+            as they are, or under none.
     """
 
     unfit: str = ""
     declared: str = ""
     doubt: str = ""
+    disputed: bool = False
     stuck: bool = False
     strays: str = ""
     proofs: tuple[str, ...] = ()
@@ -59,6 +73,7 @@ class CameraFinding:
     position_unit_m: float | None = None
     certain: bool = False
     contradiction: str = ""
+    normal_world: Matrix4 | None = None
 
     @property
     def fits(self) -> bool:
@@ -76,15 +91,26 @@ class _Trial:
     """How the readings fare before one kind of evidence."""
 
     evidence: CameraEvidence
-    own: float
+    errors: Errors
+    """Of the matrices as given."""
     pairs: Mapping[int, tuple[float, float]]
     """By index of the reading: its error, and that of the matrices as given on the same frames."""
     spread: frozenset[int] = frozenset()
     """Indices of the readings that are better in most of the frames, and not for one of them."""
 
     @property
+    def own(self) -> float:
+        return mean_error(self.errors.values())
+
+    @property
     def fits(self) -> bool:
         return self.own <= self.evidence.limit
+
+    @property
+    def wrong(self) -> list[int]:
+        """Numbers of the frames that do not fit; all where only the mean of them does not."""
+        apart = [n for n, error in self.errors.items() if error > self.evidence.limit]
+        return apart or list(self.errors)
 
     def is_better(self, index: int, *, backed: bool) -> bool:
         """Tell whether a reading fits where the matrices as given do not, by far.
@@ -114,6 +140,12 @@ class _Rival:
     index: int
     reading: CameraReading
 
+    def is_closer(self, other: _Rival) -> bool:
+        """Tell whether this one fits the same kind of evidence better, beyond doubt."""
+        error, rival = self.trial.pairs[self.index][0], other.trial.pairs[other.index][0]
+        same = self.trial.evidence.name == other.trial.evidence.name
+        return same and error + self.trial.evidence.slack < rival
+
     def describe(self) -> str:
         error, own = self.trial.pairs[self.index]
         return (
@@ -142,28 +174,48 @@ def check_cameras(
         of_lens: whether clip space is made of worldToCamera and a field of view.
     """
     readings = list_readings(given, step, of_lens=of_lens)
-    for number, matrices in given.items():
-        fault = _find_fault(matrices)
-        if fault:
-            chosen = _choose_sound(readings, evidence)
-            text = _describe_unfit(number, fault, chosen, convention)
-            return CameraFinding(unfit=text, declared=_list_words(chosen, convention))
+    faults = {number: fault for number, m in given.items() if (fault := _find_fault(m))}
+    if faults:
+        chosen = _choose_sound(readings, evidence)
+        fault = next(iter(faults.values()))
+        alike = [number for number, other in faults.items() if other == fault]
+        text = _describe_unfit(_say_of(alike, given), fault, chosen, convention)
+        return CameraFinding(unfit=text, declared=_list_words(chosen, convention))
     trials = _try_all(evidence, given, readings)
     errors = {t.evidence.name: t.own for t in trials}
     found = _find_rival(trials, readings)
-    if found is None and _is_world_doubtful(given, trials):
+    if found.reading.mirrors_world if found is not None else _is_world_doubtful(given, trials):
         worlds = list_worlds(given)
         tellers = [t.evidence for t in trials if t.evidence.tells_world]
         others = [t for t in trials if not t.evidence.tells_world]
-        found = _find_rival(_try_all(tellers, given, worlds), worlds, others)
+        other = _find_rival(_try_all(tellers, given, worlds), worlds, others)
+        if found is None or (other is not None and other.is_closer(found)):
+            found = other
     if found is not None:
-        text = _describe_unfit(min(given), "", found.reading, convention, found.describe())
+        where = _say_of(found.trial.wrong, found.trial.errors)
+        text = _describe_unfit(where, "", found.reading, convention, found.describe())
         declared = _list_words(found.reading, convention)
-        return CameraFinding(unfit=text, declared=declared, errors=errors)
-    lone = _find_lone(trials, given)
+        # where positions are of another world, too, normals alone mend nothing
+        alone = not any(t.evidence.tells_step and t.evidence.tells_world for t in trials)
+        world = found.reading.world if alone and found.trial.evidence.tells_world else None
+        return CameraFinding(unfit=text, declared=declared, errors=errors, normal_world=world)
+    lone = _find_lone(trials, given, [r for r in readings if r.of_neighbour])
     if lone:
         return CameraFinding(unfit=lone, errors=errors)
     return _judge_unopposed(given, readings, trials, errors, (*silent, *_list_too_few(evidence)))
+
+
+def check_normals(found: CameraFinding, given: Cameras, evidence: CameraEvidence) -> CameraFinding:
+    """Hold normals that matrices were not checked by against matrices that something agrees with.
+
+    Args:
+        found: of the matrices.
+        given: matrices of some frames.
+        evidence: the normals with depth.
+    """
+    if not found.fits or found.contradiction:
+        return found
+    return _add_contradiction(found, given, _try_all([evidence], given, ()))
 
 
 def _list_too_few(evidence: Sequence[CameraEvidence]) -> Iterator[str]:
@@ -214,13 +266,19 @@ def _try_readings(
             improved = [n for n in same if own[n] > errors[n] + evidence.slack]
             if 2 * len(improved) > len(same) or not same:
                 spread.add(index)
-    return _Trial(evidence=evidence, own=mean, pairs=pairs, spread=frozenset(spread))  # type: ignore[arg-type]
+    return _Trial(evidence=evidence, errors=own, pairs=pairs, spread=frozenset(spread))  # type: ignore[arg-type]
 
 
-def _find_lone(trials: Sequence[_Trial], given: Cameras) -> str:
+def _find_lone(trials: Sequence[_Trial], given: Cameras, shifted: Sequence[CameraReading]) -> str:
     """Say which frames' matrices fail where those of most frames agree; empty if none do.
 
-    Motion tells of two frames at once: one that has a part in what agrees is right.
+    Motion tells of two frames at once: one that has a part in what agrees is right, or all of those
+    are the next ones'.
+
+    Args:
+        trials: the strongest first.
+        given: the matrices.
+        shifted: readings that take them for those of the frames beside.
     """
     for trial in trials:
         evidence = trial.evidence
@@ -236,9 +294,15 @@ def _find_lone(trials: Sequence[_Trial], given: Cameras) -> str:
         lone = [n for n, told in parts.items() if told & wrong and not told & agreeing]
         if lone:
             worst, usual = (mean_error(own[n] for n in part) for part in (wrong, agreeing))
+            beside = [evidence.measure(r.cameras, closely=False) for r in shifted]
+            open_ = any(
+                told and mean_error(told) <= evidence.limit
+                for told in ([e[n] for n in agreeing & e.keys()] for e in beside)
+            )
+            others = " (or are all a neighbouring frame's)" if open_ else ""
             return (
                 f"the camera matrices are not used: those of {say_frames(lone)} do not agree with "
-                f"what is seen, though those of the other frames do (by {evidence.name}, "
+                f"what is seen, though those of the other frames do{others} (by {evidence.name}, "
                 f"{_format(worst, trial)} there and {_format(usual, trial)} elsewhere): matrices "
                 f"of another frame, or an axis flipped? {OTHER_FRAME.capitalize()}"
             )
@@ -263,10 +327,12 @@ def _find_rival(
         above = [*others, *trials[:number]]
         stronger = [t for t in above if t.fits]
         backed = 0 < len(stronger) == len(above)
+        # the others know nothing of these readings, and number others alike
+        telling = [t for t in trials[:number] if t.fits]
         better = [
             i
             for i in range(len(readings))
-            if trial.is_better(i, backed=backed) and not any(t.is_worse(i) for t in stronger)
+            if trial.is_better(i, backed=backed) and not any(t.is_worse(i) for t in telling)
         ]
         if better:
             chosen = _choose_simplest(trial, better)
@@ -309,47 +375,51 @@ def _judge_unopposed(
     if not proofs or not told or not trials[0].fits:
         doubt = " ".join(_describe_doubt(trials, silent, mirrored=mirrored, resting=_rest(given)))
         stuck = _rest(given) and any(t.evidence.tells_step and not t.fits for t in trials)
-        return CameraFinding(doubt=doubt, stuck=stuck, errors=errors)
+        disputed = any(not t.fits for t in trials)
+        return CameraFinding(doubt=doubt, disputed=disputed, stuck=stuck, errors=errors)
     if mirrored and any(not readings[i].mirrors_world for i in own):
         # what agrees as well with a camera that does not mirror speaks for that one
         doubt = " ".join(_describe_mirrored(proofs, [readings[i] for i in own]))
-        return CameraFinding(
-            doubt=doubt, errors=errors, contradiction=_find_contradiction(given, trials)
-        )
+        return _add_contradiction(CameraFinding(doubt=doubt, errors=errors), given, trials)
     undecided = dict.fromkeys(_shorten(readings[i]) for i in (*own, *open_))
     if _rest(given) and not any(t.evidence.tells_step for t in proofs):
         # where one camera is in all frames, no neighbour's is another reading
         undecided[OF_NEIGHBOUR] = None
     if _rest(given) and not any(t.evidence.tells_lens for t in proofs):
         undecided[OF_OTHER_LENS] = None
-    return CameraFinding(
+    found = CameraFinding(
         proofs=tuple(t.evidence.name for t in proofs),
         undecided=tuple(undecided),
         errors=errors,
         certain=not own,
-        contradiction=_find_contradiction(given, trials),
     )
+    return _add_contradiction(found, given, trials)
 
 
-def _find_contradiction(given: Cameras, trials: Sequence[_Trial]) -> str:
-    """Say what would stand in another world by far better; empty where nothing would."""
+def _add_contradiction(
+    found: CameraFinding, given: Cameras, trials: Sequence[_Trial]
+) -> CameraFinding:
+    """Say what would stand in another world by far better, and in which, if anything would."""
     for trial in trials:
         if trial.fits or not trial.evidence.tells_world:
             continue
         worlds = list_worlds(given)
         errors = [
-            mean_error(trial.evidence.measure(w.cameras, closely=True).values()) for w in worlds
+            mean_error(trial.evidence.measure(w.cameras, closely=False).values()) for w in worlds
         ]
         best = min(errors, default=math.inf)
         if best <= trial.evidence.limit and ALIKE * best < trial.own:
-            return (
-                f"{trial.evidence.name} of {say_frames(given)} do not agree with the camera "
+            world = worlds[errors.index(best)]
+            text = (
+                f"{trial.evidence.name} of {say_frames(trial.errors)} do not agree with the camera "
                 f"matrices ({_format(trial.own, trial)} as given, {_format(best, trial)} where "
-                f"matrices are {worlds[errors.index(best)].text}): axes of the world swapped or "
+                f"matrices are {world.text}): axes of the world swapped or "
                 "negated between normals and cameras? Angles of view, which demodulation divides "
                 f"by, would be wrong; {OTHER_WORLD}"
             )
-    return ""
+            of_normals = None if trial.evidence.tells_step else world.world
+            return replace(found, contradiction=text, normal_world=of_normals)
+    return found
 
 
 def _describe_mirrored(proofs: Sequence[_Trial], others: Sequence[CameraReading]) -> Iterator[str]:
@@ -387,7 +457,7 @@ def _describe_doubt(
 ) -> Iterator[str]:
     apart = [t for t in trials if not t.fits]
     if apart:
-        listed = "; ".join(f"{t.evidence.name}: {_format(t.own, t)}" for t in apart)
+        listed = "; ".join(_say_apart(t) for t in apart)
         yield f"{UNVERIFIED}: what the frames show does not agree with them ({listed})."
         if resting and any(t.evidence.tells_step for t in apart):
             yield (
@@ -408,12 +478,33 @@ def _describe_doubt(
     yield NOTHING_MEASURED
 
 
+def _say_apart(trial: _Trial) -> str:
+    """Say by how much one kind of evidence is off, and in which of the frames looked at."""
+    wrong = trial.wrong
+    right = [n for n in trial.errors if n not in wrong]
+    off = _format(mean_error(trial.errors[n] for n in wrong), trial)
+    said = f"{trial.evidence.name}: {off} in {_say_of(wrong, trial.errors)}"
+    if not right:
+        return said
+    return f"{said}; {_format(mean_error(trial.errors[n] for n in right), trial)} in " + say_frames(
+        right
+    )
+
+
+def _say_of(numbers: Sequence[int], looked_at: Iterable[int]) -> str:
+    """Name frames, and say where they are all that are known."""
+    every = len(numbers) > 1 and set(looked_at) <= set(numbers)
+    return f"all frames looked at ({format_ranges(numbers)})" if every else say_frames(numbers)
+
+
 def _format(error: float, trial: _Trial) -> str:
-    return "behind the camera" if error >= 1e8 else f"{error:.3g} {trial.evidence.unit}"
+    if error >= 1e8:
+        return "behind the camera"
+    return f"{error if error >= LEAST_SAID else 0:.3g} {trial.evidence.unit}"
 
 
 def _describe_unfit(
-    number: int,
+    where: str,
     fault: str,
     reading: CameraReading | None,
     convention: CameraConvention,
@@ -422,7 +513,7 @@ def _describe_unfit(
     """One message: what is wrong with the matrices, what they look like, the remedy."""
     said = f" (read as declared: {convention})" if convention.words else ""
     looks = () if reading is None else (f"worldToCamera looks {_word_look(reading)}",)
-    first = f"the camera matrices of frame {number} are not used{said}: "
+    first = f"the camera matrices of {where} are not used{said}: "
     found = ": ".join((*looks, fault or proof))
     remedy = OTHER_WORLD if reading is not None and reading.mirrors_world else OWN
     remedy = OTHER_FRAME if reading is not None and reading.of_neighbour else remedy

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
@@ -51,8 +51,9 @@ def _follow_finding(
         reader = settled.reader.without_matrices(unfit)
         settled = replace(_hold_finding(settled, replace(found, unfit=unfit)), reader=reader)
         return add_warning(settled, f"{unfit}; {REFUSED}")
-    if found.certain:
-        settled = replace(settled, reader=replace(settled.reader, camera_certain=True))
+    doubt = found.doubt if found.disputed else ""
+    reader = replace(settled.reader, camera_certain=found.certain, camera_doubt=doubt)
+    settled = replace(settled, reader=reader)
     strays = "" if run is None or not leads else _find_strays(settled.reader, run)
     if strays:
         settled = add_warning(_hold_finding(settled, replace(found, strays=strays)), strays)
@@ -126,8 +127,25 @@ def share_verdicts(
             r if r.camera_unfit or r.camera_certain else r.without_matrices(unfit) for r in (lr, hr)
         )
         return lr, hr
-    differing = _describe_apart(lr, hr)
-    return lr, replace(hr, warnings=(*hr.warnings, differing)) if differing else hr
+    said = (_describe_apart(lr, hr), *_describe_dispute(lr, hr))
+    return lr, replace(hr, warnings=(*hr.warnings, *(text for text in said if text)))
+
+
+def _describe_dispute(lr: FrameReader, hr: FrameReader) -> Iterator[str]:
+    """Say why the cameras of one resolution are in doubt, and those of the other are not."""
+    if hr.camera_doubt and not lr.camera_doubt:
+        yield hr.camera_doubt
+        why = (
+            "agree with theirs: what is small there may hide what is wrong here"
+            if lr.camera_certain
+            else "do not tell"
+        )
+        yield f"the cameras are in doubt by what the HR frames show; the LR frames {why}"
+    if lr.camera_doubt and hr.camera_certain:
+        yield (
+            "the cameras are in doubt by what the LR frames show, though the HR frames agree with "
+            "theirs: files of LR may be what is wrong"
+        )
 
 
 def _describe_apart(lr: FrameReader, hr: FrameReader) -> str:

@@ -45,6 +45,7 @@ class CameraReading:
         mirrors_world: the world is of another handedness, or of other axes, which only positions
             and normals tell.
         of_neighbour: they belong to another frame.
+        world: axes A of other ways to name the world's, p_given = p_world . A; None of others.
     """
 
     text: str
@@ -53,6 +54,7 @@ class CameraReading:
     mirrors_world: bool = False
     of_neighbour: bool = False
     undoes: tuple[CameraWord, ...] = ()
+    world: Matrix4 | None = None
 
 
 def _invert(matrix: Matrix4) -> Matrix4:
@@ -123,6 +125,7 @@ def list_worlds(given: Cameras) -> list[CameraReading]:
             text=_name_world(axes),
             cameras={n: CameraMatrices(axes @ m.view, axes @ m.ndc) for n, m in given.items()},
             mirrors_world=True,
+            world=axes,
         )
         for axes in sorted(SIGNED_AXES[1:], key=measure_oddness)
     ]
@@ -204,7 +207,7 @@ def _list_axes(
     )
     for name, world in _WORLD_AXES:
         turned = {n: CameraMatrices(world @ m.view, world @ m.ndc) for n, m in cameras.items()}
-        yield CameraReading(text=name, cameras=_keep_sound(turned), mirrors_world=True)
+        yield CameraReading(text=name, cameras=_keep_sound(turned), mirrors_world=True, world=world)
 
 
 def _turn_camera(

@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from torch import Tensor
 
-from rtsr_cli.core.captures.measuring.camera_check import CameraFinding, check_cameras
+from rtsr_cli.core.captures.bound_channels import BoundBuffer
+from rtsr_cli.core.captures.measuring.camera_check import (
+    CameraFinding,
+    check_cameras,
+    check_normals,
+)
 from rtsr_cli.core.captures.measuring.camera_evidence import (
     MOST_SURFACE_PIXELS,
     CameraEvidence,
@@ -20,14 +26,17 @@ from rtsr_cli.core.captures.measuring.camera_evidence import (
     thin,
 )
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras, list_worlds
-from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
+from rtsr_cli.core.captures.measuring.camera_rounding import measure_rounding
+from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices, Matrix4
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry, ThinnedFrame
-from rtsr_cli.core.captures.measuring.normal_finder import unpack_normals
+from rtsr_cli.core.captures.measuring.normal_finder import find_packing, unpack_normals
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.conventions import Conventions
 from rtsr_cli.core.frames.motion import MotionConvention
+from rtsr_cli.core.frames.vector_length import vector_length
+from rtsr_cli.core.shapes import Vector3
 
 Stored = Mapping[int, Mapping[Buffer, Tensor]]
 
@@ -71,7 +80,8 @@ def check_reader_cameras(
     given = list_matrices(reader, tuple(stored))
     if not given:
         return None
-    normals, silent = _gather_normals(reader, stored, presumed, given)
+    buffers = [b for b in (Buffer.GEONORMAL, Buffer.NORMAL) if b in reader.stored]
+    normals, silent = _gather_normals(reader, stored, presumed, given, buffers[:1])
     evidence = (
         *_gather_positions(reader, stored, presumed, given),
         *_gather_motion(reader, stored, presumed, motions, given),
@@ -85,9 +95,57 @@ def check_reader_cameras(
         silent=silent,
         of_lens=all(reader.cameras[n].of_lens for n in given),
     )
+    found = _declare_normals(found, reader, stored, buffers)
+    shading, _ = _gather_normals(reader, stored, presumed, given, buffers[1:])
+    if shading and found.normal_world is None:
+        found = _declare_normals(
+            check_normals(found, given, shading[0]), reader, stored, buffers[1:]
+        )
     units = [e.units[0] for e in evidence if isinstance(e, PositionEvidence)]
     proven = found.fits and PositionEvidence.name in found.proofs
     return replace(found, position_unit_m=units[0]) if proven else found
+
+
+def _declare_normals(
+    found: CameraFinding, reader: FrameReader, stored: Stored, normals: Sequence[Buffer]
+) -> CameraFinding:
+    """Add the lines that make normals fit the matrices as given, where axes do."""
+    if found.normal_world is None:
+        return found
+    held = next(iter(stored.values()))
+    lines = (
+        f"{buffer} = [{', '.join(turned)}]"
+        for buffer in normals
+        if (turned := write_turned(reader.binding[buffer], found.normal_world, held[buffer]))
+    )
+    said = "; ".join(lines)
+    if not said:
+        return found
+    text = f"; or, if the matrices are right, [buffers] of capture.toml: {said}"
+    if found.unfit:
+        return replace(found, unfit=found.unfit + text)
+    return replace(found, contradiction=found.contradiction + text)
+
+
+def write_turned(bound: BoundBuffer, axes: Matrix4, stored: Vector3) -> list[str]:
+    """Write the components of n . A as `[buffers]` takes them; none where they are no channels.
+
+    Args:
+        bound: what n is made of.
+        axes: A, each row of which has one entry of 1 or -1.
+        stored: n, as stored; where (n + 1) / 2 is, an axis is negated by 1 - x.
+    """
+    if not bound.is_as_stored or len(bound) != 3:
+        return []
+    packed = find_packing(stored)
+    written = []
+    for column in axes[:3, :3].T:
+        row = int(np.abs(column).argmax())
+        turned = BoundBuffer((bound.components[row],))
+        if column[row] < 0.0:
+            turned = turned.multiplied(-1.0, 1.0 if packed else 0.0)
+        written.append(f'"{turned.describe(streams=True)}"')
+    return written
 
 
 def _make_geometry(
@@ -114,8 +172,7 @@ def _gather_positions(
     thinning = next(iter(thinned.values()))[1]
     units = list_units(presumed.metres_per_position)
     evidence = PositionEvidence(frames=frames, units=units, thinning=thinning)
-    unit = evidence.choose_unit(given)
-    return [replace(evidence, units=list_units(unit))]
+    return [evidence.hold(given)]
 
 
 def _gather_motion(
@@ -128,15 +185,23 @@ def _gather_motion(
     if not {Buffer.MOTION, Buffer.DEPTH} <= reader.stored or not motions:
         return []
     frames: dict[MotionConvention, dict[int, StoredGeometry]] = {}
+    roundings: dict[MotionConvention, float] = {}
     thinning = 1
-    for motion in motions[:MOST_READINGS]:
+    # what may hold as it is read is not left out for what fits pictures a little better
+    plain = replace(presumed.motion, jittered=False, jitter_inverted=False)
+    own = [motion for motion in motions if motion in {plain, presumed.motion}]
+    for motion in dict.fromkeys((*own, *motions[:MOST_READINGS])):
         frames[motion] = {}
         for number, buffers in stored.items():
             source = number + motion.file_offset * reader.step
             if source not in stored:
                 continue
             geometry = _make_geometry(reader, number, buffers, Buffer.DEPTH)
-            vectors = motion.pixels(stored[source][Buffer.MOTION], reader.view.display, dim=1)
+            file = stored[source][Buffer.MOTION]
+            vectors = motion.pixels(file, reader.view.display, dim=1)
+            off = motion.pixels(file + measure_rounding(file), reader.view.display, dim=1) - vectors
+            far = float(vector_length(off).nanmedian())
+            roundings[motion] = max(roundings.get(motion, 0.0), far)
             other = number + (reader.step if motion.direction.to_next else -reader.step)
             previous = reader.cameras[other] if other in given else geometry.camera
             moved = replace(geometry, motion_px=vectors, position=None, previous=previous)
@@ -146,24 +211,34 @@ def _gather_motion(
         step=reader.step,
         depths=list_likely_depths(presumed.depth),
         thinning=thinning,
+        roundings_px=roundings,
     )
     return [evidence.hold(given)]
 
 
 def _gather_normals(
-    reader: FrameReader, stored: Stored, presumed: Conventions, given: Cameras
+    reader: FrameReader,
+    stored: Stored,
+    presumed: Conventions,
+    given: Cameras,
+    buffers: Sequence[Buffer],
 ) -> tuple[list[CameraEvidence], tuple[str, ...]]:
-    """Normals and depths; where the normals are of the camera's own axes, why they tell nothing."""
-    buffer = Buffer.GEONORMAL if Buffer.GEONORMAL in reader.stored else Buffer.NORMAL
-    if not {buffer, Buffer.DEPTH} <= reader.stored:
+    """Normals and depths; where the normals are of the camera's own axes, why they tell nothing.
+
+    Args:
+        reader, stored, presumed, given: as for `check_reader_cameras`.
+        buffers: the normals, one buffer; or none.
+    """
+    if not buffers or Buffer.DEPTH not in reader.stored:
         return [], ()
+    (buffer,) = buffers
     frames, normals = {}, {}
-    for number, buffers in list(stored.items())[-MOST_NORMAL_FRAMES:]:
-        unit = unpack_normals(buffers[buffer])
+    for number, held in list(stored.items())[-MOST_NORMAL_FRAMES:]:
+        unit = unpack_normals(held[buffer])
         if unit is None:
             continue
         frames[number], thinning = thin(
-            _make_geometry(reader, number, buffers, Buffer.DEPTH), MOST_SURFACE_PIXELS
+            _make_geometry(reader, number, held, Buffer.DEPTH), MOST_SURFACE_PIXELS
         )
         normals[number] = ThinnedFrame(thinning).image(unit)
     if not frames:

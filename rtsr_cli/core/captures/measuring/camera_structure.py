@@ -49,6 +49,10 @@ class CameraMatrices:
             return np.full((4, 4), np.nan)
         return projection
 
+    def equals(self, other: CameraMatrices) -> bool:
+        """Tell whether these are the very same numbers: a camera that moves changes some."""
+        return np.array_equal(self.view, other.view) and np.array_equal(self.ndc, other.ndc)
+
     @cached_property
     def digits(self) -> bytes:
         """The same for matrices that differ by rounding alone, as good as always."""

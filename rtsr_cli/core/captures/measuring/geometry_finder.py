@@ -269,16 +269,41 @@ def measure_motion_error(frame: StoredGeometry, reading: DepthConvention) -> flo
     A constant difference of at most `LARGEST_OFFSET_PX` is taken out: vectors may contain jitter.
     """
     metres = read_metres(frame, reading)
-    world = None if metres is None else unproject_depth(metres, frame.camera, frame.view)
-    if metres is None or world is None or frame.motion_px is None:
-        return None
-    then = project_points(world, frame.previous, frame.view)
-    if then is None:
+    then = None if metres is None else _carry(metres, frame)
+    if metres is None or then is None or frame.motion_px is None:
         return None
     size = (metres.shape[-2], metres.shape[-1])
     predicted = then - sample_positions(size, frame.camera.jitter_px)
     valid = find_surface(frame, metres)
     return measure_offset_error(predicted - frame.motion_px, valid, frame.thinned)
+
+
+def _carry(metres: Plane, frame: StoredGeometry) -> Tensor | None:
+    """Where what a frame shows lies in the previous one, pixels."""
+    world = unproject_depth(metres, frame.camera, frame.view)
+    return None if world is None else project_points(world, frame.previous, frame.view)
+
+
+def measure_depth_effect(
+    frame: StoredGeometry, reading: DepthConvention, off: Plane
+) -> float | None:
+    """Median pixels by which other depths change where points lie in the previous frame.
+
+    Args:
+        frame: with depth.
+        reading: of the depth.
+        off: added to depth as stored.
+    """
+    metres = read_metres(frame, reading)
+    changed = read_metres(replace(frame, depth=frame.depth + off), reading)
+    if metres is None or changed is None:
+        return None
+    then, there = _carry(metres, frame), _carry(changed, frame)
+    if then is None or there is None:
+        return None
+    lengths = vector_length(there - then)[find_surface(frame, metres)]
+    known = lengths[torch.isfinite(lengths)]
+    return float(known.median()) if known.numel() >= LEAST_POINTS else None
 
 
 def measure_offset_error(difference: MotionPx, valid: Tensor, thinned: int = 1) -> float | None:

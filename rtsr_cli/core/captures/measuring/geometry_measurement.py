@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from torch import Tensor
@@ -20,6 +20,7 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
 )
 from rtsr_cli.core.captures.measuring.jitter_finder import find_jitter
 from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
+from rtsr_cli.core.captures.measuring.motion_choices import write_motion
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import Buffer
@@ -63,27 +64,79 @@ def add_geometry(
         GEOMETRY_RATIO * errors[1], errors[1] - LEAST_APART_PX
     )
     chosen = measured.by_geometry or (ranked[0] if clear else None)
-    if measured.by_geometry is None and chosen is not None and _may_be_neighbours(camera, chosen):
-        # depth that is measured along the same matrices is no better founded
-        doubted = replace(measured, camera=_doubt(camera, chosen))
-        return _add_jitter(reader, doubted, presumed.motion)
-    along = moved.get(chosen or ties[0], DepthFinding()) if ties else DepthFinding()
+    open_ = measured.by_geometry is None and OF_NEIGHBOUR in camera.undecided
+    if open_ and chosen is not None and chosen.convention != _plain(presumed.motion):
+        other = _find_other(reader, few, presumed.depth, moved, chosen)
+        if other is not None:
+            # depth that is measured along the same matrices is no better founded
+            doubted = replace(measured, camera=_doubt(camera, chosen, other))
+            return _add_jitter(reader, doubted, presumed.motion)
+    lead = chosen or _choose_lead(ranked, errors, presumed.motion)
+    along = moved.get(lead, DepthFinding()) if ties and lead is not None else DepthFinding()
     depth = placed if placed.best is not None else along
     return _add_jitter(reader, replace(measured, by_geometry=chosen, depth=depth), presumed.motion)
 
 
-def _may_be_neighbours(camera: CameraFinding, chosen: MotionCandidate) -> bool:
-    """Tell whether matrices of the frame beside it favour the same vectors of another file."""
-    return OF_NEIGHBOUR in camera.undecided and chosen.convention.file_offset != 0
+def _plain(motion: MotionConvention) -> MotionConvention:
+    return replace(motion, jittered=False, jitter_inverted=False)
 
 
-def _doubt(camera: CameraFinding, chosen: MotionCandidate) -> CameraFinding:
-    """Take matrices for unverified that agree with vectors of another file alone."""
+def _choose_lead(
+    ranked: Sequence[MotionCandidate], errors: Sequence[float], presumed: MotionConvention
+) -> MotionCandidate | None:
+    """The reading that depth is measured along where none stands alone: the presumed one, if left.
+
+    Vectors by which everything moves far less than it does would make all depths far.
+    """
+    left = [
+        c
+        for c, error in zip(ranked, errors, strict=True)
+        if error <= max(errors[0] / GEOMETRY_RATIO, errors[0] + LEAST_APART_PX)
+    ]
+    own = (c for c in left if c.convention == _plain(presumed))
+    return next(own, left[0] if left else None)
+
+
+def _find_other(
+    reader: FrameReader,
+    stored: Mapping[int, Mapping[Buffer, Tensor]],
+    presumed: DepthConvention,
+    moved: Mapping[MotionCandidate, DepthFinding],
+    chosen: MotionCandidate,
+) -> MotionConvention | None:
+    """A reading that would fit as well if the matrices were those of the frames beside; or None.
+
+    Matrices of the frame before favour vectors of the other sense, and where a camera speeds up
+    those of a neighbour favour another unit.
+    """
+    if chosen.convention.file_offset:
+        return replace(chosen.convention, file_offset=0)
+    most = (_format_error(moved[chosen]) + LEAST_APART_PX) / GEOMETRY_RATIO
+    around = {n + offset for n in stored for offset in (-reader.step, 0, reader.step)}
+    cameras = {n: reader.cameras[n] for n in around & {*reader.cameras}}
+    for offset in (reader.step, -reader.step):
+        turned = {n: cameras[n + offset] for n in cameras if n + offset in cameras}
+        beside = replace(reader, cameras=turned)
+        frames = {n: buffers for n, buffers in stored.items() if n in turned}
+        for other in moved:
+            if other is not chosen and not other.convention.file_offset:
+                found = _find_depth(beside, frames, presumed, motion=other.convention)
+                if _format_error(found) < most:
+                    return other.convention
+    return None
+
+
+def _doubt(
+    camera: CameraFinding, chosen: MotionCandidate, other: MotionConvention
+) -> CameraFinding:
+    """Take matrices for unverified that agree with another reading if they are a neighbour's."""
     names = " and ".join(camera.proofs)
     text = (
-        f"{UNVERIFIED}: by {names} they fit motion that is {chosen.convention}, which matrices of "
-        "a neighbouring frame do as well. Motion stays as it is without them: write each frame's "
-        f"own matrices, or declare [motion] file_offset in capture.toml. {NOTHING_MEASURED}"
+        f"{UNVERIFIED}: by {names} they fit motion that is {chosen.convention}, and matrices of a "
+        f"neighbouring frame would fit motion that is {other} as well. Motion stays as it is "
+        "without them: write each frame's own matrices, or, if they are, declare "
+        f"{write_motion(chosen.convention, shifted=bool(chosen.convention.file_offset))} at the "
+        f"head of capture.toml. {NOTHING_MEASURED}"
     )
     return replace(camera, proofs=(), undecided=(), certain=False, doubt=text)
 

@@ -200,8 +200,9 @@ def _measure_group(
     if Buffer.DEPTH in reader.stored:
         measured = replace(measured, median_depth=find_median_depth(stored[last][Buffer.DEPTH]))
     if Buffer.NORMAL in reader.stored:
-        # by a camera that nothing proves, world space would be told from view space at random
-        certain = placed is not None and placed.certain
+        # by a camera that nothing proves, world space would be told from view space at random; and
+        # normals of another world face the camera in neither
+        certain = placed is not None and placed.certain and placed.normal_world is None
         camera = reader.cameras[last] if certain else drop_matrices(reader.cameras[last])
         normal = find_normals(surfaces[last][Buffer.NORMAL], camera, reader.view)
         measured = replace(measured, normal=normal)

@@ -32,7 +32,7 @@ from rtsr_cli.core.frames.camera_convention import (
     StoredMatrices,
     matrices_to_memory,
 )
-from rtsr_cli.core.frames.conventions import DepthConvention
+from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind
 from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.frames.vector_length import normalize_vectors
 
@@ -603,3 +603,206 @@ def test_normals_of_another_world_that_refuse_no_matrices_are_named(
     assert "normals with depth of frames 1-4 do not agree" in found.contradiction
     assert "x, z, y" in found.contradiction
     assert not check(rough, room.cameras, "motion", "normals").contradiction
+
+
+SHORT = MotionConvention(scale=0.1)
+
+
+def make_vectors(
+    vectors: Mapping[int, torch.Tensor], scales: Mapping[MotionConvention, float], **options: Any
+) -> VectorEvidence:
+    """Vectors of the room's frames, by readings that differ in a factor."""
+    frame = StoredGeometry(
+        depth=torch.full((1, 1, *SIZE), 4.0) + torch.rand(1, 1, *SIZE),
+        motion_px=None,
+        position=None,
+        camera=CameraMetadata(),
+        previous=CameraMetadata(),
+        view=VIEW,
+    )
+    return VectorEvidence(
+        frames={
+            motion: {n: replace(frame, motion_px=scale * v) for n, v in vectors.items()}
+            for motion, scale in scales.items()
+        },
+        step=1,
+        depths=list_likely_depths(DepthConvention()),
+        thinning=1,
+        **options,
+    )
+
+
+def check_still(room: Room, evidence: VectorEvidence) -> CameraFinding:
+    still = dict.fromkeys(room.cameras, room.cameras[1])
+    return check_cameras(still, (evidence.hold(still),), step=1, convention=CameraConvention())
+
+
+def test_vectors_that_may_be_short_agree_with_no_camera_that_rests(room: Room) -> None:
+    """What moves by 0.3 px moves by 0.03 px in another reading that pictures do not rule out."""
+    torch.manual_seed(1)
+    vectors = {n: 0.3 * torch.randn(1, 2, *SIZE).sign() for n in (2, 3, 4)}
+    for scales in ({MotionConvention(): 1.0, SHORT: 0.1}, {SHORT: 0.1, MotionConvention(): 1.0}):
+        found = check_still(room, make_vectors(vectors, scales))
+        assert found.stuck
+        assert found.disputed
+        assert not found.fits
+        assert "all frames looked at (2-4)" in found.doubt
+
+
+def test_a_camera_rests_though_most_of_the_picture_moves(room: Room) -> None:
+    vectors = {n: torch.zeros(1, 2, *SIZE) for n in (2, 3, 4)}
+    for image in vectors.values():
+        image[..., : SIZE[1] * 7 // 10] = torch.randn(2, 1, SIZE[1] * 7 // 10)
+    found = check_still(room, make_vectors(vectors, {MotionConvention(): 1.0}))
+    assert not found.doubt or not found.stuck
+    assert not found.disputed
+
+
+@pytest.mark.parametrize(("shifts", "stuck"), [((0.3, 0.3, 0.3), True), ((0.3, -0.2, 0.1), False)])
+def test_a_pan_under_one_camera_is_named_and_jitter_tells_nothing(
+    room: Room, shifts: tuple[float, ...], stuck: bool
+) -> None:
+    vectors = {
+        n: torch.tensor([shift, 0.5 * shift]).view(1, 2, 1, 1).expand(1, 2, *SIZE)
+        for n, shift in zip((2, 3, 4), shifts, strict=True)
+    }
+    found = check_still(room, make_vectors(vectors, {MotionConvention(): 1.0}))
+    assert found.stuck == stuck
+    assert not found.fits
+    assert "unverified" in found.doubt
+
+
+def test_coarse_vectors_are_held_to_their_digits(room: Room) -> None:
+    """Right matrices, and vectors in steps of 0.8 px: as UV of half floats around 0.5."""
+    moved = {n: f for n, f in room.frames.items() if f.motion_px is not None}
+    coarse = {n: replace(f, motion_px=(f.motion_px / 0.8).round() * 0.8) for n, f in moved.items()}  # type: ignore[operator]
+    evidence = VectorEvidence(
+        frames={MotionConvention(): coarse},
+        step=1,
+        depths=list_likely_depths(DepthConvention()),
+        thinning=1,
+    )
+    assert max(evidence.measure(room.cameras, closely=False).values()) > evidence.limit
+    known = replace(evidence, roundings_px={MotionConvention(): 0.4})
+    right = check_cameras(
+        room.cameras, (known.hold(room.cameras),), step=1, convention=CameraConvention()
+    )
+    assert right.fits
+    # where little more than rounding is left of what moves, nothing is told
+    blind = replace(evidence, roundings_px={MotionConvention(): 1.2})
+    assert not blind.measure(room.cameras, closely=False)
+
+
+def test_coarse_depths_are_held_to_their_digits(room: Room) -> None:
+    """Device depths of half floats, near 1 where surfaces are far."""
+    device = DepthConvention(kind=DepthKind.DEVICE)
+    frames = {}
+    for number, frame in room.frames.items():
+        if frame.motion_px is not None:
+            # P of the room: z = d - 0.1, w = d
+            stored = 1.0 - 0.1 / frame.depth
+            frames[number] = replace(frame, depth=stored.half().float())
+    evidence = VectorEvidence(
+        frames={MotionConvention(): frames}, step=1, depths=(device,), thinning=1
+    ).hold(room.cameras)
+    assert evidence.depth_px > 0.01
+    fine = VectorEvidence(
+        frames={MotionConvention(): {n: room.frames[n] for n in frames}},
+        step=1,
+        depths=(DepthConvention(),),
+        thinning=1,
+    ).hold(room.cameras)
+    assert fine.depth_px < 1e-3
+
+
+def test_positions_that_fit_one_frame_closely_fit_all_of_them_so(room: Room) -> None:
+    """A slow camera, and the first frame's matrices in all: less than a pixel is off."""
+    slow = {n: make_camera(1.0 + 0.3 * (n - 1)) for n in FRAMES}  # type: ignore[arg-type]
+    frames = {
+        n: replace(room.frames[n], position=torch.from_numpy(cast(camera)[0]).float()[None])
+        for n, camera in slow.items()
+    }
+    evidence = PositionEvidence(frames=frames, units=list_units(1.0), thinning=1)
+    given = dict.fromkeys(slow, slow[1])
+    errors = evidence.measure(given, closely=False)
+    assert 0.1 < max(errors.values()) < 0.75
+    found = check_cameras(given, (evidence.hold(given),), step=1, convention=CameraConvention())
+    assert found.stuck
+    assert "0 px from their pixels in frame" in found.doubt
+    right = check_cameras(slow, (evidence.hold(slow),), step=1, convention=CameraConvention())
+    assert right.fits
+
+
+def test_samples_anywhere_in_their_pixels_are_no_other_frames(room: Room) -> None:
+    torch.manual_seed(4)
+    frames = {}
+    for number, camera in room.cameras.items():
+        position = torch.from_numpy(cast(camera)[0]).float()[None]
+        right, down = (
+            (position - position.roll(-1, dim)).abs().clamp(max=0.1)
+            * (torch.rand(1, 1, *SIZE) - 0.5)
+            for dim in (3, 2)
+        )
+        frames[number] = replace(room.frames[number], position=position + right + down)
+    evidence = PositionEvidence(frames=frames, units=list_units(1.0), thinning=1)
+    held = evidence.hold(room.cameras)
+    assert held.least > 0.05
+    found = check_cameras(room.cameras, (held,), step=1, convention=CameraConvention())
+    assert found.fits
+
+
+def test_half_positions_are_held_to_their_digits(room: Room) -> None:
+    far = 2000.0
+    frames, cameras = {}, {}
+    for number, camera in room.cameras.items():
+        move = np.eye(4)
+        move[3, 0] = -far
+        cameras[number] = CameraMatrices(move @ camera.view, move @ camera.ndc)
+        position = room.frames[number].position
+        assert position is not None
+        moved = position + torch.tensor([far, 0.0, 0.0]).view(1, 3, 1, 1)
+        frames[number] = replace(room.frames[number], position=moved.half().float())
+    evidence = PositionEvidence(frames=frames, units=list_units(1.0), thinning=1).hold(cameras)
+    assert evidence.rounding_px > 0.75
+    found = check_cameras(cameras, (evidence,), step=1, convention=CameraConvention())
+    assert found.fits
+
+
+def test_the_world_that_normals_are_of_is_named_whatever_motion_says(room: Room) -> None:
+    """Readings of the camera's axes, which motion rules out, are none of the world's; and of worlds
+    the one that fits best is named, not one that mirrors and fits a little better than as given."""
+    for turn in (
+        np.eye(4)[[0, 2, 1, 3]] @ np.diag([1.0, -1.0, 1.0, 1.0]),
+        np.eye(4)[[2, 0, 1, 3]],
+        np.diag([1.0, -1.0, -1.0, 1.0]),
+    ):
+        given = {n: CameraMatrices(turn @ m.view, turn @ m.ndc) for n, m in room.cameras.items()}
+        found = check(room, given, "motion", "normals")
+        assert found.normal_world is not None
+        assert np.array_equal(found.normal_world @ turn, np.eye(4))
+
+
+def test_one_wrong_frame_leaves_open_whether_the_others_are_neighbours(room: Room) -> None:
+    even = {n: make_camera(1.0 + 0.15 * n) for n in range(7)}  # type: ignore[arg-type]
+    frames = {}
+    for number in FRAMES[1:]:
+        position = cast(even[number])[0]
+        apart = project(position, even[number - 1]) - project(position, even[number])
+        depth = -(
+            np.einsum("ihw,i->hw", position, even[number].view[:3, 2]) + even[number].view[3, 2]
+        )
+        frames[number] = replace(
+            room.frames[number],
+            depth=torch.from_numpy(depth).float()[None, None],
+            motion_px=torch.from_numpy(apart).float()[None],
+        )
+    evidence = VectorEvidence(
+        frames={MotionConvention(): frames},
+        step=1,
+        depths=list_likely_depths(DepthConvention()),
+        thinning=1,
+    )
+    given = {1: even[2], 2: even[3], 3: even[4], 4: even[3]}
+    found = check_cameras(given, (evidence.hold(given),), step=1, convention=CameraConvention())
+    assert "those of frame 4 do not agree" in found.unfit
+    assert "or are all a neighbouring frame's" in found.unfit
