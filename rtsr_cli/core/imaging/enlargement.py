@@ -118,8 +118,11 @@ def enlarge_log_lighting(
         return smooth
     grown, reached = grow_valid(encoded, mask, grow_px)
     average = torch.full_like(encoded, AVERAGE_LOG_LIGHTING)
-    nearest = upsample_nearest(torch.where(reached > 0, grown, average), scale)
-    return torch.where(supported > 0, smooth, nearest)
+    nearest = torch.where(reached > 0, grown, average).repeat_interleave(scale, dim=-1)
+    count, channels, height, width = nearest.shape
+    blocks = smooth.view(count, channels, height, scale, width)
+    there = supported.view(count, 1, height, scale, width) > 0
+    return torch.where(there, blocks, nearest.unsqueeze(3), out=blocks).flatten(2, 3)
 
 
 def enlarge_masked_radiance(

@@ -120,7 +120,7 @@ class _Guides:
         normal: x, y, z.
         per_depth: log2(e) / (c z).
         slope: b |grad z| log2(e) / (c z), a small pixel.
-        unfaced: 1 on surfaces whose normal is 0; None where no surface of either frame is so.
+        unfaced: 1 on surfaces whose normal is 0; None where none is so.
     """
 
     normal: tuple[Tensor, ...]
@@ -137,25 +137,25 @@ class SamplePlanes:
         around: masked channels, mask, depth, a times normal, and where there are such surfaces a
             times 1 for those whose normal is 0; borders are replicated, so that every sample has
             its neighbours, and columns repeated S times.
-        unfaced: of the output, None where no surface of either frame is so.
+        blind: whether a sample lies on a surface whose normal is 0.
     """
 
     around: Image
-    unfaced: Mask | None
+    blind: bool
 
 
 def gather_planes(samples: GuidedSamples) -> SamplePlanes:
     """Gather what weights of the samples depend on."""
     mask, small = samples.mask, samples.small
-    unfaced = samples.large.find_unfaced(), small.find_unfaced()
-    blind = any(bool(mask.any()) for mask in unfaced)
-    turned = _LOG2_E * FACING * torch.cat([small.normal, *unfaced[1:][: int(blind)]], dim=1)
+    unfaced = small.find_unfaced()
+    blind = bool(unfaced.any())
+    turned = _LOG2_E * FACING * torch.cat([small.normal, *[unfaced][: int(blind)]], dim=1)
     depth = small.depth.clamp(max=MAX_DEPTH)
     planes = torch.cat([samples.values * mask, mask, depth, turned], dim=1)
     padded = F.pad(planes, (REACH,) * 4, mode="replicate")
     return SamplePlanes(
         around=padded.repeat_interleave(samples.scale, dim=-1),
-        unfaced=unfaced[0] if blind else None,
+        blind=blind,
     )
 
 
@@ -195,15 +195,16 @@ class SampleKernel:
         """
         here = slice(strip.start * samples.scale, strip.stop * samples.scale)
         self.around = planes.around[:, :, strip.start : strip.stop + 2 * REACH]
-        self.guides = _guides(samples.large, planes.unfaced, here, samples.scale)
+        self.guides = _guides(samples.large, here, samples.scale)
         self.channels = samples.values.shape[1] + 1
         per_depth, unfaced = self.guides.per_depth, self.guides.unfaced
         self.facing = list(self.guides.normal)
         # a (n(p).n(q) - 1), 0 where p's normal is 0
         self.opposite = per_depth.new_full((1, 1, 1, 1, 1), -_LOG2_E * FACING)
         if unfaced is not None:
-            self.facing.append(1.0 - unfaced)
             self.opposite = self.opposite * (1.0 - unfaced)
+        if planes.blind:
+            self.facing.append(torch.ones_like(per_depth) if unfaced is None else 1.0 - unfaced)
         self.own_depth = per_depth.new_full((1, 1, 1, 1, 1), _LOG2_E / DEPTH_SHARE)
         self.power, self.apart = torch.empty_like(per_depth), torch.empty_like(per_depth)
         self.factors: tuple[Tensor, ...] = ()
@@ -280,7 +281,7 @@ class SampleKernel:
             out.addcmul_(own, other)
 
 
-def _guides(large: SurfaceGuides, unfaced: Mask | None, strip: slice, scale: int) -> _Guides:
+def _guides(large: SurfaceGuides, strip: slice, scale: int) -> _Guides:
     """What the weights of a strip of HR rows depend on, n . rows S S*w."""
     first, last = strip.start, strip.stop
     above, below = max(0, first - 1), min(large.depth.shape[2], last + 1)
@@ -288,16 +289,18 @@ def _guides(large: SurfaceGuides, unfaced: Mask | None, strip: slice, scale: int
     here = slice(first - above, last - above)
     per_depth = bounded[:, :, here].reciprocal().mul_(_LOG2_E / DEPTH_SHARE)
     slope = _gradient(bounded)[:, :, here].mul(per_depth).mul_(SLOPE * scale)
+    own = SurfaceGuides(normal=large.normal[:, :, strip], depth=large.depth[:, :, strip])
+    unfaced = own.find_unfaced()
 
     def split_rows(planes: Image) -> Tensor:
         count, channels, _, width = planes.shape
         return planes.view(count, channels, -1, scale, width)
 
     return _Guides(
-        normal=torch.split(split_rows(large.normal[:, :, first:last]), 1, dim=1),
+        normal=torch.split(split_rows(own.normal), 1, dim=1),
         per_depth=split_rows(per_depth),
         slope=split_rows(slope),
-        unfaced=None if unfaced is None else split_rows(unfaced[:, :, first:last]),
+        unfaced=split_rows(unfaced) if bool(unfaced.any()) else None,
     )
 
 

@@ -182,8 +182,8 @@ def upsample_masked_bicubic(
     filtered = upsample_bicubic(torch.cat([values, mask], dim=1), scale, jitter_px)
     numerator, weight = filtered[:, :-1], filtered[:, -1:]
     supported = weight >= MIN_FILTERED_MASK
-    quotient = numerator / weight.clamp(min=MIN_FILTERED_MASK)
-    return quotient.masked_fill_(~supported, 0.0), supported.to(image.dtype)
+    numerator.div_(weight.clamp(min=MIN_FILTERED_MASK)).masked_fill_(~supported, 0.0)
+    return numerator, supported.to(image.dtype)
 
 
 def mean_3x3(image: Image) -> Image:

@@ -282,9 +282,9 @@ def keep_unseen(inputs: Tensors, predicted: Color) -> Color:
         predicted: log lighting of a network that corrects `base`.
     """
     base = inputs.get("base")
-    if base is None:
+    if base is None or base is predicted:
         return predicted
-    brightest = decode_lighting(base, inputs["lighting_scale"]).amax(1, keepdim=True)
+    brightest = decode_lighting(base.amax(1, keepdim=True), inputs["lighting_scale"])
     if float(brightest.amax()) <= FADING_SHARE * MAX_LIGHTING:
         return predicted
     believed = (MAX_LIGHTING - brightest) / ((1.0 - FADING_SHARE) * MAX_LIGHTING)
@@ -297,7 +297,7 @@ def compose_lighting(
     """Multiply by HR material, add emission, and finish: put in sky and undivided surfaces."""
     predicted = keep_unseen(inputs, predicted.float())
     lighting = surroundings.decode(predicted, inputs["lighting_scale"])
-    image = unalign_image(window, multiply_material(lighting, inputs)).clamp(min=0.0)
+    image = unalign_image(window, multiply_material(lighting, inputs).clamp_(min=0.0))
     return Prediction(
         image=surroundings.finish(window, image),
         debug={"lighting": unalign_image(window, lighting)},

@@ -47,12 +47,12 @@ HALO_PX = LOST_REACH + 3
 
 
 def add_radiance(window: FrameWindow, image: Color) -> Color:
-    """Put in the sky and undivided surfaces; the image itself where there are neither."""
+    """Put the sky into the image, and return it, or another with undivided surfaces in it."""
     return add_undivided(window, add_sky(window, image))
 
 
 def add_sky(window: FrameWindow, image: Color) -> Color:
-    """Put the enlarged LR sky where the HR depth says sky; only rows that hold any are touched."""
+    """Put the enlarged LR sky into the image where the HR depth says sky, and return it."""
     frame, scale = window.current, window.scale
     hr_sky = window.require_hr().gbuffer[Buffer.SKY] > 0.5
     rows = hr_sky.flatten(0, 1).any(0).any(1).nonzero()
@@ -65,8 +65,9 @@ def add_sky(window: FrameWindow, image: Color) -> Color:
     changed = slice(first * scale, last * scale)
     wanted = hr_sky[:, :, top * scale : bottom * scale]
     enlarged = enlarge_masked_radiance(color, sky, scale, frame.camera.jitter_px, wanted=wanted)
-    band = torch.where(hr_sky[:, :, changed], enlarged[:, :, seen], image[:, :, changed])
-    return torch.cat([image[:, :, : changed.start], band, image[:, :, changed.stop :]], dim=2)
+    band = image[:, :, changed]
+    band.copy_(torch.where(hr_sky[:, :, changed], enlarged[:, :, seen], band))
+    return image
 
 
 def add_undivided(window: FrameWindow, image: Color) -> Color:
