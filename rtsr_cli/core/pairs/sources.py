@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -24,7 +24,7 @@ from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.straight_radiance import take_coverage_out
 from rtsr_cli.core.pairs.window import Reads, resolve_reads
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.shapes import Mask, Size
 
 DECLARED_MOTION = "a declared motion convention"
 """What is missing where nothing decides how vectors are stored."""
@@ -71,6 +71,7 @@ class FramePair:
         fixed: NaN and Inf that were repaired.
         negative: values of radiance below 0.
         covered: what the LR radiance was taken apart to, None where it is as stored.
+        doubted: why LR samples were left undivided though their material is above 0 -> which.
     """
 
     lr: Frame
@@ -78,6 +79,7 @@ class FramePair:
     fixed: int = 0
     negative: int = 0
     covered: CoveredColor | None = None
+    doubted: Mapping[str, Mask] = field(default_factory=dict)
 
     def to(self, device: torch.device | str) -> FramePair:
         """Return the same pair on another device."""
