@@ -135,11 +135,15 @@ def log_pixel_findings(done: RunDone) -> None:
         )
     for shot, shares in done.no_material.items():
         LOG.info(
-            "%s: %s of the pixels of %s are surfaces whose material is 0, another one at LR than "
-            "at HR, or far too dark for their radiance: their radiance is enlarged as it is",
+            "%s: %s of the pixels of %s are surfaces whose material does not explain their "
+            "radiance, which is enlarged as it is%s",
             shot if shot != "." else done.folder,
             _name_share(shares.values()),
             say_frames(shares),
+            "".join(
+                f"; {cause}: {say_frames(places)} (frame {min(places)}: {places[min(places)]})"
+                for cause, places in done.no_material_why.get(shot, {}).items()
+            ),
         )
 
 

@@ -171,8 +171,8 @@ def test_the_share_of_surfaces_without_material_is_said(
     shot = make_shot(small_shot, tmp_path / "shot", changed, take_material, "")
     result = rtsr("upscale", shot, tmp_path / "out", "--system", system)
     assert result.exit_code == 0, result.output
-    assert "surfaces whose material is 0" in result.output
-    assert result.output.count("surfaces whose material is 0") == 1
+    assert result.output.count("surfaces whose material does not explain") == 1
+    assert "; material is 0 at " in result.output or "; radiance is far too bright" in result.output
     again = rtsr("upscale", shot, tmp_path / "again", "--system", system, "--json")
     events = [json.loads(line) for line in again.output.splitlines() if line.startswith("{")]
     shares = [e["no_material"] for e in events if e["event"] == "frame"]

@@ -22,6 +22,7 @@ from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image
 from rtsr_cli.core.imaging.enlargement import enlarge_masked_radiance, enlarge_radiance
 from rtsr_cli.core.imaging.guided_kernel import REACH
+from rtsr_cli.core.imaging.mask_groups import keep_groups
 from rtsr_cli.core.imaging.resampling import sample_at_lr, upsample_nearest
 from rtsr_cli.core.shapes import Color, Mask, Plane
 from rtsr_cli.core.system import FrameWindow
@@ -42,8 +43,9 @@ LIT_SHARE = 0.1
 LOST_REACH = 2 * REACH
 """LR pixels to each side in which a sample without lighting makes an HR pixel undivided."""
 
-HALO_PX = LOST_REACH + 3
-"""LR pixels that undivided radiance depends on: those samples, HR material around them, jitter."""
+HALO_PX = LOST_REACH + 4
+"""LR pixels that undivided radiance depends on: those samples, their neighbours, HR material around
+them, jitter."""
 
 
 def add_radiance(window: FrameWindow, image: Color) -> Color:
@@ -127,12 +129,13 @@ def _find_lost(window: FrameWindow, faintest: Plane, unlit: Mask) -> Mask | None
     """True where HR material carries radiance, but samples around gave no lighting.
 
     A sample counts for that if HR material is right all around it: else it lies on a surface that
-    has none at either size, and those beside it have samples of their own. Beside faint material
+    has none at either size, and those beside it have samples of their own. It takes 2 x 2 of them:
+    single ones, and rows, lie on what is finer than HR pixels. Beside faint material
     every sample counts: whether it was divided is chance there.
     """
     surface = window.require_hr().gbuffer[Buffer.SKY] < 0.5
     usable = surface & (faintest > MATERIAL_EPSILON)
-    wrong = unlit & ~_at_samples(window, _spread(surface & ~usable, 1))
+    wrong = keep_groups(unlit & ~_at_samples(window, _spread(surface & ~usable, 1)))
     faint = usable & (faintest <= FAINT * MATERIAL_EPSILON)
     lost = usable & upsample_nearest(_spread(wrong, LOST_REACH), window.scale)
     lost |= faint & upsample_nearest(_spread(unlit, REACH), window.scale)

@@ -1,6 +1,7 @@
 """Surfaces far too bright for their material: it is not what their light was multiplied by.
 
     sample q outshines  <=>  in a channel  m(q) <= TINY  and  L(q) > OUTSHINES k
+                        or m(q) is what a base colour of 0 leaves  and  L(q) > OUTSHINES k
 
 with the material m, the lighting L = (radiance - emission) / max(m, epsilon), and k the middle of
 the frame's lighting (`demodulation.lighting_scale`). A gold sphere whose base colour is 0 is one:
@@ -15,7 +16,8 @@ metal of one, whose edges shine in all: samples that hang together with a group 
     in a channel c  m_c(q) <= DARK  and  L_c(q) > BESIDE k  and  L_c(q) > COLOURED L_d(q)
 
 in another one, d: light that is bright in all channels alike falls on surfaces beside lamps. No
-group begins with those: lamps that dark glossy surfaces mirror look the same.
+group begins with those: lamps that dark glossy surfaces mirror look the same. What else has no base
+colour goes with a group of those that have none, however bright it is.
 """
 
 from __future__ import annotations
@@ -28,10 +30,14 @@ import torch.nn.functional as F
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.imaging.demodulation import lighting_scale
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.pairs.material_agreement import leave_undivided
+from rtsr_cli.core.pairs.material_agreement import is_colourless, leave_undivided
 from rtsr_cli.core.shapes import Mask
+
+TOO_BRIGHT = "radiance is far too bright for its material (base colour or metal missing?)"
+"""What is said of those surfaces."""
 
 TINY = 4.0 * MATERIAL_EPSILON
 """Divisors up to here are doubted: every renderer's dielectrics have more, but for glossy edges."""
@@ -55,6 +61,9 @@ FAINT = 4.0 * TINY
 DARK = 0.25
 """Material up to here in all channels is of the same surface, seen at another angle."""
 
+GLARES = 4.0 * OUTSHINES
+"""Lighting of single samples that is left out; highlights on dark surfaces have less."""
+
 GROUP_REACH, LEAST_GROUP = 2, 0.2
 """A share of the 5 x 5 samples around: single highlights on dark surfaces are no group."""
 
@@ -62,19 +71,23 @@ LOST_REACH = 2 * KERNEL_REACH
 """LR pixels to each side of a sample in which dark surfaces are doubted with it."""
 
 
-def leave_outshining(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+def leave_outshining(
+    lr: Frame, hr: Frame, scale: int, known: Mask | None = None
+) -> tuple[Frame, Frame]:
     """Take material out of both frames where radiance is far too bright for it.
 
     Args:
         lr: with sky, material, lighting and its mask.
         hr: with material.
         scale: S.
+        known: True at samples that are left undivided for another reason.
 
     Returns:
         The frames: those samples are undivided, and HR's material is 0 around them where it is
         dark; the very frames where there are none.
     """
-    outshines = find_outshining(lr)
+    outshines = find_outshining(lr, known)
+    lr = leave_glaring(lr)
     if outshines is None:
         return lr, hr
     around = _spread(outshines, LOST_REACH)
@@ -85,6 +98,8 @@ def leave_outshining(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
     further = group & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & ~doubted
     doubted |= further
     # at edges HR pixels of the thing lie beside samples that see what is behind it
+    if Buffer.ALBEDO in hr.gbuffer:
+        lost |= is_colourless(hr.gbuffer) & upsample_nearest(_spread(group, LOST_REACH), scale)
     for samples, most in ((group, FAINT), (further, DARK)):
         beside = upsample_nearest(_spread(samples, 1), scale)
         lost |= beside & (bare.amin(1, keepdim=True) <= most)
@@ -93,8 +108,13 @@ def leave_outshining(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
     return leave_undivided(lr, doubted), hr
 
 
-def find_outshining(lr: Frame) -> Mask | None:
-    """True at LR samples that outshine their material, in groups; None where none do."""
+def find_outshining(lr: Frame, known: Mask | None = None) -> Mask | None:
+    """True at LR samples that outshine their material, in groups; None where none do.
+
+    Args:
+        lr: with sky, material, lighting and its mask.
+        known: True at samples that are left undivided for another reason.
+    """
     gbuffer = lr.gbuffer
     most, lighting = OUTSHINES * lr.lighting_scale, gbuffer[Buffer.LIGHTING]
     divided = gbuffer[Buffer.LIGHTING_MASK] > 0.5
@@ -102,13 +122,40 @@ def find_outshining(lr: Frame) -> Mask | None:
     lit = divided & (gbuffer[Buffer.MATERIAL] <= TINY) & (lighting > most)
     # lighting of what was not divided is its radiance
     unlit = ~divided & (lighting > most * MATERIAL_EPSILON)
+    colourless = is_colourless(gbuffer)
+    if bool(colourless.any()):
+        lit |= divided & colourless & (lighting > OUTSHINES * _scale_beside(lr, colourless))
     found = surface & (lit | unlit).any(1, keepdim=True)
+    if known is not None:
+        found &= ~known
     if not bool(found.any()):
         return None
     side = 2 * GROUP_REACH + 1
     share = F.avg_pool2d(found.float(), side, 1, GROUP_REACH, count_include_pad=False)
     found &= share > LEAST_GROUP - 1e-6
     return found if bool(found.any()) else None
+
+
+def leave_glaring(lr: Frame) -> Frame:
+    """Leave single samples undivided that hardly any material makes as bright as lamps.
+
+    One would light all pixels around; HR pixels keep their material, and take the light of the
+    other samples.
+    """
+    gbuffer = lr.gbuffer
+    faint = (gbuffer[Buffer.MATERIAL] <= TINY) | is_colourless(gbuffer)
+    glares = faint & (gbuffer[Buffer.LIGHTING] > GLARES * lr.lighting_scale)
+    glares = glares.any(1, keepdim=True) & (gbuffer[Buffer.LIGHTING_MASK] > 0.5)
+    return leave_undivided(lr, glares) if bool(glares.any()) else lr
+
+
+def _scale_beside(lr: Frame, colourless: Mask) -> float:
+    """The middle of the lighting of all other surfaces; of all where there are none."""
+    mask = lr.gbuffer[Buffer.LIGHTING_MASK]
+    beside = mask.masked_fill(colourless, 0.0)
+    if not bool(beside.any()):
+        return lr.lighting_scale
+    return lighting_scale(lr.gbuffer[Buffer.LIGHTING], beside)
 
 
 def _follow(outshines: Mask, lr: Frame) -> Mask:
@@ -118,6 +165,7 @@ def _follow(outshines: Mask, lr: Frame) -> Mask:
     bright = lighting > BESIDE * lr.lighting_scale
     bright &= lighting > COLOURED * lighting.amin(1, keepdim=True)
     alike = (bright & (gbuffer[Buffer.MATERIAL] <= DARK)).any(1, keepdim=True)
+    alike |= is_colourless(gbuffer)
     alike &= (gbuffer[Buffer.LIGHTING_MASK] > 0.5) & (gbuffer[Buffer.SKY] < 0.5)
     found = outshines
     for _ in range(MOST_STEPS):

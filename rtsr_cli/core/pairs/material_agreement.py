@@ -1,55 +1,83 @@
 """Whether the material that LR radiance was divided by is the one that lighting is multiplied by.
 
-    sample q strays  <=>  m_lr(q) <= T min m_hr in every channel, and < min m_hr / T in one
-                          or m_lr(q) >= max m_hr / T in every channel, and > T max m_hr in one
+    sample q strays  <=>  m_lr(q) > FAR m_hr(q) in a channel, and not below it in any; or reverse
 
-over HR surfaces around q: the pixel whose centre it is, or the 3 x 3 around its place, or the 3 x 3
-blocks around, within which a right sample is wherever in its pixel it lies, and whatever mean of
-surfaces. The narrowest counts that holds the frame's samples nearly everywhere else: how exactly
-the places of two renders are known differs. Off pixel centres samples stray by themselves, on what
-is finer than pixels, bricks and their joints in whole bands; there it takes several to contradict,
-beside one that strays from its blocks. Where one size's material is the
-darker one in the mean, no places explain that, and the pixel at the place counts.
+with m_hr(q) of the HR pixel in which q lies, where that is of q's surface (normals and depths, as
+far as both sizes have them). A base colour that was rendered at one size only makes samples stray
+in groups: the quotient would be many times too bright, or the product too dark. Right samples stray
+singly, or in lines, on what is finer than pixels, joints of bricks and edges. So a sample begins a
+group only if, of the samples of its surface in the 5 x 5 around it,
 
-A base colour that was rendered at one size only contradicts: the quotient would be many times too
-bright, or the product too dark. Such samples are left undivided, and HR pixels around them have no
-material either, so that radiance is enlarged there.
+    LEAST and a SHARE stray with it, and the sums of their materials are BIAS apart     (`STRONG`),
+
+if it is one of 2 x 2 that all stray, and if no HR pixel of its surface in the 3 x 3 blocks around
+is like it. Where the darker material is what a base colour of 0 leaves, and the other one is not,
+less will do (`WEAK`). Once there is a group, what strays beside pixels as dark as its own goes with
+it. Where samples are centres of HR pixels two that stray together suffice, unless most do.
+
+Such samples are left undivided, and HR pixels around them have no material either, so that radiance
+is enlarged there.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor
 
 from rtsr_cli.core.choices import MATERIAL_EPSILON
-from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitter
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
+from rtsr_cli.core.imaging.mask_groups import keep_groups
 from rtsr_cli.core.imaging.resampling import sample_jitter, upsample_nearest
-from rtsr_cli.core.shapes import Color, Mask, Plane
+from rtsr_cli.core.shapes import Color, Image, Mask, Plane
+
+DARKER_AT_HR, DARKER_AT_LR = (
+    f"material is darker at {one} than at {other} (base colour missing at {one}?)"
+    for one, other in (("HR", "LR"), ("LR", "HR"))
+)
+"""What is said of samples that contradict."""
+
+GUIDES = (Buffer.ALBEDO, Buffer.NORMAL, Buffer.DEPTH)
+"""Buffers that tell more, where they are there."""
 
 TOLERANCE = 1.1
-"""T: what 8 bits, coarser textures and normals of half leave of material that is right."""
+"""What 8 bits, coarser textures and normals of half leave of material that is right."""
+
+FAR = 1.6
+"""The same where a sample lies elsewhere in the pixel than its centre."""
+
+BLACK = 1e-3
+"""Base colour up to here is none: the third level above 0 of 8 bits in sRGB."""
 
 MOST_STRAYS = 0.05
-"""Share of the samples between several materials that may stray from the pixels that count: of
-samples that lie half an LR pixel elsewhere than is known, 0.08 and more do from the 3 x 3."""
+"""Share of the samples that may stray in the middle one of all tiles: of samples that lie elsewhere
+than is known more do."""
 
-APART = 2
-"""LR pixels from a sample that strays from its blocks to those that tell how samples lie."""
+TILE, LEAST_TELLING = 8, 6
+"""Samples to each side of a tile, and how many of it must tell."""
 
-REACH, LEAST_STRAYS = 2, 0.2
-"""Off pixel centres a share of the 5 x 5 samples around that contradicts: one row."""
+REACH, LEAST_BIASED = 2, 0.2
+"""Samples to each side that are held together, and the share that strays where most tiles do."""
 
-MOST_BIAS = 1.25
-"""Ratio of the mean materials of LR samples and of the pixels at their places, of right renders."""
+FACING, APARTS, APART_THERE = 0.7, (0.02, 0.1), 0.02
+"""Least cosine between normals of one surface, and differences of depth, as a share of it: between
+samples (a flat one, or one that is seen at a slant), and of a sample from its pixel."""
+
+LIKE = 1.5
+"""Ratio of materials, in every channel, up to which a pixel is like a sample."""
+
+MOST_ALIKE = 0.9
+"""Share of a group's pixels that are as dark as those which go with it at most."""
 
 LOST_REACH = 2 * KERNEL_REACH
 """LR pixels to each side of a sample that contradicts in which HR pixels have no material."""
@@ -58,34 +86,59 @@ CENTRED_PX = 1e-3
 """Largest distance from a sample to the pixel centre that it is, in LR pixels."""
 
 
-class Range(NamedTuple):
-    """Least and largest material around samples, channel by channel.
+class Strictness(NamedTuple):
+    """What samples around must be like for a sample to count.
 
-    The least is 0 where a pixel is no surface, as a filter's mean may be there; the largest is
-    -inf where none is.
+    Attributes:
+        least: of its surface, that stray as it does.
+        share: of those of its surface.
+        bias: ratio of the sums of their materials at both sizes.
     """
 
-    least: Color
-    largest: Color
+    least: int
+    share: float
+    bias: float
 
-    def excludes(self, material: Color) -> Mask:
-        """True where there is some, and the material is darker, or brighter."""
-        low, high = self.least, self.largest
-        darker = (material * TOLERANCE < low).any(1) & (material <= low * TOLERANCE).all(1)
-        brighter = (material > high * TOLERANCE).any(1) & (material * TOLERANCE >= high).all(1)
-        return (darker | brighter).unsqueeze(1) & (high > 0.0).all(1, keepdim=True)
 
-    def is_wide(self) -> Mask:
-        """True where several materials are around."""
-        return (self.largest > self.least * TOLERANCE**2).any(1, keepdim=True)
+STRONG, WEAK = Strictness(4, 0.7, 2.5), Strictness(4, 0.5, 1.6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Held:
+    """LR samples held against the HR pixels in which they lie.
+
+    Attributes:
+        lr, hr: the frames.
+        scale: S.
+        placed: HR material at the samples.
+        told: True where both are surfaces with material; of one surface, where that is known.
+        guides: normal and depth of the samples; None where a size lacks them.
+    """
+
+    lr: Frame
+    hr: Frame
+    scale: int
+    placed: Color
+    told: Mask
+    guides: Image | None
+
+    @property
+    def material(self) -> Color:
+        """The samples'."""
+        return self.lr.gbuffer[Buffer.MATERIAL]
+
+    def place(self, image: Image) -> Image:
+        """Pixels of an HR image in which the samples lie."""
+        return _place(image, self.lr, self.scale)
 
 
 def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
     """Take material out of both frames where LR samples contradict HR's, and lighting with it.
 
     Args:
-        lr: with sky and material, and lighting with its mask where it was divided.
-        hr: with sky and material.
+        lr: with sky and material, and lighting with its mask where it was divided; `GUIDES` where
+            they are there.
+        hr: with sky and material; `GUIDES` where they are there.
         scale: S.
 
     Returns:
@@ -95,7 +148,7 @@ def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]
     contradicts = find_contradicting(lr, hr, scale)
     if contradicts is None:
         return lr, hr
-    around = upsample_nearest(_share_around(contradicts, LOST_REACH) > 0, scale)
+    around = upsample_nearest(_spread(contradicts, LOST_REACH), scale)
     bare = hr.gbuffer[Buffer.MATERIAL].masked_fill(around, 0.0)
     hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
     return leave_undivided(lr, contradicts), hr
@@ -123,34 +176,174 @@ def leave_undivided(lr: Frame, where: Mask) -> Frame:
     return replace(lr, gbuffer=gbuffer, lighting_scale=dm.lighting_scale(lighting, mask))
 
 
+def is_colourless(gbuffer: GBuffer) -> Mask:
+    """True where the base colour is stored, and is none: what is left is a specular term."""
+    if Buffer.ALBEDO not in gbuffer:
+        return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
+    return (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+
+
+def find_taken(before: Frame, after: Frame) -> Mask:
+    """True at samples whose material was taken out."""
+    one, other = (frame.gbuffer[Buffer.MATERIAL] for frame in (before, after))
+    return (one != other).any(1, keepdim=True)
+
+
+def name_darker(lr: Frame, hr: Frame, scale: int, contradicts: Mask) -> str:
+    """Say which size's material is the darker one where samples contradict."""
+    held = _hold(lr, hr, scale)
+    where = held.told & contradicts
+    at_lr, at_hr = (float((image * where).sum()) for image in (held.material, held.placed))
+    return DARKER_AT_LR if at_lr < at_hr else DARKER_AT_HR
+
+
 def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
-    """True at LR samples whose material is none of the HR surfaces around; None where all agree."""
-    material, divided = lr.gbuffer[Buffer.MATERIAL], lr.gbuffer[Buffer.SKY] < 0.5
-    divided &= (material > MATERIAL_EPSILON).all(1, keepdim=True)
-    seen = hr.gbuffer[Buffer.MATERIAL]
-    usable = (hr.gbuffer[Buffer.SKY] < 0.5) & (seen > MATERIAL_EPSILON).all(1, keepdim=True)
-    shift = block_shift(lr.camera.jitter_px, scale)
-    moved, moved_usable = shift_image(seen, shift), shift_image(usable, shift)
-
-    def find_strays(around: Range) -> Mask:
-        return divided & around.excludes(material)
-
-    placed = _range_near(moved, moved_usable, scale, reach=0)
-    strays = find_strays(placed)
+    """True at LR samples whose material is not that of the surface at HR; None where all agree."""
+    held = _hold(lr, hr, scale)
+    centred = _lies_on_centres(lr, scale)
+    tolerance = TOLERANCE if centred else FAR
+    brighter = held.told & _exceeds(held.material, held.placed, tolerance)
+    darker = held.told & _exceeds(held.placed, held.material, tolerance)
+    strays = brighter | darker
     # the pixels at their places tell all of most frames
     if not bool(strays.any()):
         return None
-    blocks = _range_of_blocks(seen, usable, scale)
-    widest = find_strays(blocks)
-    telling = divided & blocks.is_wide() & (_share_around(widest, APART) == 0)
-    if _lies_on_centres(lr, scale) and _are_few(strays, telling):
-        return strays
-    if not _is_biased(material, placed.largest, telling & (placed.largest > 0.0)):
-        near = find_strays(_range_near(moved, moved_usable, scale, reach=1))
-        beside = _share_around(widest, LOST_REACH) > 0
-        strays = near & beside if _are_few(near, telling) else widest
-    contradicts = strays & (_share_around(strays, REACH) > LEAST_STRAYS - 1e-6)
-    return contradicts if bool(contradicts.any()) else None
+    if centred and _are_few(strays, held.told):
+        found = strays & (_count_around(strays, 1) >= 2)
+    elif _is_biased(held):
+        found = strays & (_share_around(strays) > LEAST_BIASED - 1e-6)
+    else:
+        found = _find_groups(_keep_own_surface(held), brighter, darker)
+    return found if bool(found.any()) else None
+
+
+def _hold(lr: Frame, hr: Frame, scale: int) -> _Held:
+    """Find the pixels in which samples lie."""
+    material, divided = lr.gbuffer[Buffer.MATERIAL], lr.gbuffer[Buffer.SKY] < 0.5
+    divided &= (material > MATERIAL_EPSILON).all(1, keepdim=True)
+    if Buffer.LIGHTING_MASK in lr.gbuffer:
+        # the material of what is not divided is 1
+        divided &= lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5
+    placed, sky = (_place(hr.gbuffer[b], lr, scale) for b in (Buffer.MATERIAL, Buffer.SKY))
+    told = divided & (sky < 0.5) & (placed > MATERIAL_EPSILON).all(1, keepdim=True)
+    return _Held(lr=lr, hr=hr, scale=scale, placed=placed, told=told, guides=None)
+
+
+def _place(image: Image, lr: Frame, scale: int) -> Image:
+    shift = block_shift(lr.camera.jitter_px, scale)
+    return shift_image(image, shift)[..., scale // 2 :: scale, scale // 2 :: scale]
+
+
+def _keep_own_surface(held: _Held) -> _Held:
+    """Leave out samples whose pixel is of another surface, as far as that can be told."""
+    lr, hr = held.lr.gbuffer, held.hr.gbuffer
+    parts = (Buffer.NORMAL, Buffer.DEPTH)
+    if not all(part in gbuffer for gbuffer in (lr, hr) for part in parts):
+        return held
+    own = torch.cat([lr[part] for part in parts], 1)
+    there = torch.cat([held.place(hr[part]) for part in parts], 1)
+    return replace(held, told=held.told & _is_alike(own, there, APART_THERE), guides=own)
+
+
+def _exceeds(one: Color, other: Color, tolerance: float) -> Mask:
+    more = (one > other * tolerance).any(1, keepdim=True)
+    return more & (one * TOLERANCE >= other).all(1, keepdim=True)
+
+
+def _is_alike(one: Tensor, other: Tensor, apart: float) -> Mask:
+    """Of one surface, by normal and depth; a normal of 0 tells nothing."""
+    (normal, z), (other_normal, other_z) = (
+        image.split_with_sizes([3, 1], dim=1) for image in (one, other)
+    )
+    facing = (normal * other_normal).sum(1, keepdim=True)
+    unfaced = (normal == 0).all(1, keepdim=True) | (other_normal == 0).all(1, keepdim=True)
+    near = (z - other_z).abs() <= apart * torch.minimum(z, other_z)
+    return ((facing > FACING) | unfaced) & near
+
+
+def _find_groups(held: _Held, brighter: Mask, darker: Mask) -> Mask:
+    """True at samples that stray in groups, whichever size's material is the darker one."""
+    bare_lr, bare_hr = is_colourless(held.lr.gbuffer), is_colourless(held.hr.gbuffer)
+    bare_there = held.place(bare_hr)
+    sides = (
+        (held.material, held.placed, brighter, bare_there & ~bare_lr),
+        (held.placed, held.material, darker, bare_lr & ~bare_there),
+    )
+    found = torch.zeros_like(brighter)
+    for one, other, strays, bare in sides:
+        found |= _find_group(held, one, other, strays & held.told, bare)
+    return found
+
+
+def _find_group(held: _Held, bright: Color, dim: Color, strays: Mask, bare: Mask) -> Mask:
+    """Strays that hang together, of materials `bright` at one size and `dim` at the other."""
+    picked = (strays & (_count_around(strays, REACH) >= WEAK.least))[0, 0].nonzero()
+    passes = _hold_against_surroundings(held, (bright, dim), strays, picked)
+    wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
+    begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
+    begins[begins.clone()] = ~_has_like(held, picked[begins])
+    if not bool(begins.any()):
+        return torch.zeros_like(strays)
+    groups = strays & _spread(_mark(picked[begins], strays), REACH)
+    dark = dim[groups.expand_as(dim)].view(3, -1).sort(1).values
+    darkest = dark[:, int(MOST_ALIKE * dark.shape[1])].view(1, 3, 1, 1)
+    alike = strays & (dim <= darkest * TOLERANCE).all(1, keepdim=True)
+    return groups | (alike & _spread(_mark(picked[passes(WEAK)], strays) & alike, REACH))
+
+
+def _hold_against_surroundings(
+    held: _Held, materials: tuple[Color, Color], strays: Mask, picked: Tensor
+) -> Callable[[Strictness], Tensor]:
+    """Return what tells which of the picked samples (rows and columns, k 2) are strict enough."""
+    told, strayed = (_gather(mask, picked, REACH, 1) > 0.5 for mask in (held.told, strays))
+    light, dark = (_gather(m, picked, REACH, 1).sum(1, keepdim=True) for m in materials)
+    surfaces = [told]
+    if held.guides is not None:
+        around = _gather(held.guides, picked, REACH, 1)
+        middle = around.shape[2] // 2
+        own = around[:, :, middle : middle + 1]
+        surfaces = [told & _is_alike(around, own, apart) for apart in APARTS]
+
+    def passes(asked: Strictness) -> Tensor:
+        def passes_among(surface: Tensor) -> Tensor:
+            count, hits = surface.sum(2), (strayed & surface).sum(2)
+            more, less = ((image * surface).sum(2) for image in (light, dark))
+            return (
+                (hits >= max(asked.least, 1))
+                & (hits >= asked.share * count)
+                & (more > asked.bias * less)
+            )
+
+        return reduce(torch.logical_or, map(passes_among, surfaces))[:, 0]
+
+    return passes
+
+
+def _has_like(held: _Held, picked: Tensor) -> Tensor:
+    """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
+    seen = _gather(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
+    own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
+    like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
+    if held.guides is not None:
+        parts = (held.hr.gbuffer[b] for b in (Buffer.NORMAL, Buffer.DEPTH))
+        pixels = torch.cat([_gather(part, picked, 1, held.scale) for part in parts], 1)
+        surface = held.guides[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
+        like &= _is_alike(pixels, surface, APARTS[-1])
+    return like.any(2)[:, 0]
+
+
+def _gather(image: Image, picked: Tensor, reach: int, scale: int) -> Tensor:
+    """The blocks up to `reach` from those of the picked samples, k c n; 0 beyond the borders."""
+    side, border = (2 * reach + 1) * scale, reach * scale
+    padded = F.pad(image[0].float(), (border,) * 4)
+    windows = padded.unfold(1, side, scale).unfold(2, side, scale)
+    return windows[:, picked[:, 0], picked[:, 1]].flatten(2).movedim(0, 1)
+
+
+def _mark(picked: Tensor, like: Mask) -> Mask:
+    marked = torch.zeros_like(like)
+    marked[0, 0][picked[:, 0], picked[:, 1]] = True
+    return marked
 
 
 def _lies_on_centres(lr: Frame, scale: int) -> bool:
@@ -159,43 +352,39 @@ def _lies_on_centres(lr: Frame, scale: int) -> bool:
     return all(abs(j - centre) < CENTRED_PX for j in shift_jitter(lr.camera.jitter_px, scale))
 
 
-def _are_few(strays: Mask, telling: Mask) -> bool:
-    return int((strays & telling).sum()) <= MOST_STRAYS * int(telling.sum())
+def _are_few(strays: Mask, told: Mask) -> bool:
+    """Tell whether in most tiles nearly all of the samples that tell agree."""
+    count, part = _sum_tiles(told.float()), _sum_tiles((strays & told).float())
+    tells = count >= LEAST_TELLING
+    return bool(tells.any()) and float((part / count)[tells].median()) <= MOST_STRAYS
 
 
-def _is_biased(material: Color, placed: Color, where: Mask) -> bool:
-    """Tell whether one material is the darker one in the mean over pixels."""
-    one, other = (float(image[where].double().sum()) for image in (material, placed))
-    return max(one, other) > MOST_BIAS * min(one, other)
-
-
-def _share_around(mask: Mask, reach: int) -> Plane:
-    """Share of the pixels in the square around, as far as it is in the picture, that are marked."""
-    side = 2 * reach + 1
-    return F.avg_pool2d(mask.float(), side, 1, reach, count_include_pad=False)
-
-
-def _range_near(image: Color, usable: Mask, scale: int, *, reach: int) -> Range:
-    """Of the pixels up to `reach` from pixel (S//2, S//2) of each block."""
-    rows, columns = (side - scale + 1 for side in image.shape[-2:])
-    first = range(scale // 2, scale // 2 + 2 * reach + 1)
-
-    def gather(end: float) -> list[Color]:
-        padded = F.pad(image.masked_fill(~usable, end), (reach,) * 4, value=end)
-        return [
-            padded[..., y : y + rows : scale, x : x + columns : scale] for y in first for x in first
-        ]
-
-    return Range(reduce(torch.minimum, gather(0.0)), reduce(torch.maximum, gather(-math.inf)))
-
-
-def _range_of_blocks(image: Color, usable: Mask, scale: int) -> Range:
-    """Of the 3 x 3 blocks of S x S pixels around each block."""
-
-    def find_largest(values: Color) -> Color:
-        return F.max_pool2d(F.max_pool2d(values, scale), 3, stride=1, padding=1)
-
-    return Range(
-        -find_largest(image.masked_fill(~usable, 0.0).neg()),
-        find_largest(image.masked_fill(~usable, -math.inf)),
+def _is_biased(held: _Held) -> bool:
+    """Tell whether one size's material is the darker one, by far, in nearly all tiles."""
+    tells = _sum_tiles(held.told.float()) >= LEAST_TELLING
+    if not bool(tells.any()):
+        return False
+    one, other = (
+        _sum_tiles((image * held.told).sum(1, keepdim=True))[tells]
+        for image in (held.material, held.placed)
     )
+    ratio = (one / other).log()
+    return max(float(r.quantile(0.25)) for r in (ratio, -ratio)) > math.log(WEAK.bias)
+
+
+def _sum_tiles(image: Plane) -> Tensor:
+    return F.avg_pool2d(image, TILE, ceil_mode=True, divisor_override=1).flatten()
+
+
+def _share_around(mask: Mask) -> Plane:
+    """Share of the pixels in the square around, as far as it is in the picture, that are marked."""
+    return F.avg_pool2d(mask.float(), 2 * REACH + 1, 1, REACH, count_include_pad=False)
+
+
+def _count_around(mask: Mask, reach: int) -> Plane:
+    """How many pixels of the square around are marked."""
+    return F.avg_pool2d(mask.float(), 2 * reach + 1, 1, reach, divisor_override=1)
+
+
+def _spread(mask: Mask, reach: int) -> Mask:
+    return F.max_pool2d(mask.float(), 2 * reach + 1, 1, reach) > 0.5

@@ -23,8 +23,13 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs import pixel_filter
-from rtsr_cli.core.pairs.dark_material import leave_outshining
-from rtsr_cli.core.pairs.material_agreement import leave_contradicting
+from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
+from rtsr_cli.core.pairs.material_agreement import (
+    GUIDES,
+    find_taken,
+    leave_contradicting,
+    name_darker,
+)
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.pair_agreement import COMPARED, Misfit, find_misfit
 from rtsr_cli.core.pairs.sources import (
@@ -39,7 +44,7 @@ from rtsr_cli.core.pairs.sources import (
     resolve_buffers,
 )
 from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.shapes import Mask, Size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,22 +225,35 @@ class RealPairs:
         checked = check_frame(self.lr.read(number, reads.lr.stored), inputs)
         divides = Buffer.LIGHTING in reads.lr.used and Buffer.MATERIAL in reads.hr.used
         divisor = (Buffer.MATERIAL,) if divides else ()
-        built = replace(reads.lr, used=(*reads.lr.used, *divisor))
-        lr = build_lr(checked.frame, built, inputs.derivation)
+        lr = build_lr(checked.frame, _keep_guides(reads.lr, divisor), inputs.derivation)
         pair = FramePair(lr, None, checked.fixed, checked.negative, checked.covered)
         if self.hr is None or not inputs.hr + inputs.hr_optional:
             return pair
         stored = reads.hr.stored - RADIANCE_BUFFERS
         hr = self.hr.read(self.lr.held.get(number, number), stored)
         hr, fixed_hr = apply_policy(hr, inputs.on_nonfinite)
-        hr = build_hr(hr, reads.hr, inputs.derivation)
+        hr = build_hr(hr, _keep_guides(reads.hr), inputs.derivation)
+        doubted: dict[str, Mask] = {}
+        taken: Mask | None = None
         if Buffer.MATERIAL in lr.gbuffer and Buffer.MATERIAL in hr.gbuffer:
-            lr, hr = leave_contradicting(lr, hr, self.scale)
+            left, bare = leave_contradicting(lr, hr, self.scale)
+            if left is not lr:
+                taken = find_taken(lr, left)
+                doubted[name_darker(lr, hr, self.scale, taken)] = taken
+            lr, hr = left, bare
         if divides and Buffer.MATERIAL in hr.gbuffer:
-            lr, hr = leave_outshining(lr, hr, self.scale)
-        unwanted = set(divisor) - set(reads.lr.used)
-        lr = replace(lr, gbuffer=lr.gbuffer.only(lr.gbuffer.keys() - unwanted))
-        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)
+            left, hr = leave_outshining(lr, hr, self.scale, taken)
+            if left is not lr:
+                doubted[TOO_BRIGHT] = find_taken(lr, left)
+            lr = left
+        lr, hr = (
+            replace(frame, gbuffer=frame.gbuffer.only(frame.gbuffer.keys() - unwanted))
+            for frame, unwanted in (
+                (lr, {Buffer.MATERIAL, *GUIDES} - set(reads.lr.used)),
+                (hr, set(GUIDES) - set(reads.hr.used)),
+            )
+        )
+        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=doubted)
 
 
 def open_real_pairs(
@@ -297,6 +315,15 @@ def settle_cameras(pairs: RealPairs) -> RealPairs:
         return pairs
     lr, hr = share_verdicts(pairs.lr, pairs.hr, lambda: pairs.misfit)
     return replace(pairs, lr=lr, hr=hr)
+
+
+def _keep_guides(reads: Reads, further: Collection[Buffer] = ()) -> Reads:
+    """Add buffers to those of a frame; and what tells surfaces apart, as far as it is read."""
+    read = [b for b in GUIDES if b in reads.stored and b not in reads.used]
+    # a diffuse colour beside F0 is no base colour
+    if Buffer.SPECULAR in reads.stored:
+        read = [b for b in read if b is not Buffer.ALBEDO]
+    return replace(reads, used=(*reads.used, *further, *read))
 
 
 def _list_apart(

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -24,7 +24,7 @@ from rtsr_cli.core.imaging.derivation import CAMERA, DerivationConfig, resolve_n
 from rtsr_cli.core.pairs.nonfinite import apply_policy, count_negative
 from rtsr_cli.core.pairs.straight_radiance import take_coverage_out
 from rtsr_cli.core.pairs.window import Reads, resolve_reads
-from rtsr_cli.core.shapes import Size
+from rtsr_cli.core.shapes import Mask, Size
 from rtsr_cli.core.wording import join_names
 
 DECLARED_MOTION = "a declared motion convention"
@@ -72,6 +72,7 @@ class FramePair:
         fixed: NaN and Inf that were repaired.
         negative: values of radiance below 0.
         covered: what the LR radiance was taken apart to, None where it is as stored.
+        doubted: why LR samples were left undivided though their material is above 0 -> which.
     """
 
     lr: Frame
@@ -79,6 +80,7 @@ class FramePair:
     fixed: int = 0
     negative: int = 0
     covered: CoveredColor | None = None
+    doubted: Mapping[str, Mask] = field(default_factory=dict)
 
     def to(self, device: torch.device | str) -> FramePair:
         """Return the same pair on another device."""

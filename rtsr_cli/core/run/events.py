@@ -105,6 +105,7 @@ class FrameDone:
         negative: values of radiance below 0 in its inputs.
         as_float: True if it is written as float, since half cannot hold its radiance.
         no_material: share of its pixels whose material carries no radiance: theirs is enlarged.
+        no_material_why: causes of that -> where in the picture.
         stages: seconds of a prediction's parts, by name; empty where nothing was predicted.
         stops: True if no other frame could be written either, so that the run ended.
     """
@@ -119,6 +120,7 @@ class FrameDone:
     negative: int = 0
     as_float: bool = False
     no_material: float = 0.0
+    no_material_why: Mapping[str, str] = field(default_factory=dict)
     stages: Mapping[str, float] = field(default_factory=dict)
     stops: bool = False
 
@@ -141,6 +143,7 @@ class RunDone:
         negative: output -> values of radiance below 0 in its inputs.
         as_float: outputs that are float, since half cannot hold their radiance.
         no_material: shot -> frame -> share of its pixels whose material carries no radiance.
+        no_material_why: shot -> cause of that -> frame -> where in the picture.
         stopped: why nothing more could be written; empty if all went on.
     """
 
@@ -152,6 +155,7 @@ class RunDone:
     negative: Mapping[str, int] = field(default_factory=dict)
     as_float: tuple[str, ...] = ()
     no_material: Mapping[str, Mapping[int, float]] = field(default_factory=dict)
+    no_material_why: Mapping[str, Mapping[str, Mapping[int, str]]] = field(default_factory=dict)
     stopped: str = ""
 
     @property

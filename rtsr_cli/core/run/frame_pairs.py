@@ -31,6 +31,7 @@ from rtsr_cli.core.run.shot_runs import (
     AS_FLOAT,
     NEGATIVE,
     NO_MATERIAL,
+    NO_MATERIAL_WHY,
     NONFINITE,
     STAGES,
     ShotJob,
@@ -170,6 +171,7 @@ class FrameInTurn:
         *,
         as_float: bool = False,
         no_material: float = 0.0,
+        no_material_why: Mapping[str, str] | None = None,
         stages: Mapping[str, float] | None = None,
     ) -> Product:
         """What was made of the frame.
@@ -178,6 +180,7 @@ class FrameInTurn:
             write: writes it.
             as_float: whether it is float.
             no_material: share of its pixels whose radiance was enlarged for want of a material.
+            no_material_why: causes of that -> where.
             stages: seconds of a prediction's parts.
         """
         facts = {
@@ -185,6 +188,7 @@ class FrameInTurn:
             NEGATIVE: self.pair.negative,
             AS_FLOAT: as_float,
             NO_MATERIAL: no_material,
+            NO_MATERIAL_WHY: dict(no_material_why or {}),
             STAGES: {name: round(seconds, 4) for name, seconds in (stages or {}).items()},
         }
         return Product(write=write, facts=facts)

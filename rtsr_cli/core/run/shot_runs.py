@@ -18,7 +18,7 @@ from rtsr_cli.core.run.plan import ShotPlan
 from rtsr_cli.core.run.request import FramesRequest
 
 NONFINITE, NEGATIVE, AS_FLOAT = "nonfinite", "negative", "as_float"
-NO_MATERIAL, STAGES = "no_material", "stages"
+NO_MATERIAL, NO_MATERIAL_WHY, STAGES = "no_material", "no_material_why", "stages"
 """Facts of a product: NaN and Inf that were repaired in its inputs, values of radiance below 0
 there, whether it is float since half cannot hold it, the share of its pixels without material, and
 the seconds of a prediction's parts.
@@ -114,6 +114,7 @@ def run_shots(
         negative=findings.negative,
         as_float=tuple(findings.as_float),
         no_material=findings.no_material,
+        no_material_why=findings.no_material_why,
         stopped=stopped,
     )
     if stopped:
@@ -133,6 +134,7 @@ class _Findings:
         self.negative: dict[str, int] = {}
         self.as_float: list[str] = []
         self.no_material: dict[str, dict[int, float]] = {}
+        self.no_material_why: dict[str, dict[str, dict[int, str]]] = {}
         self._folder = folder
 
     def add(self, frame: FrameDone) -> None:
@@ -147,6 +149,9 @@ class _Findings:
             self.as_float.append(name)
         if frame.no_material:
             self.no_material.setdefault(frame.shot, {})[frame.number] = frame.no_material
+        for cause, place in frame.no_material_why.items():
+            causes = self.no_material_why.setdefault(frame.shot, {})
+            causes.setdefault(cause, {})[frame.number] = place
 
 
 def run_shot(job: ShotJob[Any], jobs: int) -> Iterator[FrameDone]:
@@ -159,7 +164,8 @@ def describe_outcome(plan: ShotPlan, outcome: Outcome[int]) -> dict[str, Any]:
     error = outcome.error
     failed = error is not None
     found: dict[str, Any] = {
-        NONFINITE: 0, NEGATIVE: 0, AS_FLOAT: False, NO_MATERIAL: 0.0, STAGES: {},
+        NONFINITE: 0, NEGATIVE: 0, AS_FLOAT: False, NO_MATERIAL: 0.0,
+        NO_MATERIAL_WHY: {}, STAGES: {},
     }  # fmt: skip
     if isinstance(error, NonfiniteError):
         found[NONFINITE] = error.count

@@ -16,6 +16,7 @@ from rtsr_cli.core.run.outputs import OutputFrame
 from rtsr_cli.core.run.prediction import NetworkRun, Predictor, list_debug_pictures
 from rtsr_cli.core.shapes import Color, Image
 from rtsr_cli.core.system import Prediction
+from rtsr_cli.core.upscale.lost_material import describe_lost
 
 
 class Reconstruction:
@@ -52,6 +53,7 @@ class Reconstruction:
             picture.write,
             as_float=picture.as_float,
             no_material=measure_undivided(moment.window),
+            no_material_why=describe_lost(moment.pair, moment.window),
         )
 
     def _picture(self, moment: FrameInTurn, prediction: Prediction) -> OutputFrame:

@@ -261,7 +261,12 @@ def find_undivided(lr: Side, hr: Side, divided: Flags, f_hr: Array, scale: int) 
     usable = (faintest > C["EPSILON"]) & ~hr.sky
     empty = ~usable & ~hr.sky
     beside = move(any_within(empty, 1), find_shift(lr.jitter, scale))
-    wrong = unlit & ~beside[scale // 2 :: scale, scale // 2 :: scale]
+    single = unlit & ~beside[scale // 2 :: scale, scale // 2 :: scale]
+    corner = single[1:, 1:] & single[1:, :-1] & single[:-1, 1:] & single[:-1, :-1]
+    wrong = np.zeros_like(single)
+    for rows in (slice(1, None), slice(None, -1)):
+        for columns in (slice(1, None), slice(None, -1)):
+            wrong[rows, columns] |= corner
     faint = usable & (faintest <= C["FAINT"] * C["EPSILON"])
     lost = usable & repeat(any_within(wrong, int(C["LOST_REACH"])), scale)
     return empty | lost | (faint & repeat(any_within(unlit, 2), scale))

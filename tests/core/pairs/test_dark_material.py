@@ -13,7 +13,11 @@ from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.demodulation import demodulate, lighting_scale
 from rtsr_cli.core.imaging.resampling import decimate
-from rtsr_cli.core.pairs.dark_material import find_outshining, leave_outshining
+from rtsr_cli.core.pairs.dark_material import (
+    find_outshining,
+    leave_glaring,
+    leave_outshining,
+)
 
 SCALE, SIZE = 4, (96, 128)
 BRIGHT = 0.6
@@ -154,3 +158,45 @@ def test_grey_surfaces_under_a_lamp_hang_together_with_no_group(
     left, _ = leave_outshining(lr, hr, SCALE)
     beyond = left.gbuffer[Buffer.LIGHTING_MASK][..., 6:18, 29:]
     assert bool((beyond > 0.5).all()) is kept
+
+
+def with_base_colour(frame: Frame, thing: float) -> Frame:
+    """The square thing has a base colour of `thing`, the wall one of its material."""
+    material = frame.gbuffer[Buffer.MATERIAL]
+    albedo = torch.where(material < BRIGHT, torch.tensor(thing), material)
+    return replace(frame, gbuffer=frame.gbuffer.with_buffers({Buffer.ALBEDO: albedo}))
+
+
+@pytest.mark.parametrize(("base_colour", "kept"), [(0.0, False), (0.05, True)])
+def test_what_a_base_colour_of_0_leaves_is_no_divisor(base_colour: float, kept: bool) -> None:
+    """Black plastic, which mirrors lamps, has the same divisor; but it has some base colour."""
+    lr, hr = (with_base_colour(frame, base_colour) for frame in make_pair(0.04, 0.5))
+    small, large = leave_outshining(lr, hr, SCALE)
+    thing = large.gbuffer[Buffer.MATERIAL][..., 24:72, 32:96]
+    assert bool((thing > 0.0).all()) is kept
+    assert bool((thing == 0.0).all()) is not kept
+    assert float(small.gbuffer[Buffer.LIGHTING_MASK].mean()) == pytest.approx(1.0 if kept else 0.75)
+    # the wall keeps its material
+    assert bool((large.gbuffer[Buffer.MATERIAL][..., :24, :] == BRIGHT).all())
+
+
+def test_a_single_sample_as_bright_as_lamps_lights_nothing() -> None:
+    lr, hr = make_pair(0.5)
+    values = lr.gbuffer
+    lighting, material = values[Buffer.LIGHTING].clone(), values[Buffer.MATERIAL].clone()
+    lighting[..., 10, 15], material[..., 10, 15] = 500.0, 0.005
+    changed = {Buffer.LIGHTING: lighting, Buffer.MATERIAL: material}
+    lr = replace(lr, gbuffer=values.with_buffers(changed))
+    left = leave_glaring(lr)
+    mask = left.gbuffer[Buffer.LIGHTING_MASK]
+    assert float(mask[0, 0, 10, 15]) == 0.0
+    assert float(mask.sum()) == mask.numel() - 1
+    # no pixel loses its material for it
+    assert leave_outshining(lr, hr, SCALE)[1] is hr
+
+
+def test_samples_that_are_known_begin_no_group() -> None:
+    lr, _ = make_pair(0.0)
+    found = find_outshining(lr)
+    assert found is not None
+    assert find_outshining(lr, found) is None

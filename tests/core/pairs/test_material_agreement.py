@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import Tensor
@@ -11,7 +13,14 @@ from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
-from rtsr_cli.core.pairs.material_agreement import find_contradicting, leave_contradicting
+from rtsr_cli.core.pairs.material_agreement import (
+    DARKER_AT_HR,
+    DARKER_AT_LR,
+    find_contradicting,
+    find_taken,
+    leave_contradicting,
+    name_darker,
+)
 
 SCALE, SIZE = 4, (96, 128)
 SPECULAR = 0.05
@@ -141,3 +150,71 @@ def test_what_contradicts_is_left_undivided() -> None:
     assert torch.equal(bare, region(4, 92, 24, 116))
     # the scale of lighting is that of what is left
     assert kept.lighting_scale == pytest.approx(2.0, rel=1e-2)
+
+
+def seen_from_front(one: Frame, depth: Tensor) -> Frame:
+    """Add what tells surfaces apart: all face the camera, at some depths."""
+    normal = torch.zeros_like(one.gbuffer[Buffer.MATERIAL])
+    normal[:, 2] = 1.0
+    return replace(
+        one, gbuffer=one.gbuffer.with_buffers({Buffer.NORMAL: normal, Buffer.DEPTH: depth})
+    )
+
+
+def test_a_strip_between_bright_things_does_not_hide_that_it_is_black() -> None:
+    """A wall of two samples' width between a bright box and a moving thing: no pixel is like it,
+    but it is never brighter than all around."""
+    strip = region(0, SIZE[0], 40, 48)
+    right = torch.full((1, 3, *SIZE), 0.8).masked_fill(strip, 0.5)
+    depth = torch.full((1, 1, *SIZE), 5.0).masked_fill(strip, 7.0)
+    large = seen_from_front(frame(take_colour(right, strip)), depth)
+    jitter_px = (0.05, -0.1)
+    small = seen_from_front(
+        frame(decimate(right, SCALE, (2, 2)), jitter_px), decimate(depth, SCALE, (2, 2))
+    )
+    found = find_contradicting(small, large, SCALE)
+    assert found is not None
+    assert torch.equal(found, decimate(strip, SCALE, (2, 2)))
+
+
+@pytest.mark.parametrize("guided", [False, True])
+def test_a_line_that_no_hr_pixel_sees_agrees(guided: bool) -> None:
+    """A joint thinner than HR pixels, which a whole column of LR samples hits."""
+    right = torch.full((1, 3, *SIZE), 0.5)
+    small = decimate(right, SCALE, (2, 2)).clone()
+    small[..., 4:20, 12] = 0.05
+    pair = frame(small, (0.05, -0.1)), frame(right)
+    if guided:
+        depths = torch.full((1, 1, *SIZE), 5.0)
+        pair = (
+            seen_from_front(pair[0], decimate(depths, SCALE, (2, 2))),
+            seen_from_front(pair[1], depths),
+        )
+    assert find_contradicting(*pair, SCALE) is None
+
+
+def test_a_base_colour_of_0_at_one_size_contradicts_in_narrow_strips() -> None:
+    """Where it is known that no base colour is left, one column of samples does."""
+    strip = region(0, SIZE[0], 40, 44)
+    right = torch.full((1, 3, *SIZE), 0.8).masked_fill(strip, 0.5)
+    depth = torch.full((1, 1, *SIZE), 5.0).masked_fill(strip, 7.0)
+    small = seen_from_front(
+        frame(decimate(right, SCALE, (2, 2)), (0.05, -0.1)), decimate(depth, SCALE, (2, 2))
+    )
+    large = seen_from_front(frame(take_colour(right, strip)), depth)
+    assert find_contradicting(small, large, SCALE) is None
+    albedo = {Buffer.ALBEDO: right.masked_fill(strip, 0.0)}
+    large = replace(large, gbuffer=large.gbuffer.with_buffers(albedo))
+    found = find_contradicting(small, large, SCALE)
+    assert found is not None
+    assert torch.equal(found, decimate(strip, SCALE, (2, 2)))
+
+
+@pytest.mark.parametrize(("size", "named"), [("lr", DARKER_AT_LR), ("hr", DARKER_AT_HR)])
+def test_the_size_whose_material_is_the_darker_one_is_named(size: str, named: str) -> None:
+    right, bare = textured(), take_colour(textured(), PART)
+    lr, hr = pair(*((bare, right) if size == "lr" else (right, bare)))
+    left, _ = leave_contradicting(lr, hr, SCALE)
+    taken = find_taken(lr, left)
+    assert torch.equal(taken, decimate(PART, SCALE, (2, 2)))
+    assert name_darker(lr, hr, SCALE, taken) == named
