@@ -111,8 +111,8 @@ DECLARED: Mapping[str, Declared] = {
         unknown="seeds and frames of the scenes, and which of them the other process had",
     ),
     **dict.fromkeys(
-        # weights of 4x serve 3x, too
-        ("gather-3x", "gather-4x"),
+        # weights of 4x serve these, too
+        ("gather-3x", "gather-4x", "gather-6x", "gather-8x"),
         Declared(
             scenes=40,
             source="the file (46 shots), docs/gather.md (the train sequences and forty scenes)",
