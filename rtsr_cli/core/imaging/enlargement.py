@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.storage import MAX_HALF
@@ -21,7 +20,7 @@ from rtsr_cli.core.imaging.color import (
     encode_reinhard_wide,
 )
 from rtsr_cli.core.imaging.resampling import (
-    BICUBIC_SUPPORT_PX,
+    find_largest_around,
     grow_valid,
     upsample_bicubic,
     upsample_masked_bicubic,
@@ -81,22 +80,8 @@ def bound_highlights(
     In c / (1 + c) an overshoot of a hundredth above 0.99 is radiance without bound; below
     `highlight` the kernel's overshoot is the sharpening that it is meant to be.
     """
-    brightest = encoded
-    for dim in (-2, -1):
-        brightest = _brightest_along(brightest, dim)
-    bound = upsample_nearest(brightest.clamp(min=highlight), scale)
+    bound = upsample_nearest(find_largest_around(encoded).clamp(min=highlight), scale)
     return torch.minimum(enlarged, bound)
-
-
-def _brightest_along(image: Image, dim: int) -> Image:
-    """Largest of the 5 values around, along one axis: many times faster than pooling."""
-    reach, length = BICUBIC_SUPPORT_PX, image.shape[dim]
-    ends = (reach, reach) if dim == -1 else (0, 0, reach, reach)
-    padded = F.pad(image, ends, value=-math.inf)
-    brightest = padded.narrow(dim, 0, length)
-    for step in range(1, 2 * reach + 1):
-        brightest = torch.maximum(brightest, padded.narrow(dim, step, length))
-    return brightest
 
 
 def enlarge_log_lighting(

@@ -171,7 +171,16 @@ def repeat(image: Array, scale: int) -> Array:
 def masked_cubic(image: Array, mask: Flags, scale: int, jitter: Jitter) -> tuple[Array, Flags]:
     weight = cubic(mask.astype(float), scale, jitter)
     reached = weight >= C["MIN_FILTERED_MASK"]
-    return cubic(image * mask, scale, jitter) / np.where(reached, weight, 1), reached
+    smooth = cubic(image * mask, scale, jitter) / np.where(reached, weight, 1)
+    return held(smooth, image, mask, scale), reached
+
+
+def held(smooth: Array, image: Array, mask: Flags, scale: int) -> Array:
+    partial = np.any(around((~mask).astype(float), 2, 0.0), axis=0)
+    most = np.max(around(np.where(mask, image, -np.inf), 2, -np.inf), axis=0)
+    least = np.min(around(np.where(mask, image, np.inf), 2, np.inf), axis=0)
+    ends = (repeat(np.where(partial, i, f), scale) for i, f in ((least, -np.inf), (most, np.inf)))
+    return clamp(smooth, *ends)
 
 
 def cubic_base(e: Array, divided: Flags, scale: int, jitter: Jitter) -> Array:

@@ -166,6 +166,28 @@ def test_masked_bicubic_of_a_constant_is_that_constant_wherever_it_is_supported(
     assert torch.allclose(enlarged, 3.0 * supported, atol=1e-5)
 
 
+@pytest.mark.parametrize("jitter", [(0.0, 0.0), (0.4, -0.3)])
+def test_masked_bicubic_of_few_valid_pixels_stays_within_their_range(
+    jitter: tuple[float, float],
+) -> None:
+    # alternating values, so that weights of both signs meet
+    image = 1.0 + 7.0 * (torch.arange(10).view(1, 1, 1, -1) % 2).float().expand(1, 1, 10, 10)
+    mask = (noise(1, 1, 10, 10, seed=6) > 0.7).float()
+    enlarged, supported = upsample_masked_bicubic(image, mask, 4, jitter)
+    there = enlarged[supported > 0]
+    assert 1.0 <= float(there.min()) < float(there.max()) <= 8.0
+
+
+def test_masked_bicubic_overshoots_as_plain_bicubic_does_away_from_invalid_pixels() -> None:
+    image = torch.zeros(1, 1, 12, 12)
+    image[..., 8:] = 1.0
+    mask = torch.ones(1, 1, 12, 12)
+    mask[..., 0, 0] = 0.0
+    enlarged, _ = upsample_masked_bicubic(image, mask, 4)
+    assert torch.allclose(enlarged[..., 12:, :], upsample_bicubic(image, 4)[..., 12:, :], atol=1e-6)
+    assert float(enlarged.max()) > 1.05
+
+
 def test_masked_bicubic_is_unsupported_where_its_weight_is_below_a_twentieth() -> None:
     mask = torch.zeros(1, 1, 1, 9)
     mask[..., 4] = 1
