@@ -93,7 +93,14 @@ RATES = Declared(
     trained=False,
 )
 
+SHORT = Declared(
+    scenes=44,
+    source="the file (50 shots), docs/train-your-own.md",
+    unknown="seeds and frames of the scenes",
+)
+
 DECLARED: Mapping[str, Declared] = {
+    **dict.fromkeys(("fusesr-8x", "nsrd-2x", "nsrd-6x"), SHORT),
     "fusesr-4x": EARLY,
     "fusesr-fast-2x": EARLY,
     "fusesr-fast-4x": EARLY,
