@@ -195,7 +195,7 @@ def test_sides_that_are_no_multiple_are_written_in_operators_of_opset_15(
     """nsrd pads inside; 480x270 is no multiple of 4 either."""
     del exported
     height, width = 15, 22
-    made = rtsr("export", "nsrd", tmp_path, "--size", f"{width}x{height}")
+    made = rtsr("export", "nsrd", tmp_path, "--scale", 4, "--size", f"{width}x{height}")
     assert made.exit_code == 0, made.output
     manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["opset"] == 15
@@ -357,7 +357,7 @@ def test_a_baseline_is_refused(
             "comes with several weights: give one's name in place of",
         ),
         (("fusesr-direct",), "comes without weights: train them (rtsr train fusesr-direct"),
-        (("fusesr", "--scale", "8"), "comes without weights for 8x: train them"),
+        (("fusesr-fast", "--scale", "8"), "comes without weights for 8x: train them"),
         (("fusesr-4x", "--scale", "8"), "weights for 4x, not 8x"),
         (("fuser",), "no system is called 'fuser', did you mean 'fusesr'?"),
         (("none.safetensors",), "none.safetensors: cannot be read as weights"),

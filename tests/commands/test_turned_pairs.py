@@ -87,6 +87,33 @@ def test_lr_files_that_are_exchanged_are_refused(
     assert "system bicubic" in chosen.output
 
 
+def test_a_frame_whose_hr_file_is_another_frames_fails_alone(
+    rtsr: Run, small_shot: Path, changed: Callable[..., Path], tmp_path: Path
+) -> None:
+    kept: dict[int, dict[str, Any]] = {}
+
+    def show_third(planes: dict[str, Any], number: int) -> None:
+        kept[number] = dict(planes)
+        if number == 2 and 3 in kept:
+            planes.update(kept[3])
+
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot, shot)
+    shutil.rmtree(shot / "hr")
+    changed(small_shot / "hr", show_third)
+    # frame 2 is not among those that are looked at before the run, and keeps its camera
+    changed(small_shot / "hr", show_third).rename(shot / "hr")
+    files = sorted((shot / "hr").glob("*.exr"))
+    result = rtsr("upscale", shot, tmp_path / "out", "--system", "demod-guided")
+    assert result.exit_code == 1, result.output
+    said = " ".join(result.output.split())
+    assert "frame 2: beside" in said
+    assert "of another moment (HR frame 2 fits LR frame 3)" in said
+    assert sorted(p.name for p in (tmp_path / "out").glob("*.exr")) == [
+        files[n].name for n in (0, 2, 3)
+    ]
+
+
 @pytest.mark.parametrize("name", ["frame", "target"])
 def test_a_factor_of_one_size_is_named_with_the_line_that_mends_it(
     rtsr: Run, small_shot: Path, changed: Callable[..., Path], tmp_path: Path, name: str

@@ -548,7 +548,8 @@ def _with_pixels(
 
 
 def _say_gaps(lacking: Sequence[range]) -> str:
-    one = sum(map(len, lacking)) == 1
+    # of stray numbers they are more than `len` can say
+    one = sum(gap.stop - gap.start for gap in lacking) == 1
     return f"frame{'' if one else 's'} {format_gaps(lacking)}: render {'it' if one else 'them'}"
 
 

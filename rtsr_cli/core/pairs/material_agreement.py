@@ -25,6 +25,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import product
 from typing import NamedTuple
 
 import torch
@@ -58,6 +59,12 @@ FAR = 1.6
 
 BLACK = 1e-3
 """Base colour up to here is none: the third level above 0 of 8 bits in sRGB."""
+
+LEAST_EXPECTED = 2.5
+"""Samples on pixels without base colour, of the 5 x 5 around: a line of one HR pixel has 1.25."""
+
+BESIDE_PX = (1, 2, 3)
+"""HR pixels to each side in which other parts of a surface are looked for."""
 
 MOST_STRAYS = 0.05
 """Share of the samples that may stray in the middle one of all tiles: of samples that lie elsewhere
@@ -181,6 +188,67 @@ def is_colourless(gbuffer: GBuffer) -> Mask:
     if Buffer.ALBEDO not in gbuffer:
         return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
     return (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+
+
+def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, dict[str, Mask]]:
+    """Take material out where a base colour of 0 is stored at one size alone, however small it is.
+
+    HR pixels without base colour of which no sample of the 5 x 5 around is, though `LEAST_EXPECTED`
+    would be, are enlarged as radiance, unless others of their surface beside them have some: joints
+    of bricks. Samples without one beside which no pixel of the 3 x 3 blocks lacks one are left out.
+
+    Args:
+        lr: with sky and material, and lighting with its mask where it was divided.
+        hr: with sky and material.
+        scale: S.
+
+    Returns:
+        The frames, and where that was so in groups, as LR masks by what is said of it; the very
+        frames and nothing where a size stores no base colour, or both agree.
+    """
+    if Buffer.ALBEDO not in lr.gbuffer or Buffer.ALBEDO not in hr.gbuffer:
+        return lr, hr, {}
+    bare_lr, bare_hr = (
+        is_colourless(frame.gbuffer) & (frame.gbuffer[Buffer.SKY] < 0.5) for frame in (lr, hr)
+    )
+    if not bool(bare_hr.any()) and not bool(bare_lr.any()):
+        return lr, hr, {}
+    # LR samples that would lie on such pixels if places were by chance
+    expected = _count_around(F.avg_pool2d(bare_hr.float(), scale), REACH)
+    many = _spread(expected >= LEAST_EXPECTED, REACH) & ~_spread(bare_lr, REACH)
+    hidden = _keep_whole_surfaces(hr.gbuffer, bare_hr, bare_hr & upsample_nearest(many, scale))
+    in_block = F.max_pool2d(bare_hr.float(), scale) > 0.5
+    alone = bare_lr & ~_spread(in_block, 1)
+    material = hr.gbuffer[Buffer.MATERIAL]
+    doubted: dict[str, Mask] = {}
+    if bool((hidden & (material > MATERIAL_EPSILON).all(1, keepdim=True)).any()):
+        bare = material.masked_fill(hidden, 0.0)
+        hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
+        doubted[DARKER_AT_HR] = F.max_pool2d(hidden.float(), scale) > 0.5
+    if bool(alone.any()):
+        lr = leave_undivided(lr, alone)
+        doubted[DARKER_AT_LR] = alone
+    # single samples lie on lines that no pixel's centre is on: nothing is wrong with those
+    return lr, hr, {cause: mask for cause, mask in doubted.items() if bool(keep_groups(mask).any())}
+
+
+def _keep_whole_surfaces(gbuffer: GBuffer, bare: Mask, hidden: Mask) -> Mask:
+    """Keep HR pixels beside which nothing of their surface has a base colour; none where surfaces
+    cannot be told apart.
+    """
+    picked = hidden[0, 0].nonzero()
+    parts = (Buffer.NORMAL, Buffer.DEPTH)
+    if not len(picked) or any(part not in gbuffer for part in parts):
+        return torch.zeros_like(hidden)
+    guides = torch.cat([gbuffer[part] for part in parts], 1)
+    last = torch.tensor(hidden.shape[-2:]) - 1
+    own = guides[..., picked[:, 0], picked[:, 1]]
+    coloured = torch.zeros(len(picked), dtype=torch.bool)
+    for step, across, down in product(BESIDE_PX, (-1, 0, 1), (-1, 0, 1)):
+        rows, columns = (picked + step * torch.tensor([down, across])).clamp(min=0).minimum(last).T
+        alike = _is_alike(own, guides[..., rows, columns], APART_THERE)[0, 0]
+        coloured |= alike & ~bare[0, 0, rows, columns]
+    return _mark(picked[~coloured], hidden)
 
 
 def find_taken(before: Frame, after: Frame) -> Mask:

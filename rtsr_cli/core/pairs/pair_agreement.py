@@ -227,9 +227,8 @@ def _judge_frame(
     other = _find_reading(small, beside, scale, number)
     if other is not None:
         return other
-    around = sorted(stored, key=lambda n: (abs(n - number), n))[: MOST_OTHERS + 1]
-    others = [n for n in dict.fromkeys((*around, *looked_at)) if n in stored and n != number]
-    moved = _find_moment(small, hr, scale, number, others)
+    others = _list_others(number, stored, looked_at)
+    moved = _find_moment((small, beside), (lr, hr), scale, number, others)
     return moved or Misfit(frame=number, strays=strays)
 
 
@@ -384,25 +383,66 @@ def _encode(colour: Image) -> Image:
     return encode_srgb(colour.float())
 
 
-def _find_moment(
-    lr: GBuffer, hr: Read, scale: int, number: int, others: Sequence[int]
+def find_other_moment(
+    lr: Read,
+    hr: Read,
+    number: int,
+    scale: int,
+    *,
+    own: tuple[GBuffer, GBuffer],
+    stored: Collection[int],
 ) -> Misfit | None:
-    """Another frame, where its depth fits and the own frame's does not."""
-    if Buffer.DEPTH not in lr or not others:
+    """Say that one of both files of a frame is of another frame, by depth alone.
+
+    None where nothing says so, where a size lacks depth, or where other frames cannot be read.
+
+    Args:
+        lr, hr: read the depth of other frames.
+        number: of the frame.
+        scale: S.
+        own: its buffers, of LR and of HR.
+        stored: numbers of frames that both sizes have.
+    """
+    try:
+        return _find_moment(own, (lr, hr), scale, number, _list_others(number, stored))
+    except FrameFolderError:
         return None
-    depth = lr.only((Buffer.DEPTH,))
 
-    def measure(other: int) -> float:
-        return measure_strays(depth, hr(other), scale) or 0.0
 
-    strays = measure(number)
+def _list_others(
+    number: int, stored: Collection[int], looked_at: Collection[int] = ()
+) -> list[int]:
+    """Frames that are tried in the place of one: those around it, and those looked at."""
+    around = sorted(stored, key=lambda n: (abs(n - number), n))[: MOST_OTHERS + 1]
+    return [n for n in dict.fromkeys((*around, *looked_at)) if n in stored and n != number]
+
+
+def _find_moment(
+    own: tuple[GBuffer, GBuffer],
+    reads: tuple[Read, Read],
+    scale: int,
+    number: int,
+    others: Sequence[int],
+) -> Misfit | None:
+    """Another frame, where the depth of one of both files fits it and not its own frame."""
+    small, beside = own
+    if Buffer.DEPTH not in small or Buffer.DEPTH not in beside or not others:
+        return None
+    small = small.only((Buffer.DEPTH,))
+    strays = measure_strays(small, beside, scale) or 0.0
     if strays <= FEW_SHIFTED:
         return None
-    found = {other: measure(other) for other in others}
-    best = min(found, key=found.__getitem__)
-    if found[best] * FAR_BETTER >= strays:
+    read_lr, read_hr = reads
+    # HR's file of the frame may be lost, and stand in its place that of another one
+    found = {(other, number): measure_strays(small, read_hr(other), scale) for other in others}
+    for other in others:
+        depth = read_lr(other).only((Buffer.DEPTH,))
+        found[number, other] = measure_strays(depth, beside, scale)
+    known = {pair: share for pair, share in found.items() if share is not None}
+    best = min(known, key=known.__getitem__, default=None)
+    if best is None or known[best] * FAR_BETTER >= strays:
         return None
-    looks = f"of another moment (HR frame {best} fits LR frame {number})"
+    looks = f"of another moment (HR frame {best[0]} fits LR frame {best[1]})"
     return Misfit(frame=number, strays=strays, looks=looks, remedy=NUMBER_REMEDY)
 
 

@@ -18,7 +18,7 @@ from rtsr_cli.core.captures.shots import HR_FOLDER
 from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
-from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
+from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.imaging.derivation import CAMERA
@@ -27,11 +27,12 @@ from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
 from rtsr_cli.core.pairs.material_agreement import (
     GUIDES,
     find_taken,
+    leave_colourless,
     leave_contradicting,
     name_darker,
 )
 from rtsr_cli.core.pairs.nonfinite import apply_policy
-from rtsr_cli.core.pairs.pair_agreement import COMPARED, Misfit, find_misfit
+from rtsr_cli.core.pairs.pair_agreement import COMPARED, Misfit, find_misfit, find_other_moment
 from rtsr_cli.core.pairs.sources import (
     FITTING_HR,
     HR_FRAMES,
@@ -169,7 +170,9 @@ class RealPairs:
     @property
     def misfit(self) -> str:
         """What HR looks like beside LR, and what to do."""
-        found = self._misfit
+        return self._describe(self._misfit)
+
+    def _describe(self, found: Misfit | None) -> str:
         if self.hr is None or found is None or not found.looks:
             return ""
         remedy = f"{found.remedy}{_suggest_factor(found, self.lr, self.hr)}"
@@ -213,13 +216,40 @@ class RealPairs:
         )
 
     def load(self, number: int, inputs: PairInputs) -> FramePair:
-        """Read both frames; HR radiance is never among what is asked for."""
-        pair = self._read(number, inputs)
+        """Read both frames; HR radiance is never among what is asked for.
+
+        Raises:
+            FrameFolderError: one of both is of another moment, or cannot be read.
+        """
+        pair = self._read(number, inputs, own_moment=True)
         if not inputs.filter_known:
             return pair
         return replace(pair, lr=replace(pair.lr, filter_width_px=self.filter_width_px or 0.0))
 
-    def _read(self, number: int, inputs: PairInputs) -> FramePair:
+    def _check_moment(self, number: int, lr: GBuffer, hr: GBuffer) -> None:
+        """Refuse a frame one of whose files is another frame's: few are looked at before a run.
+
+        Raises:
+            FrameFolderError: its depth says so.
+        """
+        if Buffer.DEPTH not in lr or Buffer.DEPTH not in hr or self.hr is None:
+            return
+        small, large = self.lr, self.hr
+        stored = set(small.numbers) & set(large.numbers) - set(small.held) - set(large.held)
+        if number not in stored:
+            return
+        found = find_other_moment(
+            lambda other: small.read(other, (Buffer.DEPTH,)).gbuffer,
+            lambda other: large.read(other, (Buffer.DEPTH,)).gbuffer,
+            number,
+            self.scale,
+            own=(lr, hr),
+            stored=stored,
+        )
+        if found is not None:
+            raise FrameFolderError(self._describe(found))
+
+    def _read(self, number: int, inputs: PairInputs, *, own_moment: bool = False) -> FramePair:
         """Read both frames, whatever filter went over radiance."""
         reads = self.resolve(inputs)
         checked = check_frame(self.lr.read(number, reads.lr.stored), inputs)
@@ -233,6 +263,8 @@ class RealPairs:
         hr = self.hr.read(self.lr.held.get(number, number), stored)
         hr, fixed_hr = apply_policy(hr, inputs.on_nonfinite)
         hr = build_hr(hr, _keep_guides(reads.hr), inputs.derivation)
+        if own_moment:
+            self._check_moment(number, lr.gbuffer, hr.gbuffer)
         doubted: dict[str, Mask] = {}
         taken: Mask | None = None
         if Buffer.MATERIAL in lr.gbuffer and Buffer.MATERIAL in hr.gbuffer:
@@ -240,7 +272,8 @@ class RealPairs:
             if left is not lr:
                 taken = find_taken(lr, left)
                 doubted[name_darker(lr, hr, self.scale, taken)] = taken
-            lr, hr = left, bare
+            lr, hr, colourless = leave_colourless(left, bare, self.scale)
+            doubted = _join_masks(doubted, colourless)
         if divides and Buffer.MATERIAL in hr.gbuffer:
             left, hr = leave_outshining(lr, hr, self.scale, taken)
             if left is not lr:
@@ -315,6 +348,12 @@ def settle_cameras(pairs: RealPairs) -> RealPairs:
         return pairs
     lr, hr = share_verdicts(pairs.lr, pairs.hr, lambda: pairs.misfit)
     return replace(pairs, lr=lr, hr=hr)
+
+
+def _join_masks(one: dict[str, Mask], other: dict[str, Mask]) -> dict[str, Mask]:
+    """All that either says, where both say the same where either does."""
+    both = {name: one[name] | other[name] for name in one.keys() & other.keys()}
+    return one | other | both
 
 
 def _keep_guides(reads: Reads, further: Collection[Buffer] = ()) -> Reads:

@@ -18,6 +18,7 @@ from rtsr_cli.core.pairs.material_agreement import (
     DARKER_AT_LR,
     find_contradicting,
     find_taken,
+    leave_colourless,
     leave_contradicting,
     name_darker,
 )
@@ -218,3 +219,53 @@ def test_the_size_whose_material_is_the_darker_one_is_named(size: str, named: st
     taken = find_taken(lr, left)
     assert torch.equal(taken, decimate(PART, SCALE, (2, 2)))
     assert name_darker(lr, hr, SCALE, taken) == named
+
+
+def coloured(albedo: Tensor) -> Tensor:
+    """Material of a base colour: that, and a specular remainder."""
+    return albedo + SPECULAR
+
+
+@pytest.mark.parametrize("size", ["lr", "hr"])
+def test_a_base_colour_of_0_at_one_size_is_taken_out_however_thin_it_is(size: str) -> None:
+    right = textured()
+    black = right.masked_fill(THIN, 0.0)
+    small, large = (black, right) if size == "lr" else (right, black)
+    lr, hr = pair(coloured(small), coloured(large))
+    lr = replace(lr, gbuffer=lr.gbuffer.with_buffers({Buffer.ALBEDO: decimate(small, 4, (2, 2))}))
+    # the thing stands before the wall
+    depth = torch.full((1, 1, *SIZE), 5.0).masked_fill(THIN, 3.0)
+    normal = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1).expand(1, 3, *SIZE)
+    guides = {Buffer.ALBEDO: large, Buffer.DEPTH: depth, Buffer.NORMAL: normal}
+    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers(guides))
+    left, bare, said = leave_colourless(lr, hr, SCALE)
+    # the thing is one sample wide: no group, which is not talked of
+    assert not said
+    taken, gone = (
+        (frame.gbuffer[Buffer.MATERIAL] == 0.0).all(1, keepdim=True) for frame in (left, bare)
+    )
+    assert torch.equal(taken, decimate(THIN, 4, (2, 2)) if size == "lr" else taken & False)
+    assert torch.equal(gone, THIN if size == "hr" else gone & False)
+
+
+def test_black_joints_of_a_wall_that_no_sample_hits_are_left() -> None:
+    right = textured()
+    lr, hr = pair(coloured(right), coloured(right))
+    lr = replace(lr, gbuffer=lr.gbuffer.with_buffers({Buffer.ALBEDO: decimate(right, 4, (2, 2))}))
+    flat = torch.ones(1, 1, *SIZE), torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    guides = {Buffer.DEPTH: flat[0], Buffer.NORMAL: flat[1].expand(1, 3, *SIZE)}
+    guides[Buffer.ALBEDO] = right.masked_fill(THIN, 0.0)
+    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers(guides))
+    assert leave_colourless(lr, hr, SCALE) == (lr, hr, {})
+
+
+def test_a_base_colour_of_0_at_both_sizes_is_left() -> None:
+    black = textured().masked_fill(PART, 0.0)
+    lr, hr = pair(coloured(black), coloured(black))
+    assert leave_colourless(lr, hr, SCALE) == (lr, hr, {})
+    lr = replace(lr, gbuffer=lr.gbuffer.with_buffers({Buffer.ALBEDO: decimate(black, 4, (2, 2))}))
+    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.ALBEDO: black}))
+    left, bare, said = leave_colourless(lr, hr, SCALE)
+    assert left is lr
+    assert bare is hr
+    assert not said

@@ -19,6 +19,7 @@ from rtsr_cli.core.pairs.pair_agreement import (
     TURNED,
     Misfit,
     find_misfit,
+    find_other_moment,
     flip,
     measure_factor,
     measure_strays,
@@ -173,6 +174,32 @@ def test_lr_files_that_are_exchanged_are_named(doubted: tuple[int, ...]) -> None
     found = find_misfit(lr.__getitem__, hr.__getitem__, sorted(lr), 4, stored=hr, doubted=doubted)
     assert found is not None
     assert f"HR frame {other} fits LR frame {one}" in found.looks
+
+
+def test_a_single_frame_is_held_against_those_around_it_both_ways() -> None:
+    lr = {n: keep(render(n), 4, (2, 2)) for n in (1, 2, 3, 4)}
+    hr = {n: render(n) for n in lr}
+
+    def find(number: int) -> Misfit | None:
+        own = lr[number], hr[number]
+        return find_other_moment(
+            lr.__getitem__, hr.__getitem__, number, 4, own=own, stored=lr.keys()
+        )
+
+    assert [find(n) for n in lr] == [None] * 4
+    right = hr[2]
+    hr[2] = hr[3]
+    found = find(2)
+    assert found is not None
+    assert "HR frame 2 fits LR frame 3" in found.looks
+    assert find(3) is None
+    # HR of no moment of the sequence: nothing explains it
+    hr[2] = render(40)
+    assert find(2) is None
+    hr[2], lr[2] = right, lr[1]
+    found = find(2)
+    assert found is not None
+    assert "HR frame 1 fits LR frame 2" in found.looks
 
 
 @pytest.mark.parametrize("factor", [2.0, 0.5, 0.02])
