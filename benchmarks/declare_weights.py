@@ -100,7 +100,7 @@ SHORT = Declared(
 )
 
 DECLARED: Mapping[str, Declared] = {
-    **dict.fromkeys(("fusesr-8x", "nsrd-2x", "nsrd-6x"), SHORT),
+    **dict.fromkeys(("fusesr-8x", "nsrd-2x"), SHORT),
     "fusesr-4x": EARLY,
     "fusesr-fast-2x": EARLY,
     "fusesr-fast-4x": EARLY,
