@@ -194,15 +194,14 @@ def _hold_within_valid(enlarged: Image, image: Image, mask: Mask, scale: int) ->
     """Clamp, in place, to the valid ones of the 5x5 pixels around, where not all of them are."""
     count, channels, height, width = image.shape
     invalid = mask <= 0
-    partial = find_largest_around(invalid.to(image)) > 0
+    # most of a picture lies away from the edges of its masks
+    frame, row, column = (find_largest_around(invalid.to(image)) > 0)[:, 0].nonzero(as_tuple=True)
     largest = find_largest_around(image.masked_fill(invalid, -math.inf))
     least = find_largest_around(image.neg().masked_fill_(invalid, -math.inf)).neg()
-    ends = (
-        torch.where(partial, bound, anything).repeat_interleave(scale, dim=COLUMNS).unsqueeze(3)
-        for bound, anything in ((least, -math.inf), (largest, math.inf))
-    )
-    blocks = enlarged.view(count, channels, height, scale, width * scale)
-    torch.clamp(blocks, *ends, out=blocks)
+    ends = (bound[frame, :, row, column, None, None] for bound in (least, largest))
+    # k c S S of the picked blocks
+    blocks = enlarged.view(count, channels, height, scale, width, scale).permute(0, 2, 4, 1, 3, 5)
+    blocks[frame, row, column] = torch.clamp(blocks[frame, row, column], *ends)
 
 
 def find_largest_around(image: Image) -> Image:

@@ -248,6 +248,18 @@ def test_a_base_colour_of_0_at_one_size_is_taken_out_however_thin_it_is(size: st
     assert torch.equal(gone, THIN if size == "hr" else gone & False)
 
 
+def test_a_thing_without_base_colour_at_hr_is_said_where_it_is_a_group() -> None:
+    right, thing = textured(), region(20, 60, 40, 60)
+    lr, hr = pair(coloured(right), coloured(right))
+    lr = replace(lr, gbuffer=lr.gbuffer.with_buffers({Buffer.ALBEDO: decimate(right, 4, (2, 2))}))
+    hr = seen_from_front(hr, torch.full((1, 1, *SIZE), 5.0).masked_fill(thing, 3.0))
+    bare = {Buffer.ALBEDO: right.masked_fill(thing, 0.0)}
+    _, left, said = leave_colourless(lr, replace(hr, gbuffer=hr.gbuffer.with_buffers(bare)), SCALE)
+    assert list(said) == [DARKER_AT_HR]
+    gone = (left.gbuffer[Buffer.MATERIAL] == 0.0).all(1, keepdim=True)
+    assert torch.equal(gone, thing)
+
+
 def test_black_joints_of_a_wall_that_no_sample_hits_are_left() -> None:
     right = textured()
     lr, hr = pair(coloured(right), coloured(right))

@@ -136,14 +136,14 @@ def _describe_dispute(lr: FrameReader, hr: FrameReader) -> Iterator[str]:
     if hr.camera_doubt and not lr.camera_doubt:
         yield hr.camera_doubt
         why = (
-            "agree with theirs: what is small there may hide what is wrong here"
+            "agree with theirs, in which an error of that size may be too small to be seen"
             if lr.camera_certain
             else "do not tell"
         )
-        yield f"the cameras are in doubt by what the HR frames show; the LR frames {why}"
+        yield f"the HR frames contradict their camera matrices; the LR frames {why}"
     if lr.camera_doubt and hr.camera_certain:
         yield (
-            "the cameras are in doubt by what the LR frames show, though the HR frames agree with "
+            "the LR frames contradict their camera matrices, though the HR frames agree with "
             "theirs: files of LR may be what is wrong"
         )
 
