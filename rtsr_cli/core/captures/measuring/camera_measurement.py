@@ -197,15 +197,15 @@ def _gather_motion(
             if source not in stored:
                 continue
             geometry = _make_geometry(reader, number, buffers, Buffer.DEPTH)
-            file = stored[source][Buffer.MOTION]
+            other = number + (reader.step if motion.direction.to_next else -reader.step)
+            previous = reader.cameras[other] if other in given else geometry.camera
+            kept, thinning = thin(replace(geometry, position=None, previous=previous))
+            file = ThinnedFrame(thinning).image(stored[source][Buffer.MOTION])
             vectors = motion.pixels(file, reader.view.display, dim=1)
             off = motion.pixels(file + measure_rounding(file), reader.view.display, dim=1) - vectors
             far = float(vector_length(off).nanmedian())
             roundings[motion] = max(roundings.get(motion, 0.0), far)
-            other = number + (reader.step if motion.direction.to_next else -reader.step)
-            previous = reader.cameras[other] if other in given else geometry.camera
-            moved = replace(geometry, motion_px=vectors, position=None, previous=previous)
-            frames[motion][number], thinning = thin(moved)
+            frames[motion][number] = replace(kept, motion_px=vectors / thinning)
     evidence = VectorEvidence(
         frames=frames,
         step=reader.step,
@@ -234,13 +234,11 @@ def _gather_normals(
     (buffer,) = buffers
     frames, normals = {}, {}
     for number, held in list(stored.items())[-MOST_NORMAL_FRAMES:]:
-        unit = unpack_normals(held[buffer])
-        if unit is None:
-            continue
-        frames[number], thinning = thin(
-            _make_geometry(reader, number, held, Buffer.DEPTH), MOST_SURFACE_PIXELS
-        )
-        normals[number] = ThinnedFrame(thinning).image(unit)
+        geometry = _make_geometry(reader, number, held, Buffer.DEPTH)
+        kept, thinning = thin(geometry, MOST_SURFACE_PIXELS)
+        unit = unpack_normals(ThinnedFrame(thinning).image(held[buffer]))
+        if unit is not None:
+            frames[number], normals[number] = kept, unit
     if not frames:
         return [], (NO_DIRECTIONS,)
     depths = list_likely_depths(presumed.depth)[:5]
