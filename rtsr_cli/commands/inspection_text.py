@@ -15,7 +15,12 @@ from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
-from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T, MotionCandidate
+from rtsr_cli.core.captures.measuring.motion_choices import write_motion
+from rtsr_cli.core.captures.measuring.motion_finding import (
+    SIGNIFICANT_T,
+    MotionCandidate,
+    MotionFinding,
+)
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.sample_channels import describe_samples, stand_for_pixel
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
@@ -244,7 +249,7 @@ def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str
         )
     if len(reader.without_camera) < len(reader.cameras):
         return f"{say_frames(reader.without_camera)} without matrices, the others have them"
-    return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'
+    return "no matrices: neither in the headers, nor in a file that capture.toml names"
 
 
 def _describe_proof(settled: MeasuredReader | None) -> str:
@@ -258,7 +263,7 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     return f"verified by {', '.join(found.proofs)}{how}{but}{apart}"
 
 
-SAME_VECTORS = "as good as the best: the vectors of neighbouring files are nearly alike"
+SAME_VECTORS = "fits as well: the vectors of neighbouring files are nearly alike"
 """Said of a reading that differs from the best in the file alone, and hardly in the vectors."""
 
 SKY_NOTE = "sky measured: "
@@ -291,7 +296,8 @@ def _list_convention_lines(settled: MeasuredReader, declared: CaptureDeclaration
 
 
 def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) -> Iterator[str]:
-    finding = settled.measured.motion
+    measured = settled.measured
+    finding = measured.motion
     if finding is None:
         yield _format_line(
             "", "not measured: that needs two adjacent frames with radiance or albedo"
@@ -302,26 +308,21 @@ def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) ->
         return
     yield _format_line(
         "",
-        f"measured on {format_ranges(settled.measured.frames)}, {finding.moving:.0%} of the pixels "
-        f"move; error without motion {finding.unmoved_error:.3f}",
+        f"measured on {say_frames(measured.frames)}, {finding.moving:.0%} of the pixels move; "
+        "difference to the neighbouring frame fetched along the vectors, best readings of all "
+        f"({finding.unmoved_error:.3f} if fetched without them):",
     )
     used = finding.of(settled.reader.conventions.motion)
     # the one that is read leads, whichever fits best
     listed = [*([used] if used is not None else []), *finding.candidates[:MOST_CANDIDATES]]
     for candidate in dict.fromkeys(listed):
-        marks = [_describe_fit(candidate)]
-        marks += ["tie"] if candidate in finding.alike else []
-        marks += [SAME_VECTORS] if candidate.same_vectors else []
+        marks = [SAME_VECTORS if candidate.same_vectors else _describe_fit(candidate, finding)]
         if candidate is used and not settled.reader.motion_undecided:
-            marks += [f"read so: {_explain_reading(candidate, settled, declared)}"]
-        text = f"{candidate.error:.3f}  {candidate.convention}: {', '.join(marks)}"
+            marks += [f"used: {_explain_reading(candidate, settled, declared)}"]
+        text = f"{candidate.error:.3f}  {candidate.convention}: {'; '.join(marks)}"
         yield _format_line("", f"  {text}")
     if finding.alike:
-        yield _format_line(
-            "",
-            f"  tie: behind the best by less than {SIGNIFICANT_T:g} x the uncertainty of that: the "
-            "pictures alone cannot tell which is right",
-        )
+        yield _format_line("", f"  {_describe_tie(finding, used, settled)}")
     if finding.best is None:
         yield _format_line(
             "", "  none fits much better than no motion at all: these frames tell little of it"
@@ -333,10 +334,34 @@ def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) ->
         )
 
 
-def _describe_fit(candidate: MotionCandidate) -> str:
+def _describe_fit(candidate: MotionCandidate, finding: MotionFinding) -> str:
+    """Say whether a reading may be right, by how much worse it fits than the best one."""
     if not candidate.margin:
         return "fits best"
-    return f"{candidate.margin:.1%} behind, {candidate.significance:.2f} x its uncertainty"
+    how = "about as well" if candidate in finding.alike else "worse"
+    return (
+        f"fits {how} (the best is {candidate.margin:.1%} lower, "
+        f"{candidate.significance:.2f} standard errors)"
+    )
+
+
+def _describe_tie(
+    finding: MotionFinding, used: MotionCandidate | None, settled: MeasuredReader
+) -> str:
+    """Say that readings cannot be told apart, and the line that declares another than is used."""
+    count = len(finding.alike)
+    said = f"{count} readings fit alike (less than {SIGNIFICANT_T:g} standard errors apart)"
+    others = [c for c in finding.alike if c is not used]
+    if used is None or settled.reader.motion_undecided or not others:
+        return f"{said}: the pictures alone cannot tell which is right"
+    shifted = any(c.convention.file_offset for c in finding.alike)
+    line = write_motion(others[0].convention, shifted=shifted)
+    if settled.measured.by_geometry is used:
+        return f"{said} in the pictures alone; camera and depth tell them apart"
+    return (
+        f"{said}: the pictures alone cannot tell which is right. If the one used is wrong, declare "
+        f"another at the head of capture.toml: {line}"
+    )
 
 
 def _explain_reading(

@@ -33,7 +33,7 @@ def test_the_reading_of_motion_in_use_stands_first_with_what_decides_it(
     report = rtsr("inspect", small_shot).output.splitlines()
     measured = next(i for i, line in enumerate(report) if "measured on" in line)
     assert "previous-minus-current" in report[measured + 1]
-    assert report[measured + 1].endswith("read so: it is declared")
+    assert report[measured + 1].endswith("used: it is declared")
     assert "as it is read" not in "".join(report)
 
 

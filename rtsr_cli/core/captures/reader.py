@@ -98,6 +98,7 @@ class FrameReader:
         lacking: buffer -> frames whose files do not hold it: radiance where they were not rendered,
             and buffers that are therefore not bound.
         partial: those of them that are not bound since some frames lack them, rendered or not.
+        partial_said: the warnings of those.
         samples: where each sample of a pixel is, of buffers whose channels hold a sample each;
             `binding` has what stands for the pixel.
         sample_fault: why samples cannot be read; empty if they can, or there are none.
@@ -138,6 +139,7 @@ class FrameReader:
     lent_motion: MotionSource | None = None
     lacking: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
     partial: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
+    partial_said: tuple[str, ...] = ()
     samples: Samples = field(default_factory=dict)
     sample_fault: str = ""
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.camera import (
+    GIVE_CAMERAS,
     CameraMetadata,
     View,
     device_to_planar_depth,
@@ -326,7 +327,7 @@ def roughness_from_perceptual(roughness: Plane, kind: RoughnessKind) -> Plane:
 def _needs_camera(where: str, what: str) -> str:
     return (
         f"{where}: {what} needs the camera matrices worldToCamera and worldToNDC; "
-        'the header has none: give them in a side-car (capture.toml: camera = "camera.csv")'
+        f"the header has none: {GIVE_CAMERAS}"
     )
 
 
