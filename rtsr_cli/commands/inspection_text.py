@@ -14,6 +14,7 @@ from rtsr_cli.commands.readiness_text import list_readiness_lines
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
+from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.motion_choices import write_motion
 from rtsr_cli.core.captures.measuring.motion_finding import (
@@ -43,6 +44,15 @@ LABEL = 12
 """Width of the first column."""
 
 MOST_CANDIDATES = 3
+
+JITTER = {JitterVerdict.CONSISTENT: "as declared, or none", JitterVerdict.UNKNOWN: "not clear"}
+"""Verdicts that need more words than their name."""
+
+FAR_WORSE = 100
+"""Times as far off as the best reading of depth: so many say it, whatever the number is."""
+
+SURE = 1.0 - 1.0 / FAR_WORSE
+"""The margin of that."""
 
 CODES = {
     Severity.REMARK: 0,
@@ -127,7 +137,9 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
 
 def _describe_filter(width: float, *, measured: bool) -> str:
     if not width:
-        return "none: LR radiance is of the points that its G-buffer is of, as declared or measured"
+        return (
+            "none: radiance and G-buffer of an LR pixel are of one point, as declared or measured"
+        )
     said = "measured" if measured else "as declared"
     return f"over LR radiance, standard deviation {width:.2f} LR pixels ({said})"
 
@@ -151,8 +163,9 @@ def _list_set_lines(frame_set: SetInspection, declared: CaptureDeclaration) -> I
     yield _format_line("frames", _describe_frames(frame_set, reader))
     yield _format_line("size", f"{reader.size[1]} x {reader.size[0]}{_describe_windows(reader)}")
     yield from _list_buffer_lines(frame_set, reader)
+    several = len(reader.frames.streams) > 1
     for key, names in frame_set.unknown.items():
-        yield _format_line("not used", f"{key + ': ' if key else ''}{' '.join(names)}")
+        yield _format_line("not used", f"{key + ': ' if several else ''}{' '.join(names)}")
     yield from _list_guess_lines(frame_set)
     yield _format_line("camera", _describe_camera(reader, frame_set.settled))
     if frame_set.settled is not None:
@@ -330,7 +343,9 @@ def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) ->
     jitter = settled.measured.jitter
     if jitter is not None:
         yield _format_line(
-            "jitter", f"{jitter.verdict} (largest offset found {jitter.spread_px:.2f} px)"
+            "jitter",
+            f"{JITTER.get(jitter.verdict, jitter.verdict)} (frames lie up to "
+            f"{jitter.spread_px:.2f} px beside where vectors lead)",
         )
 
 
@@ -357,7 +372,7 @@ def _describe_tie(
     shifted = any(c.convention.file_offset for c in finding.alike)
     line = write_motion(others[0].convention, shifted=shifted)
     if settled.measured.by_geometry is used:
-        return f"{said} in the pictures alone; camera and depth tell them apart"
+        return f"{said} in the pictures alone; told apart by {settled.measured.geometry}"
     return (
         f"{said}: the pictures alone cannot tell which is right. If the one used is wrong, declare "
         f"another at the head of capture.toml: {line}"
@@ -384,8 +399,10 @@ def _describe_depth_proof(settled: MeasuredReader) -> str:
     depth = settled.measured.depth
     if depth.best is None:
         return " (not measured: that needs camera matrices and a camera that travels)"
+    worse = f"{1.0 / (1.0 - depth.margin):.2g}" if depth.margin < SURE else f"over {FAR_WORSE}"
     return (
-        f", measured: error {depth.best.error:.2g} {depth.measure}, {depth.margin:.0%} below next"
+        f", measured: points fit to {depth.best.error:.2g} {depth.measure}, {worse} x closer than "
+        "by the next reading"
     )
 
 
@@ -441,5 +458,7 @@ def _list_next_steps(inspection: ShotInspection) -> Iterator[str]:
         yield _format_line("try", f"rtsr upscale {inspection.root} OUT")
         return
     root = inspection.main.root
-    yield _format_line("try", f"rtsr upscale {root} OUT --scale 2          if these are LR frames")
-    yield _format_line("", f"rtsr upscale {root} OUT --simulate-lr 2    if they are HR captures")
+    yield _format_line(
+        "try", f"rtsr upscale {root} OUT --scale 2          # if these are LR frames"
+    )
+    yield _format_line("", f"rtsr upscale {root} OUT --simulate-lr 2    # if they are HR captures")

@@ -181,7 +181,8 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver], chose
         said.update(remedies)
         longest = max(longest, lacks, key=len)
     likely = describe_likely(source.readers, [name for one in passed for name in one.missing])
-    return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}{likely}"
+    found = say_count(len(source.reader.stored), "buffer")
+    return f"{found} found; better systems are passed over: {'; '.join(texts)}{likely}"
 
 
 def _describe_lacks(lacks: Collection[str], longest: Collection[str], *, plural: bool) -> str:
