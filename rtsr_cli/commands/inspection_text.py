@@ -397,6 +397,8 @@ def _explain_reading(
 
 def _describe_depth_proof(settled: MeasuredReader) -> str:
     depth = settled.measured.depth
+    if settled.reader.has_rays_by_positions:
+        return ", made planar by the world positions (no camera is there)"
     if depth.best is None:
         return " (not measured: that needs camera matrices and a camera that travels)"
     worse = f"{1.0 / (1.0 - depth.margin):.2g}" if depth.margin < SURE else f"over {FAR_WORSE}"

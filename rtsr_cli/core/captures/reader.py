@@ -245,6 +245,8 @@ class FrameReader:
     def unmet(self) -> Mapping[Buffer, UnmetNeed]:
         """Buffers whose conversion lacks the camera of a frame that was surveyed."""
         unmet = find_unmet_needs(self.conventions, self.stored, self.cameras)
+        if self.has_rays_by_positions:
+            unmet = {buffer: need for buffer, need in unmet.items() if buffer is not Buffer.DEPTH}
         if (
             Buffer.NORMAL in unmet
             and Buffer.DEPTH in self.stored
@@ -252,6 +254,17 @@ class FrameReader:
         ):
             return {Buffer.DEPTH: unmet[Buffer.NORMAL], **unmet}
         return unmet
+
+    @cached_property
+    def has_rays_by_positions(self) -> bool:
+        """Tell whether ray distances become planar by world positions: no camera tells how."""
+        depth = self.conventions.depth
+        return (
+            depth.kind is conv.DepthKind.RAY
+            and not depth.from_near
+            and self.stored >= {Buffer.DEPTH, Buffer.POSITION}
+            and not self.has_camera
+        )
 
     @cached_property
     def without_camera(self) -> tuple[int, ...]:
@@ -417,6 +430,8 @@ class FrameReader:
             is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
             spoilt = is_number and not bool(torch.isfinite(image).all())
             held = find_common(self.region, [places[c.stream, c.channel] for c in bound])
+            if buffer is Buffer.DEPTH and self.has_rays_by_positions:
+                stored = replace(stored, position_m=tensors[Buffer.POSITION])
             known = image if spoilt else conv.to_memory(buffer, image, stored)
             tensors[buffer] = clear_outside(known, held, self.region, _NOTHING.get(buffer, 0))
             # what is converted is let go, so that a frame is in memory once and a half, not twice
@@ -467,9 +482,13 @@ class FrameReader:
 
     def _needed(self, buffers: tuple[Buffer, ...]) -> tuple[Buffer, ...]:
         """Buffers to read for the ones asked for."""
+        if Buffer.DEPTH not in buffers:
+            return buffers
         marker = self._sky_marker
-        lacking = Buffer.DEPTH in buffers and marker is not None and marker not in buffers
-        return (*buffers, marker) if lacking and marker is not None else buffers
+        # what depth is made of is read before it
+        first = (Buffer.POSITION,) if self.has_rays_by_positions else ()
+        rest = (marker,) if marker is not None else ()
+        return tuple(dict.fromkeys((*first, *buffers, *rest)))
 
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]

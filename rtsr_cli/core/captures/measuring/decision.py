@@ -456,8 +456,8 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
         )
     chosen = replace(measured, sky=given.get("sky"))
     note = (
-        f"depth measured: {text} (points fit to {best.error:.2g} {finding.measure}; not as presumed: "
-        f"{presumed.kind}, {presumed.unit_m:g} m a unit, to {against.error:.2g})"
+        f"depth measured: {text} (points fit to {best.error:.2g} {finding.measure}; not as "
+        f"presumed: {presumed.kind}, {presumed.unit_m:g} m a unit, to {against.error:.2g})"
     )
     return take_measurement(settled, "depth", note, depth=chosen)
 
