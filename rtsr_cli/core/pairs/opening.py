@@ -406,8 +406,8 @@ def _note_unread_size(source: PairSource, shot: Shot) -> PairSource:
     if shot.hr is None or not isinstance(source, RealPairs):
         return source
     note = (
-        f"frames of one size are read, here those of {shot.frames.root}; {shot.hr.root} beside "
-        "them is not: name it in the place of IN to take those"
+        f"this command reads frames of one size, here those of {shot.frames.root}; to take those "
+        f"of {shot.hr.root}, give that folder in place of IN"
     )
     return replace(source, lr=replace(source.lr, notes=(note, *source.lr.notes)))
 
