@@ -30,7 +30,9 @@ def show_summary(event: object) -> None:
         return
     total, options = event.total, event.options
     shares = ", ".join(f"{name} {share:.1%}" for name, share in total["shares"].items() if share)
-    LOG.info("shading invocations saved %.1f %% (%s)", 100 * total["invocations_saved"], shares)
+    # no zero with a sign
+    saved = round(100 * total["invocations_saved"], 1) + 0.0
+    LOG.info("shading invocations saved %.1f %% (%s)", saved, shares)
     if "true_error" in total:
         LOG.info(
             "true error of these rates %.4f on average; %.2f %% of the tiles miss %s %g",

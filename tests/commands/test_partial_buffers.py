@@ -174,7 +174,7 @@ def test_every_command_leaves_such_a_frame_out(
     assert said in planned.output
     held = rtsr(*line, "--on-missing", "hold", "--dry-run")
     assert held.exit_code == 0, held.output
-    said = "frame 4: the frame before stands in (--on-missing hold): "
+    said = "frame 4 counts as missing (--on-missing hold): "
     assert f"{said}buffer '{buffer}' is missing there" in held.output
     assert "left out (" not in held.output
 

@@ -422,7 +422,7 @@ class FrameReader:
             where=self.where(number),
         )
         uses = Counter((c.stream, c.channel) for b in needed for c in self.binding[b])
-        tensors = {}
+        tensors: dict[Buffer, Tensor] = {}
         for buffer in needed:
             bound = self.binding[buffer]
             image = compute_buffer(bound, planes, self.size)

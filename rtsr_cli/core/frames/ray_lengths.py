@@ -106,7 +106,8 @@ def _find_camera(r: Tensor, p: Tensor) -> Tensor:
     """The point that all distances are from: 2 p.C - |C|^2 = |p|^2 - r^2."""
     design = torch.cat([2.0 * p, -torch.ones_like(r)[:, None]], 1)
     squares = p.square().sum(1) - r.square()
-    return torch.linalg.lstsq(design, squares[:, None]).solution[:3, 0]
+    found: Tensor = torch.linalg.lstsq(design, squares[:, None]).solution
+    return found[:3, 0]
 
 
 def _find_frame(rays: Tensor, pixels: Tensor) -> Tensor:
@@ -119,12 +120,13 @@ def _find_frame(rays: Tensor, pixels: Tensor) -> Tensor:
     across = torch.eye(3, dtype=rays.dtype) - unit[:, :, None] * unit[:, None, :]
     of_pixels = (pixels[:, :, None] * pixels[:, None, :]).flatten(1)
     form = (of_pixels.T @ across.flatten(1)).view(3, 3, 3, 3).transpose(1, 2).reshape(9, 9)
-    _, vectors = torch.linalg.eigh(form)
+    vectors: Tensor = torch.linalg.eigh(form).eigenvectors
     return vectors[:, 0].reshape(3, 3)
 
 
 def _measure(pixels: Tensor, frame: Tensor) -> Tensor:
     """Lengths of the rays of pixels, (..., 3) -> (...)."""
     rays = pixels @ frame
-    normal = torch.linalg.cross(frame[1], frame[2])
-    return rays.norm(dim=-1) / (rays @ (normal / normal.norm())).abs()
+    normal: Tensor = torch.linalg.cross(frame[1], frame[2])
+    lengths: Tensor = rays.norm(dim=-1) / (rays @ (normal / normal.norm())).abs()
+    return lengths

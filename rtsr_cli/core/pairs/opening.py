@@ -321,7 +321,8 @@ def _say_left_out(
         why = f"{say_missing(buffers)} there"
         stood, out = numbers.intersection(held), numbers.difference(held)
         if stood:
-            yield f"{say_frames(stood)}: the frame before stands in (--on-missing hold): {why}"
+            verb = "counts" if len(stood) == 1 else "count"
+            yield f"{say_frames(stood)} {verb} as missing (--on-missing hold): {why}"
         if out:
             bare = options.on_missing is MissingPolicy.HOLD
             alone = ", no frame before stands in" if bare else ""
