@@ -243,6 +243,9 @@ class TwoReadings:
     def __init__(self, given: Cameras) -> None:
         self.given = given
 
+    def view_nearby(self, given: Cameras) -> None:
+        """Nothing is seen of cameras beside."""
+
     def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
         if cameras is self.given:
             return {2: 0.016}
@@ -262,6 +265,9 @@ class OneFrameEach:
     unit = "px of motion"
     tells_world, tells_step = False, True
     slack, factor, limit, sure = 0.02, 4.0, 0.1, 0.025
+
+    def view_nearby(self, given: Cameras) -> None:
+        """Nothing is seen of cameras beside."""
 
     def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
         del closely
