@@ -22,6 +22,7 @@ from rtsr_cli.core.captures.measuring.camera_hypotheses import (
     list_worlds,
 )
 from rtsr_cli.core.captures.measuring.camera_refinement import (
+    OF_LENS,
     Beside,
     find_beside,
     list_told,
@@ -406,6 +407,7 @@ def _judge_unopposed(
         undecided[OF_OTHER_LENS] = None
     proving = [views[t.evidence.name] for t in proofs if t.evidence.name in views]
     seen = {name for view in proving for name in list_told(view)}
+    seen |= {OF_LENS} if OF_OTHER_LENS in undecided else set()
     undecided |= dict.fromkeys(say_untold(seen) if proving else ())
     found = CameraFinding(
         proofs=tuple(t.evidence.name for t in proofs),
@@ -509,9 +511,10 @@ def _describe_doubt(
 
 
 def _describe_beside(name: str, found: Beside) -> str:
+    depth = " (or is depth stored otherwise than it is read?)" if "depth" in name else ""
     return (
         f"By {name} they look like those of a camera beside the one that rendered: "
-        f"{found.describe()}. Write the renderer's own."
+        f"{found.describe()}. Write the renderer's own{depth}."
     )
 
 

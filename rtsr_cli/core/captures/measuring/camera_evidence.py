@@ -27,6 +27,7 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
     ThinnedFrame,
     compare_motion,
     find_surface,
+    list_depth_hypotheses,
     measure_depth_effect,
     measure_motion_error,
     measure_offset_error,
@@ -35,7 +36,12 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
     sample_positions,
     take_offset,
 )
-from rtsr_cli.core.frames.camera import CameraMetadata, is_orthographic, place_in_camera_space
+from rtsr_cli.core.frames.camera import (
+    CameraMetadata,
+    is_orthographic,
+    list_near_planes,
+    place_in_camera_space,
+)
 from rtsr_cli.core.frames.camera_convention import AXES
 from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind
 from rtsr_cli.core.frames.motion import MotionConvention
@@ -215,9 +221,8 @@ class PositionEvidence:
     def _measure_distance(self, cameras: Cameras) -> float:
         """Median depth of the positions, in units of the camera."""
         depths = [
-            -(frame.position[0].double().flatten(1).T * self.units[0]) @ torch.from_numpy(
-                cameras[n].view[:3, 2].copy()
-            )
+            -(frame.position[0].double().flatten(1).T * self.units[0])
+            @ torch.from_numpy(cameras[n].view[:3, 2].copy())
             - cameras[n].view[3, 2]
             for n, frame in self.frames.items()
             if n in cameras and frame.position is not None
@@ -430,8 +435,11 @@ class VectorEvidence:
 
     def view_nearby(self, given: Cameras) -> NearbyView:
         """What of the vectors depth and cameras do not explain."""
-        motion, depth = self.best or (next(iter(self.frames)), self.depths[0])
+        motion, presumed = self.best or (next(iter(self.frames)), self.depths[0])
         frame = next(iter(self.frames[motion].values()))
+        depths = (presumed, *list_near_depths(given))
+        trials = [self._measure(given, (motion, depth)) for depth in depths]
+        depth = depths[pick_best(trials)]
         metres = read_metres(frame, depth)
         known = None if metres is None else metres[find_surface(frame, metres)]
         return NearbyView(
@@ -609,21 +617,25 @@ class NormalEvidence:
 
     def view_nearby(self, given: Cameras) -> NearbyView:
         """How far normals lean from their surfaces, degrees."""
+        depths = (self.depths[0], *list_near_depths(given))
+        depth = depths[pick_best([self._measure(given, depth) for depth in depths])]
         frame = next(iter(self.frames.values()))
         width = round(frame.view.display[1] * frame.thinned)
         return NearbyView(
-            measure=lambda cameras: self._list_residuals(cameras, given),
+            measure=lambda cameras: self._list_residuals(cameras, given, depth),
             given=given,
             unit="degrees from their surfaces",
             width=width,
             floor=LEAST_LEAN,
         )
 
-    def _list_residuals(self, cameras: Cameras, given: Cameras) -> Residuals:
+    def _list_residuals(
+        self, cameras: Cameras, given: Cameras, depth: DepthConvention
+    ) -> Residuals:
         """Normals less those of surfaces, degrees; of other lenses these are scaled, not found."""
         found = {}
         for number in self.frames.keys() & cameras.keys():
-            surfaces = self._find_surfaces(number, given[number], self.depths[0])
+            surfaces = self._find_surfaces(number, given[number], depth)
             if surfaces is None:
                 continue
             normal, own = (keep_rows(part).double() for part in surfaces)
@@ -719,6 +731,12 @@ def list_likely_depths(presumed: DepthConvention) -> tuple[DepthConvention, ...]
     plain = replace(presumed, sky=None)
     centimetres = [replace(d, unit_m=0.01) for d in SURFACE_DEPTHS[:2]]
     return tuple(dict.fromkeys((plain, *SURFACE_DEPTHS, *centimetres)))
+
+
+def list_near_depths(given: Cameras) -> list[DepthConvention]:
+    """Ray distances from the near plane: a camera beside would explain them nearly."""
+    projection = torch.from_numpy(next(iter(given.values())).projection)
+    return [d for d in list_depth_hypotheses((), list_near_planes(projection)) if d.from_near]
 
 
 def thin(geometry: StoredGeometry, most: int = MOST_PIXELS) -> tuple[StoredGeometry, int]:

@@ -162,9 +162,9 @@ def find_beside(view: NearbyView) -> Beside | None:
     if found is None:
         return None
     # fewer numbers that explain as much are what was meant
-    simple = (_try_free(view, own, free) for free in (TURN, LENS, SHIFT))
-    enough = max(FAR_BETTER * found.left, LEAST_SAID)
-    return next((one for one in simple if one is not None and one.left <= enough), found)
+    tried = (_try_free(view, own, free) for free in (TURN, LENS, SHIFT))
+    simple = min((one for one in tried if one is not None), key=lambda b: b.left, default=found)
+    return simple if simple.left <= max(FAR_BETTER * found.left, LEAST_SAID) else found
 
 
 def _try_free(view: NearbyView, own: Tensor, free: slice) -> Beside | None:
@@ -259,7 +259,9 @@ def _solve(rows: Tensor, slopes: Tensor) -> Tensor | None:
     normal = torch.einsum("nki,n,nkj->ij", slope, weight, slope)
     side = torch.einsum("nki,n,nk->i", slope, weight, left)
     ridge = RIDGE * float(normal.diagonal().max()) + 1e-30
-    return torch.linalg.solve(normal + ridge * torch.eye(len(side), dtype=normal.dtype), side)
+    damped = normal + ridge * torch.eye(len(side), dtype=normal.dtype)
+    step: Tensor = torch.linalg.solve(damped, side)
+    return step
 
 
 def _gather(residuals: Residuals) -> Tensor | None:
@@ -304,5 +306,5 @@ def _list_parts(numbers: Numbers, distance: float) -> Iterator[str]:
         yield f"moved by {', '.join(shifts)}"
     lens = numbers[LENS]
     if np.abs(lens).max() > least:
-        each = " and ".join(f"{100.0 * (math.exp(q) - 1.0):+.1f} %" for q in dict.fromkeys(lens))
+        each = " and ".join(f"{100.0 * (math.exp(-q) - 1.0):+.1f} %" for q in dict.fromkeys(lens))
         yield f"of another focal length ({each})"
