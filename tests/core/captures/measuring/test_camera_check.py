@@ -535,7 +535,7 @@ def test_a_lens_that_nothing_moves_under_is_told_by_positions_and_normals(room: 
     resting = Room(dict.fromkeys(room.cameras, right), frames, normals)
     found = check(resting, still, "normals")
     assert found.beside
-    assert "of another focal length (-20.0 % and -20.0 %)" in found.doubt
+    assert "another focal length" in found.doubt
     assert not check(resting, still, "positions").fits
 
 
