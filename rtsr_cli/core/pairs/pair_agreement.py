@@ -17,11 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import permutations
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 
+from rtsr_cli.core.captures.measuring.camera_structure import SIGNED_AXES
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera_needs import say_frames
@@ -99,7 +101,8 @@ LEAST_FACTOR, MOST_FACTOR = 1.2, 300.0
 NEGATED = "negated in {axes} of {buffer}"
 """How vectors of HR may look beside LR's."""
 
-SIGNS = tuple(signs for signs in product((1, -1), repeat=3) if -1 in signs)
+TURNED_AXES = "of a world of other axes in {buffer} (its x, y, z hold {axes} of LR)"
+"""The same where axes are swapped."""
 
 COLOUR_REMEDY = "write {buffer} alike at both sizes: linear, its channels in the order R, G, B"
 VECTOR_REMEDY = (
@@ -373,10 +376,21 @@ def _list_colour_readings(buffer: Buffer, image: Image, seen: Image) -> Iterator
 
 
 def _list_vector_readings(buffer: Buffer, image: Image, seen: Image) -> Iterator[Reading]:
-    for signs in SIGNS:
-        axes = ", ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
-        turned = seen * torch.tensor(signs, dtype=seen.dtype, device=seen.device).view(1, 3, 1, 1)
-        yield NEGATED.format(axes=axes, buffer=buffer), image, turned
+    for matrix in SIGNED_AXES[1:]:
+        axes = torch.from_numpy(matrix[:3, :3]).to(seen)
+        turned = torch.einsum("nihw,ji->njhw", seen, axes)
+        negated = [n for n, i in zip("xyz", range(3), strict=True) if matrix[i, i] < 0.0]
+        if np.array_equal(np.abs(matrix), np.eye(4)):
+            looks = NEGATED.format(axes=", ".join(negated), buffer=buffer)
+        else:
+            # seen[i] = sum over j of the sign of A[j, i] times LR[j]
+            held = [matrix[:3, i] for i in range(3)]
+            said = (
+                f"{'-' if column.min() < 0.0 else ''}{'xyz'[int(np.abs(column).argmax())]}"
+                for column in held
+            )
+            looks = TURNED_AXES.format(buffer=buffer, axes=", ".join(said))
+        yield looks, image, turned
 
 
 def _encode(colour: Image) -> Image:

@@ -300,4 +300,6 @@ def _describe_one(name: str, reader: FrameReader, size: str) -> str:
         return f"{size}{name} of {say_frames(without)}"
     if unmet is not None:
         return f"{size}{CAMERA}{unmet.frames}{CONVERTS}{name} from {unmet.need.stored_as})"
+    if Buffer(name) in reader.contradicted:
+        return f"{size}{name} that agrees with depth and cameras (what is there is warned of)"
     return DECLARED_MOTION if name in reader.stored - reader.readable else f"{size}{name}"

@@ -656,6 +656,27 @@ class NormalEvidence:
             errors += [min((s for s in shares if s is not None), default=math.inf)]
         return mean_error(errors)
 
+    def measure_axes(self, cameras: Cameras, axes: Tensor) -> Tensor | None:
+        """The same for normals whose axes are named otherwise, w of them, by the best depth each.
+
+        Args:
+            cameras: the matrices.
+            axes: A, w x 3 x 3: n_world = n . A; the last leads to the camera's own.
+        """
+        trials = []
+        for depth in self.depths:
+            found = []
+            for number in self.frames.keys() & cameras.keys():
+                surfaces = self._find_surfaces(number, cameras[number], depth)
+                if surfaces is not None:
+                    normal, own = (keep_rows(part).double() for part in surfaces)
+                    turn = normalize_vectors(torch.tensor(cameras[number].view[:3, :3]))
+                    turns = torch.cat([axes[:-1] @ turn, axes[-1:]])
+                    cosines = torch.einsum("ni,wij,nj->nw", normalize_vectors(normal), turns, own)
+                    found.append(100.0 * (cosines < ALIKE).double().mean(0))
+            trials += [torch.stack(found).mean(0)] if found else []
+        return torch.stack(trials).min(0).values if trials else None
+
     def _measure_share(
         self,
         number: int,
