@@ -111,6 +111,18 @@ VECTOR_REMEDY = (
 
 NUMBER_REMEDY = "number the files of both sizes alike, each by its moment"
 
+OUTSIDE_REMEDY = "render this frame anew at both sizes, with one camera"
+
+FEW_INNER = 0.01
+"""Share of the inner samples of surfaces that stray up to which both sizes are of one moment: right
+pairs have 0.000, other moments 0.2 at least, where a camera moves."""
+
+INNER_RANGE = {Buffer.DEPTH: 0.05, Buffer.OBJECT_ID: 0.0, Buffer.GEONORMAL: 0.1, Buffer.NORMAL: 0.1}
+"""What a buffer differs by at most around an inner sample; of depth relative to it."""
+
+MOST_AROUND = 4
+"""Frames around one that it is compared with."""
+
 MOST_OTHERS = 6
 """Frames around one whose depth strays that are tried in the place of its HR frame."""
 
@@ -406,21 +418,68 @@ def find_other_moment(
     own: tuple[GBuffer, GBuffer],
     stored: Collection[int],
 ) -> Misfit | None:
-    """Say that one of both files of a frame is of another frame, by depth alone.
+    """Say that one of both files of a frame is of another frame, or of none of these.
 
-    None where nothing says so, where a size lacks depth, or where other frames cannot be read.
+    None where nothing says so, where sizes have nothing in common, or where other frames cannot be
+    read.
 
     Args:
-        lr, hr: read the depth of other frames.
+        lr, hr: read what tells moments of other frames: `choose_witness` of these.
         number: of the frame.
         scale: S.
         own: its buffers, of LR and of HR.
         stored: numbers of frames that both sizes have.
     """
     try:
-        return _find_moment(own, (lr, hr), scale, number, _list_others(number, stored))
+        others = _list_others(number, stored)
+        found = _find_moment(own, (lr, hr), scale, number, others)
+        return found or _find_outside(own, (lr, hr), scale, number, others)
     except FrameFolderError:
         return None
+
+
+WITNESSES = (Buffer.DEPTH, Buffer.OBJECT_ID, Buffer.GEONORMAL, Buffer.NORMAL)
+"""What tells moments, the surest first."""
+
+
+def choose_witness(lr: GBuffer, hr: GBuffer) -> Buffer | None:
+    """The buffer that tells whether both sizes of a frame are of one moment; None without any."""
+    return next((b for b in WITNESSES if b in lr and b in hr), None)
+
+
+def _find_outside(
+    own: tuple[GBuffer, GBuffer],
+    reads: tuple[Read, Read],
+    scale: int,
+    number: int,
+    others: Sequence[int],
+) -> Misfit | None:
+    """A frame whose sizes show different surfaces where those of the frames around show the same.
+
+    Of a right pair the inner samples of surfaces never stray, of whatever samples, filters and
+    movers: where another moment's surface is, they do. Buffers that are made otherwise at one size
+    stray in all frames.
+    """
+    small, beside = own
+    witness = choose_witness(small, beside)
+    if witness is None:
+        return None
+    few = FEW_SHIFTED if witness is Buffer.DEPTH else FEW_STRAYS
+    strays = measure_strays_of(witness, small[witness], beside[witness], small, scale) or 0.0
+    if strays <= few:
+        return None
+    inner = measure_inner_strays(witness, small, beside, scale)
+    if inner is None or inner <= FEW_INNER:
+        return None
+    read_lr, read_hr = reads
+    around = [
+        measure_inner_strays(witness, read_lr(n), read_hr(n), scale) for n in others[:MOST_AROUND]
+    ]
+    usual = sorted(share for share in around if share is not None)
+    if not usual or usual[len(usual) // 2] * FAR_BETTER >= inner:
+        return None
+    looks = f"of another moment or another scene in {witness} (and no frame around it fits better)"
+    return Misfit(frame=number, strays=strays, looks=looks, remedy=OUTSIDE_REMEDY)
 
 
 def _list_others(
@@ -502,6 +561,35 @@ def measure_strays_of(
     if int(counted.sum()) < LEAST_SAMPLES:
         return None
     strays = _find_strays(buffer, image, seen, scale)
+    return float(strays[counted].double().mean())
+
+
+def measure_inner_strays(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> float | None:
+    """Share of the inner samples of surfaces that stray; None where too few are inner.
+
+        q is inner  <=>  max b - min b <= r  over the 3 x 3 LR samples around q, and over HR pixels
+                         of q's block and one further to each side
+
+    Args:
+        buffer: of `WITNESSES`.
+        lr: buffers of LR samples, 1 x C x H x W.
+        hr: the same of HR pixels, 1 x C x SH x SW.
+        scale: S.
+    """
+    image, seen = lr[buffer].float(), hr[buffer].float()
+    ranges = [
+        (F.max_pool2d(image, 3, 1, padding=1), -F.max_pool2d(-image, 3, 1, padding=1)),
+        (_find_largest(seen, scale), -_find_largest(-seen, scale)),
+    ]
+    counted = torch.isfinite(image).all(1, keepdim=True)
+    if Buffer.DEPTH in lr:
+        counted &= lr[Buffer.DEPTH] < SKY_DEPTH_M
+    for high, low in ranges:
+        most = INNER_RANGE[buffer] * (low.abs() if buffer is Buffer.DEPTH else 1.0)
+        counted &= (high - low <= most).all(1, keepdim=True)
+    if int(counted.sum()) < LEAST_SAMPLES:
+        return None
+    strays = _find_strays(buffer, lr[buffer], hr[buffer], scale)
     return float(strays[counted].double().mean())
 
 

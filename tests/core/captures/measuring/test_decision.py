@@ -366,13 +366,17 @@ def test_measured_depth_overrules_the_preset_and_not_a_declaration(settled: Sett
     assert "obeyed" in bound.warnings[0]
 
 
-def test_measured_normals_overrule_the_preset_and_not_a_declaration(settled: Settle) -> None:
+def test_measured_normals_overrule_the_preset_and_are_not_read_where_declared_otherwise(
+    settled: Settle,
+) -> None:
     finding = NormalFinding(packed=True, space=NormalSpace.VIEW, facing={})
     free = settled(StorageMeasurement(normal=finding)).reader.conventions.normal
     assert (free.packed, free.space) == (True, NormalSpace.VIEW)
     bound = settled(StorageMeasurement(normal=finding), capture(normal={"packed": False}))
     assert not bound.reader.conventions.normal.packed
-    assert "obeyed" in bound.warnings[0]
+    assert "they are not read" in bound.warnings[0]
+    assert Buffer.NORMAL in bound.reader.contradicted
+    assert Buffer.NORMAL not in bound.reader.readable
 
 
 def test_of_an_unverified_layout_without_motion_radiance_is_read_until_it_is_named(
