@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -435,15 +435,16 @@ class VectorEvidence:
 
     def view_nearby(self, given: Cameras) -> NearbyView:
         """What of the vectors depth and cameras do not explain."""
-        motion, presumed = self.best or (next(iter(self.frames)), self.depths[0])
+        motion, depth = self.best or (next(iter(self.frames)), self.depths[0])
         frame = next(iter(self.frames[motion].values()))
-        depths = (presumed, *list_near_depths(given))
-        trials = [self._measure(given, (motion, depth)) for depth in depths]
-        depth = depths[pick_best(trials)]
         metres = read_metres(frame, depth)
         known = None if metres is None else metres[find_surface(frame, metres)]
         return NearbyView(
-            measure=lambda cameras: self._list_residuals(cameras, (motion, depth)),
+            measure=partial(self._list_residuals, source=(motion, depth)),
+            others=[
+                partial(self._list_residuals, source=(motion, other))
+                for other in list_near_depths(given)
+            ],
             given=given,
             unit=self.unit,
             distance=1.0 if known is None or not known.numel() else float(known.median()),
@@ -617,12 +618,14 @@ class NormalEvidence:
 
     def view_nearby(self, given: Cameras) -> NearbyView:
         """How far normals lean from their surfaces, degrees."""
-        depths = (self.depths[0], *list_near_depths(given))
-        depth = depths[pick_best([self._measure(given, depth) for depth in depths])]
         frame = next(iter(self.frames.values()))
         width = round(frame.view.display[1] * frame.thinned)
         return NearbyView(
-            measure=lambda cameras: self._list_residuals(cameras, given, depth),
+            measure=partial(self._list_residuals, given=given, depth=self.depths[0]),
+            others=[
+                partial(self._list_residuals, given=given, depth=other)
+                for other in list_near_depths(given)
+            ],
             given=given,
             unit="degrees from their surfaces",
             width=width,

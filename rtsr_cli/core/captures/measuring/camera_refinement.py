@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -40,6 +40,10 @@ TURN, SHIFT, LENS, ALL = slice(0, 3), slice(3, 6), slice(6, 8), slice(0, 8)
 
 STEPS = 4
 """Steps after which the least sum does not move any more."""
+
+GIVEN_UP, SETTLED = 0.8, 1e-4
+"""Share of the residuals above which the first step found no camera beside; and change of the
+numbers below which nothing is left to find."""
 
 PROBE = 2e-3
 """Change of each number by which residuals are differentiated."""
@@ -132,6 +136,7 @@ class NearbyView:
         distance: usual depth of what is seen, in units of the camera.
         width: of the frames in pixels.
         floor: median length of residuals that digits alone may leave.
+        others: residuals under other readings of depth, which a camera beside would explain nearly.
     """
 
     measure: Measure
@@ -140,6 +145,7 @@ class NearbyView:
     distance: float = 1.0
     width: int = 1
     floor: float = 0.0
+    others: Sequence[Measure] = ()
 
     def look(self, numbers: Numbers) -> Tensor | None:
         """Residuals of all frames by the cameras beside, n x k; None where there are none."""
@@ -158,6 +164,11 @@ def find_beside(view: NearbyView) -> Beside | None:
     own = view.look(np.zeros(8))
     if own is None or _measure_size(own) <= view.floor:
         return None
+    for measure in view.others:
+        other = replace(view, measure=measure)
+        rows = other.look(np.zeros(8))
+        if rows is not None and _measure_size(rows) < _measure_size(own):
+            view, own = other, rows
     found = _try_free(view, own, ALL)
     if found is None:
         return None
@@ -239,7 +250,11 @@ def _refine(
         moved = look(numbers)
         if moved is None or moved.shape != rows.shape:
             return None
+        if _measure_size(moved) > GIVEN_UP * _measure_size(start):
+            return None
         rows = moved
+        if float(step.abs().max()) < SETTLED:
+            break
     return numbers
 
 

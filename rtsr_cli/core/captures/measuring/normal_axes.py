@@ -7,7 +7,7 @@ has nothing else: another one that leaves far fewer is the right one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -61,6 +61,14 @@ def measure_axes(evidence: NormalEvidence, cameras: Cameras, buffer: Buffer) -> 
         cameras: proven.
         buffer: that they are.
     """
+    likely = replace(evidence, depths=evidence.depths[:1])
+    first = _try_axes(likely, cameras, buffer)
+    if first is not None and any(first.find_other(space) is None for space in NormalSpace):
+        return first
+    return _try_axes(evidence, cameras, buffer)
+
+
+def _try_axes(evidence: NormalEvidence, cameras: Cameras, buffer: Buffer) -> NormalAxes | None:
     worlds = torch.from_numpy(np.stack(SIGNED_AXES)[:, :3, :3])
     found = evidence.measure_axes(cameras, torch.cat([worlds, worlds[:1]]))
     if found is None:
