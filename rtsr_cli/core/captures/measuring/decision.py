@@ -570,7 +570,17 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         return settled
     text = f"{measured.space} space{', packed' if measured.packed else ''}"
     given = capture.normal.declared()
-    if any(given.get(key, value) != value for key, value in vars(measured).items()):
+    against = {key for key, value in vars(measured).items() if given.get(key, value) != value}
+    if against == {"space"} and axes is not None:
+        # one line declares both sizes, so that none could say what one of them holds
+        settled = add_warning(
+            settled,
+            f"normals are declared as {presumed.space} space, but by depth and cameras they are of "
+            f'{measured.space} space: they are read so; declare [normal] space = "{measured.space}" '
+            "if both sizes are so, or write them alike",
+        )
+        return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
+    if against:
         return _leave_unread(
             settled,
             Buffer.NORMAL,
