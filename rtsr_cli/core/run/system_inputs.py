@@ -14,7 +14,13 @@ from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
-from rtsr_cli.core.pairs.sources import DECLARED_MOTION, FITTING_HR, PairInputs, PairSource
+from rtsr_cli.core.pairs.sources import (
+    CONTRADICTED,
+    DECLARED_MOTION,
+    FITTING_HR,
+    PairInputs,
+    PairSource,
+)
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.system import System
 from rtsr_cli.core.visible_text import INDENTED
@@ -187,6 +193,11 @@ def check_inputs(
         )
     if needs_camera:
         remedy = f"{CAMERA_REMEDY}{remedy}"
+    against = any(CONTRADICTED in name for name in missing)
+    for reader in source.readers if against else ():
+        if reader.contradicted:
+            why = "; ".join(reader.contradicted.values())
+            raise FrameFolderError(f"{reader.frames.root}: {reads} cannot run: {why}{remedy}")
     if missing:
         lacks = f"{root}: {reads} cannot run, missing: {', '.join(missing)}"
         if all(is_of_frames(name) for name in missing):

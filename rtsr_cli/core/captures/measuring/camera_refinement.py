@@ -245,7 +245,7 @@ def _refine(
         step = _solve(rows, torch.stack(columns, -1))
         if step is None:
             return None
-        numbers[list(free)] -= step.numpy()
+        numbers[list(free)] -= step
         numbers = np.clip(numbers, -FARTHEST, FARTHEST)
         moved = look(numbers)
         if moved is None or moved.shape != rows.shape:
@@ -253,12 +253,12 @@ def _refine(
         if _measure_size(moved) > GIVEN_UP * _measure_size(start):
             return None
         rows = moved
-        if float(step.abs().max()) < SETTLED:
+        if float(np.abs(step).max()) < SETTLED:
             break
     return numbers
 
 
-def _solve(rows: Tensor, slopes: Tensor) -> Tensor | None:
+def _solve(rows: Tensor, slopes: Tensor) -> Numbers | None:
     """One step of least squares, each residual weighed by its length; None where they are few.
 
     Args:
@@ -274,9 +274,7 @@ def _solve(rows: Tensor, slopes: Tensor) -> Tensor | None:
     normal = torch.einsum("nki,n,nkj->ij", slope, weight, slope)
     side = torch.einsum("nki,n,nk->i", slope, weight, left)
     ridge = RIDGE * float(normal.diagonal().max()) + 1e-30
-    damped = normal + ridge * torch.eye(len(side), dtype=normal.dtype)
-    step: Tensor = torch.linalg.solve(damped, side)
-    return step
+    return np.linalg.solve(normal.numpy() + ridge * np.eye(len(side)), side.numpy())
 
 
 def _gather(residuals: Residuals) -> Tensor | None:

@@ -576,8 +576,8 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         settled = add_warning(
             settled,
             f"normals are declared as {presumed.space} space, but by depth and cameras they are of "
-            f'{measured.space} space: they are read so; declare [normal] space = "{measured.space}" '
-            "if both sizes are so, or write them alike",
+            f"{measured.space} space: they are read so; declare [normal] space = "
+            f'"{measured.space}" if both sizes are so, or write them alike',
         )
         return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
     if against:
