@@ -193,11 +193,7 @@ def check_inputs(
         )
     if needs_camera:
         remedy = f"{CAMERA_REMEDY}{remedy}"
-    against = any(CONTRADICTED in name for name in missing)
-    for reader in source.readers if against else ():
-        if reader.contradicted:
-            why = "; ".join(reader.contradicted.values())
-            raise FrameFolderError(f"{reader.frames.root}: {reads} cannot run: {why}{remedy}")
+    _refuse_contradicted(reads, source, missing, remedy)
     if missing:
         lacks = f"{root}: {reads} cannot run, missing: {', '.join(missing)}"
         if all(is_of_frames(name) for name in missing):
@@ -211,6 +207,18 @@ def check_inputs(
             f"{suggest_without(source.readers)}"
             f"{describe_likely(source.readers, missing)}"
         )
+
+
+def _refuse_contradicted(
+    reads: str, source: PairSource, missing: Collection[str], remedy: str
+) -> None:
+    """Raise where what is missing is there, and is not read for what speaks against it."""
+    if not any(CONTRADICTED in name for name in missing):
+        return
+    for reader in source.readers:
+        if reader.contradicted:
+            why = "; ".join(reader.contradicted.values())
+            raise FrameFolderError(f"{reader.frames.root}: {reads} cannot run: {why}{remedy}")
 
 
 def is_of_frames(missing: str) -> bool:
