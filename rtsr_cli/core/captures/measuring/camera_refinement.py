@@ -41,9 +41,8 @@ TURN, SHIFT, LENS, ALL = slice(0, 3), slice(3, 6), slice(6, 8), slice(0, 8)
 STEPS = 4
 """Steps after which the least sum does not move any more."""
 
-GIVEN_UP, SETTLED = 0.8, 1e-4
-"""Share of the residuals above which the first step found no camera beside; and change of the
-numbers below which nothing is left to find."""
+SETTLED = 1e-4
+"""Change of the numbers below which nothing is left to find."""
 
 PROBE = 2e-3
 """Change of each number by which residuals are differentiated."""
@@ -249,8 +248,6 @@ def _refine(
         numbers = np.clip(numbers, -FARTHEST, FARTHEST)
         moved = look(numbers)
         if moved is None or moved.shape != rows.shape:
-            return None
-        if _measure_size(moved) > GIVEN_UP * _measure_size(start):
             return None
         rows = moved
         if float(np.abs(step).max()) < SETTLED:
