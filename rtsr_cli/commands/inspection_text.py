@@ -304,6 +304,8 @@ def _list_convention_lines(settled: MeasuredReader, declared: CaptureDeclaration
     if Buffer.NORMAL in reader.stored:
         normal = reader.conventions.normal
         known = ", measured" if settled.measured.proves_normals else ""
+        if Buffer.NORMAL in reader.contradicted:
+            known = "; not read, see the warning below"
         packed = "packed (n + 1) / 2" if normal.packed else "-1..1"
         yield _format_line("normals", f"{normal.space} space, {packed}{known}")
 

@@ -88,6 +88,7 @@ class FrameReader:
         camera_certain: whether what the frames show proves them.
         camera_doubt: what the frames show that does not agree with them; empty if nothing does.
         faulty: buffers in which something is wrong in frames that were looked at.
+        contradicted: buffers that what the frames show speaks against -> why; they are not read.
         motion_trusted: whether vectors are read as declared or measured, and nothing contradicts.
         motion_distrust: what would make vectors relied upon that are not; empty if unknown.
         jitter_trusted: whether nothing contradicts the jitter that is declared.
@@ -130,6 +131,7 @@ class FrameReader:
     camera_certain: bool = False
     camera_doubt: str = ""
     faulty: frozenset[Buffer] = frozenset()
+    contradicted: Mapping[Buffer, str] = field(default_factory=dict)
     motion_trusted: bool = False
     motion_distrust: str = ""
     jitter_trusted: bool = True
@@ -239,7 +241,7 @@ class FrameReader:
             return self.stored & {Buffer.COLOR, Buffer.ALPHA}
         undecided = VECTOR_BUFFERS if self.motion_undecided else ()
         lent = {Buffer.MOTION} if self.lent_motion is not None else set[Buffer]()
-        return self.stored.difference(undecided, self.unmet) | lent
+        return self.stored.difference(undecided, self.unmet, self.contradicted) | lent
 
     @cached_property
     def unmet(self) -> Mapping[Buffer, UnmetNeed]:

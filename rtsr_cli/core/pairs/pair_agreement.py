@@ -17,11 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import permutations
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 
+from rtsr_cli.core.captures.measuring.camera_structure import SIGNED_AXES
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera_needs import say_frames
@@ -99,7 +101,8 @@ LEAST_FACTOR, MOST_FACTOR = 1.2, 300.0
 NEGATED = "negated in {axes} of {buffer}"
 """How vectors of HR may look beside LR's."""
 
-SIGNS = tuple(signs for signs in product((1, -1), repeat=3) if -1 in signs)
+TURNED_AXES = "of a world of other axes in {buffer} (its x, y, z hold {axes} of LR)"
+"""The same where axes are swapped."""
 
 COLOUR_REMEDY = "write {buffer} alike at both sizes: linear, its channels in the order R, G, B"
 VECTOR_REMEDY = (
@@ -107,6 +110,18 @@ VECTOR_REMEDY = (
 )
 
 NUMBER_REMEDY = "number the files of both sizes alike, each by its moment"
+
+OUTSIDE_REMEDY = "render this frame anew at both sizes, with one camera"
+
+FEW_INNER = 0.01
+"""Share of the inner samples of surfaces that stray up to which both sizes are of one moment: right
+pairs have 0.000, other moments 0.2 at least, where a camera moves."""
+
+INNER_RANGE = {Buffer.DEPTH: 0.05, Buffer.OBJECT_ID: 0.0, Buffer.GEONORMAL: 0.1, Buffer.NORMAL: 0.1}
+"""What a buffer differs by at most around an inner sample; of depth relative to it."""
+
+MOST_AROUND = 4
+"""Frames around one that it is compared with."""
 
 MOST_OTHERS = 6
 """Frames around one whose depth strays that are tried in the place of its HR frame."""
@@ -373,10 +388,21 @@ def _list_colour_readings(buffer: Buffer, image: Image, seen: Image) -> Iterator
 
 
 def _list_vector_readings(buffer: Buffer, image: Image, seen: Image) -> Iterator[Reading]:
-    for signs in SIGNS:
-        axes = ", ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
-        turned = seen * torch.tensor(signs, dtype=seen.dtype, device=seen.device).view(1, 3, 1, 1)
-        yield NEGATED.format(axes=axes, buffer=buffer), image, turned
+    for matrix in SIGNED_AXES[1:]:
+        axes = torch.from_numpy(matrix[:3, :3]).to(seen)
+        turned = torch.einsum("nihw,ji->njhw", seen, axes)
+        negated = [n for n, i in zip("xyz", range(3), strict=True) if matrix[i, i] < 0.0]
+        if np.array_equal(np.abs(matrix), np.eye(4)):
+            looks = NEGATED.format(axes=", ".join(negated), buffer=buffer)
+        else:
+            # seen[i] = sum over j of the sign of A[j, i] times LR[j]
+            held = [matrix[:3, i] for i in range(3)]
+            said = (
+                f"{'-' if column.min() < 0.0 else ''}{'xyz'[int(np.abs(column).argmax())]}"
+                for column in held
+            )
+            looks = TURNED_AXES.format(buffer=buffer, axes=", ".join(said))
+        yield looks, image, turned
 
 
 def _encode(colour: Image) -> Image:
@@ -392,21 +418,68 @@ def find_other_moment(
     own: tuple[GBuffer, GBuffer],
     stored: Collection[int],
 ) -> Misfit | None:
-    """Say that one of both files of a frame is of another frame, by depth alone.
+    """Say that one of both files of a frame is of another frame, or of none of these.
 
-    None where nothing says so, where a size lacks depth, or where other frames cannot be read.
+    None where nothing says so, where sizes have nothing in common, or where other frames cannot be
+    read.
 
     Args:
-        lr, hr: read the depth of other frames.
+        lr, hr: read what tells moments of other frames: `choose_witness` of these.
         number: of the frame.
         scale: S.
         own: its buffers, of LR and of HR.
         stored: numbers of frames that both sizes have.
     """
     try:
-        return _find_moment(own, (lr, hr), scale, number, _list_others(number, stored))
+        others = _list_others(number, stored)
+        found = _find_moment(own, (lr, hr), scale, number, others)
+        return found or _find_outside(own, (lr, hr), scale, number, others)
     except FrameFolderError:
         return None
+
+
+WITNESSES = (Buffer.DEPTH, Buffer.OBJECT_ID, Buffer.GEONORMAL, Buffer.NORMAL)
+"""What tells moments, the surest first."""
+
+
+def choose_witness(lr: GBuffer, hr: GBuffer) -> Buffer | None:
+    """The buffer that tells whether both sizes of a frame are of one moment; None without any."""
+    return next((b for b in WITNESSES if b in lr and b in hr), None)
+
+
+def _find_outside(
+    own: tuple[GBuffer, GBuffer],
+    reads: tuple[Read, Read],
+    scale: int,
+    number: int,
+    others: Sequence[int],
+) -> Misfit | None:
+    """A frame whose sizes show different surfaces where those of the frames around show the same.
+
+    Of a right pair the inner samples of surfaces never stray, of whatever samples, filters and
+    movers: where another moment's surface is, they do. Buffers that are made otherwise at one size
+    stray in all frames.
+    """
+    small, beside = own
+    witness = choose_witness(small, beside)
+    if witness is None:
+        return None
+    few = FEW_SHIFTED if witness is Buffer.DEPTH else FEW_STRAYS
+    strays = measure_strays_of(witness, small[witness], beside[witness], small, scale) or 0.0
+    if strays <= few:
+        return None
+    inner = measure_inner_strays(witness, small, beside, scale)
+    if inner is None or inner <= FEW_INNER:
+        return None
+    read_lr, read_hr = reads
+    around = [
+        measure_inner_strays(witness, read_lr(n), read_hr(n), scale) for n in others[:MOST_AROUND]
+    ]
+    usual = sorted(share for share in around if share is not None)
+    if not usual or usual[len(usual) // 2] * FAR_BETTER >= inner:
+        return None
+    looks = f"of another moment or another scene in {witness} (and no frame around it fits better)"
+    return Misfit(frame=number, strays=strays, looks=looks, remedy=OUTSIDE_REMEDY)
 
 
 def _list_others(
@@ -488,6 +561,35 @@ def measure_strays_of(
     if int(counted.sum()) < LEAST_SAMPLES:
         return None
     strays = _find_strays(buffer, image, seen, scale)
+    return float(strays[counted].double().mean())
+
+
+def measure_inner_strays(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> float | None:
+    """Share of the inner samples of surfaces that stray; None where too few are inner.
+
+        q is inner  <=>  max b - min b <= r  over the 3 x 3 LR samples around q, and over HR pixels
+                         of q's block and one further to each side
+
+    Args:
+        buffer: of `WITNESSES`.
+        lr: buffers of LR samples, 1 x C x H x W.
+        hr: the same of HR pixels, 1 x C x SH x SW.
+        scale: S.
+    """
+    image, seen = lr[buffer].float(), hr[buffer].float()
+    ranges = [
+        (F.max_pool2d(image, 3, 1, padding=1), -F.max_pool2d(-image, 3, 1, padding=1)),
+        (_find_largest(seen, scale), -_find_largest(-seen, scale)),
+    ]
+    counted = torch.isfinite(image).all(1, keepdim=True)
+    if Buffer.DEPTH in lr:
+        counted &= lr[Buffer.DEPTH] < SKY_DEPTH_M
+    for high, low in ranges:
+        most = INNER_RANGE[buffer] * (low.abs() if buffer is Buffer.DEPTH else 1.0)
+        counted &= (high - low <= most).all(1, keepdim=True)
+    if int(counted.sum()) < LEAST_SAMPLES:
+        return None
+    strays = _find_strays(buffer, lr[buffer], hr[buffer], scale)
     return float(strays[counted].double().mean())
 
 

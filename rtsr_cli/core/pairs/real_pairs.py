@@ -32,7 +32,13 @@ from rtsr_cli.core.pairs.material_agreement import (
     name_darker,
 )
 from rtsr_cli.core.pairs.nonfinite import apply_policy
-from rtsr_cli.core.pairs.pair_agreement import COMPARED, Misfit, find_misfit, find_other_moment
+from rtsr_cli.core.pairs.pair_agreement import (
+    COMPARED,
+    Misfit,
+    choose_witness,
+    find_misfit,
+    find_other_moment,
+)
 from rtsr_cli.core.pairs.sources import (
     FITTING_HR,
     HR_FRAMES,
@@ -230,17 +236,18 @@ class RealPairs:
         """Refuse a frame one of whose files is another frame's: few are looked at before a run.
 
         Raises:
-            FrameFolderError: its depth says so.
+            FrameFolderError: its depth says so, or else its object ids or normals.
         """
-        if Buffer.DEPTH not in lr or Buffer.DEPTH not in hr or self.hr is None:
+        witness = choose_witness(lr, hr)
+        if witness is None or self.hr is None:
             return
         small, large = self.lr, self.hr
         stored = set(small.numbers) & set(large.numbers) - set(small.held) - set(large.held)
         if number not in stored:
             return
         found = find_other_moment(
-            lambda other: small.read(other, (Buffer.DEPTH,)).gbuffer,
-            lambda other: large.read(other, (Buffer.DEPTH,)).gbuffer,
+            lambda other: small.read(other, (witness,)).gbuffer,
+            lambda other: large.read(other, (witness,)).gbuffer,
             number,
             self.scale,
             own=(lr, hr),

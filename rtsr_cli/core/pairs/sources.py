@@ -256,6 +256,9 @@ def describe_missing(
     return name_once(_describe_one(name, reader, size) for name in missing)
 
 
+CONTRADICTED = " that agrees with depth and cameras (what is there is warned of)"
+"""Said behind a buffer that is there, and that what the frames show speaks against."""
+
 CONVERTS = " (to convert "
 """Stands between a camera and the buffers that cannot be read without it."""
 
@@ -300,4 +303,6 @@ def _describe_one(name: str, reader: FrameReader, size: str) -> str:
         return f"{size}{name} of {say_frames(without)}"
     if unmet is not None:
         return f"{size}{CAMERA}{unmet.frames}{CONVERTS}{name} from {unmet.need.stored_as})"
+    if Buffer(name) in reader.contradicted:
+        return f"{size}{name}{CONTRADICTED}"
     return DECLARED_MOTION if name in reader.stored - reader.readable else f"{size}{name}"

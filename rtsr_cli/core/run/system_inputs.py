@@ -15,7 +15,13 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import GIVE_CAMERAS
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
-from rtsr_cli.core.pairs.sources import DECLARED_MOTION, FITTING_HR, PairInputs, PairSource
+from rtsr_cli.core.pairs.sources import (
+    CONTRADICTED,
+    DECLARED_MOTION,
+    FITTING_HR,
+    PairInputs,
+    PairSource,
+)
 from rtsr_cli.core.run.shot_inputs import HistoryReach
 from rtsr_cli.core.system import System
 from rtsr_cli.core.visible_text import INDENTED
@@ -191,6 +197,7 @@ def check_inputs(
         )
     if needs_camera:
         remedy = f"{CAMERA_REMEDY}{remedy}"
+    _refuse_contradicted(reads, source, missing, remedy)
     if missing:
         lacks = f"{root}: {reads} cannot run, missing: {', '.join(missing)}"
         if all(is_of_frames(name) for name in missing):
@@ -204,6 +211,18 @@ def check_inputs(
             f"{suggest_without(source.readers)}"
             f"{describe_likely(source.readers, missing)}"
         )
+
+
+def _refuse_contradicted(
+    reads: str, source: PairSource, missing: Collection[str], remedy: str
+) -> None:
+    """Raise where what is missing is there, and is not read for what speaks against it."""
+    if not any(CONTRADICTED in name for name in missing):
+        return
+    for reader in source.readers:
+        if reader.contradicted:
+            why = "; ".join(reader.contradicted.values())
+            raise FrameFolderError(f"{reader.frames.root}: {reads} cannot run: {why}{remedy}")
 
 
 def is_of_frames(missing: str) -> bool:

@@ -147,6 +147,19 @@ def test_normals_of_one_size_that_are_negated_are_named(axes: str, name: str) ->
     assert f"write {name} alike at both sizes" in found.remedy
 
 
+@pytest.mark.parametrize(("order", "said"), [((0, 2, 1), "x, z, y"), ((1, 2, 0), "y, z, x")])
+def test_normals_of_one_size_whose_axes_are_swapped_are_named(
+    order: tuple[int, ...], said: str
+) -> None:
+    torch.manual_seed(5)
+    normal = F.normalize(torch.randn(1, 3, 1, 12)[..., render()[Buffer.OBJECT_ID][0, 0].long()])
+    hr = change(render(), normal=normal.view(1, 3, *SIZE))
+    lr = keep(hr, 4, (1, 2))
+    found = judge({1: lr}, {1: change(hr, normal=hr[Buffer.NORMAL][:, list(order)])})
+    assert found is not None
+    assert f"of a world of other axes in normal (its x, y, z hold {said} of LR)" in found.looks
+
+
 def test_normals_that_differ_for_another_reason_are_not_called_negated() -> None:
     hr = change(render(), normal=F.normalize(torch.randn(1, 3, *SIZE), dim=1))
     lr = keep(hr, 4, (1, 2))
@@ -193,13 +206,61 @@ def test_a_single_frame_is_held_against_those_around_it_both_ways() -> None:
     assert found is not None
     assert "HR frame 2 fits LR frame 3" in found.looks
     assert find(3) is None
-    # HR of no moment of the sequence: nothing explains it
+    # boxes that came round to about the same places: nothing is unlike
     hr[2] = render(40)
     assert find(2) is None
     hr[2], lr[2] = right, lr[1]
     found = find(2)
     assert found is not None
     assert "HR frame 1 fits LR frame 2" in found.looks
+
+
+@pytest.mark.parametrize("without", [(), (Buffer.DEPTH,)])
+def test_a_frame_of_no_moment_of_the_sequence_is_found_by_what_both_sizes_hold(
+    without: tuple[Buffer, ...],
+) -> None:
+    kept = {Buffer.DEPTH, Buffer.OBJECT_ID} - {*without}
+    hr = {n: render(4 * n).only(kept) for n in (1, 2, 3)}
+    lr = {n: keep(frame, 2, (n % 2, 1)) for n, frame in hr.items()}
+    hr[2] = render(15).only(kept)
+
+    def find(number: int) -> Misfit | None:
+        own = lr[number], hr[number]
+        return find_other_moment(
+            lr.__getitem__, hr.__getitem__, number, 2, own=own, stored=lr.keys()
+        )
+
+    assert find(1) is find(3) is None
+    found = find(2)
+    assert found is not None
+    assert f"in {'depth' if not without else 'object_id'}" in found.looks
+
+
+def test_what_is_made_otherwise_at_one_size_is_of_its_moment() -> None:
+    hr = {n: render(n) for n in (1, 2, 3)}
+    lr = {n: keep(frame, 2, (1, 1)) for n, frame in hr.items()}
+    far = {n: change(frame, depth=frame[Buffer.DEPTH] * 1.3) for n, frame in hr.items()}
+    own = lr[2], far[2]
+    assert (measure_strays(lr[2].only({Buffer.DEPTH}), far[2], 2) or 0.0) > 0.5
+    found = find_other_moment(lr.__getitem__, far.__getitem__, 2, 2, own=own, stored=lr.keys())
+    assert found is None
+
+
+def test_means_of_pixels_movers_and_thin_things_are_of_their_moment() -> None:
+    hr = {n: render(n) for n in (1, 2, 3)}
+    lr = {}
+    for number, frame in hr.items():
+        depth = frame[Buffer.DEPTH].clone()
+        # a fence between the centres of the LR samples
+        depth[..., 8:, ::8] = 2.0
+        hr[number] = change(frame, depth=depth)
+        lr[number] = change(keep(hr[number], 4, (2, 2)), depth=F.avg_pool2d(depth, 4))
+    for number in lr:
+        own = lr[number], hr[number]
+        found = find_other_moment(
+            lr.__getitem__, hr.__getitem__, number, 4, own=own, stored=lr.keys()
+        )
+        assert found is None
 
 
 @pytest.mark.parametrize("factor", [2.0, 0.5, 0.02])

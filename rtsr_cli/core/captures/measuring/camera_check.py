@@ -21,6 +21,13 @@ from rtsr_cli.core.captures.measuring.camera_hypotheses import (
     list_readings,
     list_worlds,
 )
+from rtsr_cli.core.captures.measuring.camera_refinement import (
+    OF_LENS,
+    Beside,
+    find_beside,
+    list_told,
+    say_untold,
+)
 from rtsr_cli.core.captures.measuring.camera_structure import (
     CameraMatrices,
     Matrix4,
@@ -50,6 +57,7 @@ class CameraFinding:
         doubt: why they are unverified; empty if they are not.
         disputed: whether that is because something does not agree with them.
         stuck: whether they are one frame's in all, though what is seen moves.
+        beside: whether a camera a little beside them explains what they do not.
         strays: why those of single frames are in doubt; empty if none are.
         proofs: what agrees with them.
         undecided: what they might be as well, by all that is known.
@@ -66,6 +74,7 @@ class CameraFinding:
     doubt: str = ""
     disputed: bool = False
     stuck: bool = False
+    beside: bool = False
     strays: str = ""
     proofs: tuple[str, ...] = ()
     undecided: tuple[str, ...] = ()
@@ -371,12 +380,21 @@ def _judge_unopposed(
     open_ = [i for i in plausible if not any(t.is_worse(i) for t in proofs)]
     own = [i for i in open_ if not readings[i].of_neighbour]
     told = len(open_) < len(plausible)
+    nearby = ((t.evidence.name, t.evidence.view_nearby(given)) for t in trials)
+    views = {name: view for name, view in nearby if view is not None}
+    beside = {name: b for name, view in views.items() if (b := find_beside(view)) is not None}
     # what agrees is no proof where something that tells more does not
-    if not proofs or not told or not trials[0].fits:
-        doubt = " ".join(_describe_doubt(trials, silent, mirrored=mirrored, resting=_rest(given)))
+    if not proofs or not told or not trials[0].fits or beside:
+        said = _describe_doubt(trials, silent, beside, mirrored=mirrored, resting=_rest(given))
+        doubt = " ".join(said)
         stuck = _rest(given) and any(t.evidence.tells_step and not t.fits for t in trials)
-        disputed = any(not t.fits for t in trials)
-        return CameraFinding(doubt=doubt, disputed=disputed, stuck=stuck, errors=errors)
+        return CameraFinding(
+            doubt=doubt,
+            disputed=bool(beside) or any(not t.fits for t in trials),
+            stuck=stuck,
+            beside=bool(beside),
+            errors=errors,
+        )
     if mirrored and any(not readings[i].mirrors_world for i in own):
         # what agrees as well with a camera that does not mirror speaks for that one
         doubt = " ".join(_describe_mirrored(proofs, [readings[i] for i in own]))
@@ -387,6 +405,10 @@ def _judge_unopposed(
         undecided[OF_NEIGHBOUR] = None
     if _rest(given) and not any(t.evidence.tells_lens for t in proofs):
         undecided[OF_OTHER_LENS] = None
+    proving = [views[t.evidence.name] for t in proofs if t.evidence.name in views]
+    seen = {name for view in proving for name in list_told(view)}
+    seen |= {OF_LENS} if OF_OTHER_LENS in undecided else set()
+    undecided |= dict.fromkeys(say_untold(seen) if proving else ())
     found = CameraFinding(
         proofs=tuple(t.evidence.name for t in proofs),
         undecided=tuple(undecided),
@@ -453,12 +475,22 @@ NOTHING_MEASURED = "No other convention is measured by them; rtsr's own is in do
 
 
 def _describe_doubt(
-    trials: Sequence[_Trial], silent: Sequence[str], *, mirrored: bool, resting: bool
+    trials: Sequence[_Trial],
+    silent: Sequence[str],
+    beside: Mapping[str, Beside],
+    *,
+    mirrored: bool,
+    resting: bool,
 ) -> Iterator[str]:
     apart = [t for t in trials if not t.fits]
-    if apart:
+    if apart or beside:
         listed = "; ".join(_say_apart(t) for t in apart)
-        yield f"{UNVERIFIED}: what the frames show does not agree with them ({listed})."
+        yield (
+            f"{UNVERIFIED}: what the frames show does not agree with them"
+            f"{f' ({listed})' if listed else ''}."
+        )
+        # one says it: what tells most
+        yield from [_describe_beside(name, found) for name, found in beside.items()][:1]
         if resting and any(t.evidence.tells_step for t in apart):
             yield (
                 "They are the same in all frames, though what is seen moves: one frame's matrices "
@@ -476,6 +508,14 @@ def _describe_doubt(
     if mirrored:
         yield MIRROR
     yield NOTHING_MEASURED
+
+
+def _describe_beside(name: str, found: Beside) -> str:
+    depth = " (or is depth stored otherwise than it is read?)" if "depth" in name else ""
+    return (
+        f"By {name} they look like those of a camera beside the one that rendered: "
+        f"{found.describe()}. Write the renderer's own{depth}."
+    )
 
 
 def _say_apart(trial: _Trial) -> str:
@@ -548,7 +588,7 @@ def _word_likeness(text: str) -> str:
         return text
     if text.startswith("of "):
         return f"ones {text}"
-    plain = text.startswith(("transposed", "inverted"))
+    plain = text.startswith(("transposed", "inverted", "turned"))
     return f"ones that look {text}" if plain else f"ones that look like {text}"
 
 

@@ -57,7 +57,7 @@ def _follow_finding(
     strays = "" if run is None or not leads else _find_strays(settled.reader, run)
     if strays:
         settled = add_warning(_hold_finding(settled, replace(found, strays=strays)), strays)
-    if found.stuck and leads:
+    if (found.stuck or found.beside) and leads:
         return add_warning(settled, found.doubt)
     if found.doubt and leads:
         return replace(settled, notes=(*settled.notes, found.doubt))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
+from rtsr_cli.core.captures.measuring.camera_refinement import NearbyView, Residuals, keep_rows
 from rtsr_cli.core.captures.measuring.camera_rounding import measure_rounding
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import (
@@ -24,20 +25,28 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
     LEAST_POINTS,
     StoredGeometry,
     ThinnedFrame,
+    compare_motion,
     find_surface,
+    list_depth_hypotheses,
     measure_depth_effect,
     measure_motion_error,
     measure_offset_error,
     project_points,
     read_metres,
     sample_positions,
+    take_offset,
 )
-from rtsr_cli.core.frames.camera import CameraMetadata, is_orthographic, place_in_camera_space
+from rtsr_cli.core.frames.camera import (
+    CameraMetadata,
+    is_orthographic,
+    list_near_planes,
+    place_in_camera_space,
+)
 from rtsr_cli.core.frames.camera_convention import AXES
 from rtsr_cli.core.frames.conventions import DepthConvention, DepthKind
 from rtsr_cli.core.frames.motion import MotionConvention
 from rtsr_cli.core.frames.vector_length import normalize_vectors, vector_length
-from rtsr_cli.core.shapes import Vector3
+from rtsr_cli.core.shapes import MotionPx, Vector3
 
 MOST_PIXELS = 1 << 12
 """Pixels of a frame that positions and motion are compared at."""
@@ -101,6 +110,9 @@ class CameraEvidence(Protocol):
             cameras: the reading, by frame.
             closely: only under the reading of other buffers that fits the matrices as given best.
         """
+
+    def view_nearby(self, given: Cameras) -> NearbyView | None:
+        """What holds it against cameras beside the matrices as given; None where nothing can."""
 
 
 def bind_camera(camera: CameraMetadata, matrices: CameraMatrices) -> CameraMetadata:
@@ -182,6 +194,43 @@ class PositionEvidence:
                 found[number] = error * self.thinning
         return found
 
+    def view_nearby(self, given: Cameras) -> NearbyView:
+        """Where positions land beside their pixels."""
+        frame = next(iter(self.frames.values()))
+        return NearbyView(
+            measure=self._list_residuals,
+            given=given,
+            unit=self.unit,
+            distance=self._measure_distance(given),
+            width=round(frame.view.display[1] * self.thinning),
+            floor=self.rounding_px + LAST_DIGITS_PX,
+        )
+
+    def _list_residuals(self, cameras: Cameras) -> Residuals:
+        found = {}
+        for number, frame in self.frames.items():
+            if number not in cameras or frame.position is None:
+                continue
+            camera = bind_camera(frame.camera, cameras[number])
+            position = frame.position.double() * self.units[0]
+            compared = compare_landing(position, replace(frame, camera=camera))
+            if compared is not None:
+                found[number] = _list_rows(*compared, self.thinning)
+        return found
+
+    def _measure_distance(self, cameras: Cameras) -> float:
+        """Median depth of the positions, in units of the camera."""
+        depths = [
+            -(frame.position[0].double().flatten(1).T * self.units[0])
+            @ torch.from_numpy(cameras[n].view[:3, 2].copy())
+            - cameras[n].view[3, 2]
+            for n, frame in self.frames.items()
+            if n in cameras and frame.position is not None
+        ]
+        known = torch.cat(depths)
+        known = known[torch.isfinite(known) & (known > 0.0)]
+        return float(known.median()) if known.numel() else 1.0
+
     def choose_unit(self, cameras: Cameras) -> float:
         """The unit under which matrices fit best."""
         return self.units[pick_best([self._measure(cameras, u) for u in self.units], most=FAR_PX)]
@@ -233,6 +282,12 @@ def measure_landing_error(position: Vector3, frame: StoredGeometry) -> float | N
 
     A constant difference of less than a pixel is taken out: jitter that is in the matrices.
     """
+    found = compare_landing(position, frame)
+    return None if found is None else measure_offset_error(*found, frame.thinned)
+
+
+def compare_landing(position: Vector3, frame: StoredGeometry) -> tuple[MotionPx, Tensor] | None:
+    """Pixels from where positions were seen to where they land; and where there are any."""
     landed = project_points(position, frame.camera, frame.view)
     if landed is None:
         return None
@@ -244,7 +299,19 @@ def measure_landing_error(position: Vector3, frame: StoredGeometry) -> float | N
         z = sum((position[:, i : i + 1] * float(view[i, 2]) for i in range(3)), start=view[3, 2])
         apart = torch.where(z < 0.0, apart, torch.nan)
     there = torch.isfinite(position).all(1, keepdim=True) & (vector_length(position) > 0)
-    return measure_offset_error(apart, there, frame.thinned)
+    return apart, there
+
+
+def _list_rows(difference: MotionPx, valid: Tensor, thinning: int) -> Tensor:
+    """Differences less a constant one, n x 2, pixels of the frame; NaN where they are not known."""
+    known = valid & torch.isfinite(difference).all(1, keepdim=True)
+    if int(known.sum()) >= LEAST_POINTS:
+        difference = take_offset(difference, known, thinning)
+    return difference[valid.expand_as(difference)].view(2, -1).T * thinning
+
+
+LAST_DIGITS_PX = 1e-3
+"""What the digits of single matrices move pixels by."""
 
 
 MotionSource = tuple[MotionConvention, DepthConvention]
@@ -366,6 +433,35 @@ class VectorEvidence:
         best = sources[self._choose(trials)]
         return replace(self, best=best, depth_px=self._measure_depth_px(cameras, best))
 
+    def view_nearby(self, given: Cameras) -> NearbyView:
+        """What of the vectors depth and cameras do not explain."""
+        motion, depth = self.best or (next(iter(self.frames)), self.depths[0])
+        frame = next(iter(self.frames[motion].values()))
+        metres = read_metres(frame, depth)
+        known = None if metres is None else metres[find_surface(frame, metres)]
+        return NearbyView(
+            measure=partial(self._list_residuals, source=(motion, depth)),
+            others=[
+                partial(self._list_residuals, source=(motion, other))
+                for other in list_near_depths(given)
+            ],
+            given=given,
+            unit=self.unit,
+            distance=1.0 if known is None or not known.numel() else float(known.median()),
+            width=round(frame.view.display[1] * self.thinning),
+            floor=self.roundings_px.get(motion, 0.0) + self.depth_px + LAST_DIGITS_PX,
+        )
+
+    def _list_residuals(self, cameras: Cameras, source: MotionSource) -> Residuals:
+        motion, depth = source
+        found = {}
+        for number, _, frame in self._bind(cameras, motion):
+            exact = replace(frame, depth=frame.depth.double())
+            compared = compare_motion(exact, depth)
+            if compared is not None:
+                found[number] = _list_rows(*compared, self.thinning)
+        return found
+
     def _measure_depth_px(self, cameras: Cameras, source: MotionSource) -> float:
         """How far rounding of depth moves what is carried along it; a share of what moves, at most.
 
@@ -459,6 +555,9 @@ def _measure_shift(frame: StoredGeometry) -> tuple[float, Tensor]:
     return slow[least], left[least].median(0).values
 
 
+LEAST_LEAN = 0.5
+"""Degrees by which normals of 8 bits, and those of surfaces, may lean."""
+
 SURFACE_DEPTHS = (
     DepthConvention(kind=DepthKind.PLANAR),
     DepthConvention(kind=DepthKind.RAY),
@@ -517,6 +616,39 @@ class NormalEvidence:
                 found[number] = share
         return found
 
+    def view_nearby(self, given: Cameras) -> NearbyView:
+        """How far normals lean from their surfaces, degrees."""
+        frame = next(iter(self.frames.values()))
+        width = round(frame.view.display[1] * frame.thinned)
+        return NearbyView(
+            measure=partial(self._list_residuals, given=given, depth=self.depths[0]),
+            others=[
+                partial(self._list_residuals, given=given, depth=other)
+                for other in list_near_depths(given)
+            ],
+            given=given,
+            unit="degrees from their surfaces",
+            width=width,
+            floor=LEAST_LEAN,
+        )
+
+    def _list_residuals(
+        self, cameras: Cameras, given: Cameras, depth: DepthConvention
+    ) -> Residuals:
+        """Normals less those of surfaces, degrees; of other lenses these are scaled, not found."""
+        found = {}
+        for number in self.frames.keys() & cameras.keys():
+            surfaces = self._find_surfaces(number, given[number], depth)
+            if surfaces is None:
+                continue
+            normal, own = (keep_rows(part).double() for part in surfaces)
+            scale = np.diag(cameras[number].projection)[:2] / np.diag(given[number].projection)[:2]
+            # points are x / P00, so that what stands on them is n P00
+            own = normalize_vectors(own * torch.tensor([*scale, 1.0], dtype=own.dtype))
+            turn = torch.tensor(cameras[number].view[:3, :3])
+            found[number] = (normalize_vectors(normal @ turn) - own) * (180.0 / math.pi)
+        return found
+
     def measure_in_camera(self, cameras: Cameras) -> float:
         """The same for normals in the camera's own axes, however those are named."""
         turns = tuple(torch.tensor(a, dtype=torch.float64) for a in AXES.values())
@@ -526,6 +658,27 @@ class NormalEvidence:
             shares = [self._measure_share(number, camera, d, turns) for d in self.depths]
             errors += [min((s for s in shares if s is not None), default=math.inf)]
         return mean_error(errors)
+
+    def measure_axes(self, cameras: Cameras, axes: Tensor) -> Tensor | None:
+        """The same for normals whose axes are named otherwise, w of them, by the best depth each.
+
+        Args:
+            cameras: the matrices.
+            axes: A, w x 3 x 3: n_world = n . A; the last leads to the camera's own.
+        """
+        trials = []
+        for depth in self.depths:
+            found = []
+            for number in self.frames.keys() & cameras.keys():
+                surfaces = self._find_surfaces(number, cameras[number], depth)
+                if surfaces is not None:
+                    normal, own = (keep_rows(part).double() for part in surfaces)
+                    turn = normalize_vectors(torch.tensor(cameras[number].view[:3, :3]))
+                    turns = torch.cat([axes[:-1] @ turn, axes[-1:]])
+                    cosines = torch.einsum("ni,wij,nj->nw", normalize_vectors(normal), turns, own)
+                    found.append(100.0 * (cosines < ALIKE).double().mean(0))
+            trials += [torch.stack(found).mean(0)] if found else []
+        return torch.stack(trials).min(0).values if trials else None
 
     def _measure_share(
         self,
@@ -602,6 +755,12 @@ def list_likely_depths(presumed: DepthConvention) -> tuple[DepthConvention, ...]
     plain = replace(presumed, sky=None)
     centimetres = [replace(d, unit_m=0.01) for d in SURFACE_DEPTHS[:2]]
     return tuple(dict.fromkeys((plain, *SURFACE_DEPTHS, *centimetres)))
+
+
+def list_near_depths(given: Cameras) -> list[DepthConvention]:
+    """Ray distances from the near plane: a camera beside would explain them nearly."""
+    projection = torch.from_numpy(next(iter(given.values())).projection)
+    return [d for d in list_depth_hypotheses((), list_near_planes(projection)) if d.from_near]
 
 
 def thin(geometry: StoredGeometry, most: int = MOST_PIXELS) -> tuple[StoredGeometry, int]:

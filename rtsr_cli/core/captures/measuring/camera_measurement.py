@@ -29,6 +29,7 @@ from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras, list_wor
 from rtsr_cli.core.captures.measuring.camera_rounding import measure_rounding
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices, Matrix4
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry, ThinnedFrame
+from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes, measure_axes
 from rtsr_cli.core.captures.measuring.normal_finder import find_packing, unpack_normals
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import Buffer
@@ -231,7 +232,16 @@ def _gather_normals(
     """
     if not buffers or Buffer.DEPTH not in reader.stored:
         return [], ()
-    (buffer,) = buffers
+    evidence = _pair_with_depth(reader, stored, presumed, buffers[0])
+    if evidence is None:
+        return [], (NO_DIRECTIONS,)
+    return ([], (OF_CAMERA,)) if are_of_camera(evidence, given) else ([evidence.hold(given)], ())
+
+
+def _pair_with_depth(
+    reader: FrameReader, stored: Stored, presumed: Conventions, buffer: Buffer
+) -> NormalEvidence | None:
+    """Normals of a few frames with their depths; None where they are no vectors of length 1."""
     frames, normals = {}, {}
     for number, held in list(stored.items())[-MOST_NORMAL_FRAMES:]:
         geometry = _make_geometry(reader, number, held, Buffer.DEPTH)
@@ -239,11 +249,34 @@ def _gather_normals(
         unit = unpack_normals(ThinnedFrame(thinning).image(held[buffer]))
         if unit is not None:
             frames[number], normals[number] = kept, unit
-    if not frames:
-        return [], (NO_DIRECTIONS,)
     depths = list_likely_depths(presumed.depth)[:5]
-    evidence = NormalEvidence(frames=frames, normals=normals, depths=depths)
-    return ([], (OF_CAMERA,)) if are_of_camera(evidence, given) else ([evidence.hold(given)], ())
+    return NormalEvidence(frames=frames, normals=normals, depths=depths) if frames else None
+
+
+def measure_normal_axes(
+    reader: FrameReader, stored: Stored, presumed: Conventions, found: CameraFinding | None
+) -> tuple[NormalAxes, ...]:
+    """In which axes normals stand on their surfaces, where cameras are proven.
+
+    Args:
+        reader, stored, presumed: as for `check_reader_cameras`.
+        found: of the cameras.
+    """
+    if found is None or not found.fits or Buffer.DEPTH not in reader.stored:
+        return ()
+    stored = {n: buffers for n, buffers in stored.items() if reader.cameras[n].has_matrices}
+    given = list_matrices(reader, tuple(stored))
+    measured = []
+    for buffer in (Buffer.NORMAL, Buffer.GEONORMAL):
+        if buffer not in reader.stored or not given:
+            continue
+        evidence = _pair_with_depth(reader, stored, presumed, buffer)
+        axes = None if evidence is None else measure_axes(evidence, given, buffer)
+        if axes is not None:
+            held = next(iter(stored.values()))[buffer]
+            lines = write_turned(reader.binding[buffer], axes.axes, held)
+            measured.append(replace(axes, lines=tuple(lines)))
+    return tuple(measured)
 
 
 NO_DIRECTIONS = "normals are neither of length 1 nor packed into 0..1"

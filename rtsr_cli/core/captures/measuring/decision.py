@@ -39,6 +39,7 @@ from rtsr_cli.core.frames.conventions import (
     SKY_MARKERS,
     DepthKind,
     NormalConvention,
+    NormalSpace,
     RoughnessKind,
     SkyRule,
 )
@@ -96,6 +97,7 @@ def measure_and_decide(
         _decide_sky,
         check_position,
         _decide_normal,
+        _check_normal_axes,
         _check_roughness,
     ):
         if motion or step not in {_decide_motion, _check_repeats}:
@@ -555,20 +557,72 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     presumed = settled.reader.conventions.normal
     if finding is None or finding.packed is None:
         return settled
+    axes = next((a for a in settled.measured.normal_axes if a.buffer is Buffer.NORMAL), None)
+    space = finding.space
+    if axes is not None:
+        # what stands on surfaces tells more than what faces the camera
+        other = axes.find_other(presumed.space)
+        space = other if isinstance(other, NormalSpace) else presumed.space
     measured = NormalConvention(
-        space=finding.space or presumed.space, packed=finding.packed, sky=presumed.sky
+        space=space or presumed.space, packed=finding.packed, sky=presumed.sky
     )
     if measured == presumed:
         return settled
     text = f"{measured.space} space{', packed' if measured.packed else ''}"
-    if capture.normal.declared():
-        return add_warning(
+    given = capture.normal.declared()
+    against = {key for key, value in vars(measured).items() if given.get(key, value) != value}
+    if against == {"space"} and axes is not None:
+        # one line declares both sizes, so that none could say what one of them holds
+        settled = add_warning(
             settled,
+            f"normals are declared as {presumed.space} space, but by depth and cameras they are of "
+            f"{measured.space} space: they are read so; declare [normal] space = "
+            f'"{measured.space}" if both sizes are so, or write them alike',
+        )
+        return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
+    if against:
+        return _leave_unread(
+            settled,
+            Buffer.NORMAL,
             f"normals are declared as {presumed.space} space"
-            f"{', packed' if presumed.packed else ''}, but they look like {text}; "
-            "the declaration is obeyed",
+            f"{', packed' if presumed.packed else ''}, but they look like {text}: they are not "
+            f'read; declare [normal] space = "{measured.space}" and packed = '
+            f"{str(measured.packed).lower()} where that is so at both sizes, or write them alike",
         )
     return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
+
+
+def _check_normal_axes(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Leave normals unread that stand on their surfaces in other axes alone."""
+    del capture
+    space = settled.reader.conventions.normal.space
+    for axes in settled.measured.normal_axes:
+        other = axes.find_other(space)
+        if other is None or axes.buffer in settled.reader.contradicted:
+            continue
+        if isinstance(other, NormalSpace):
+            where, best = f"{other} space", axes.apart[other]
+            remedy = f'write them in {space} space, or declare [normal] space = "{other}"'
+        else:
+            where, best = "a world of other axes (swapped or negated)", axes.turned
+            remedy = "write them in the world that the camera matrices are of"
+            if axes.lines:
+                line = f"{axes.buffer} = [{', '.join(axes.lines)}]"
+                remedy += f", or, if both sizes are so, declare [buffers] {line}"
+        text = (
+            f"{axes.buffer} as {space} space does not stand on {axes.apart[space]:.0f}% of the "
+            f"surfaces that depth shows, and in {where} not on {best:.0f}%: it is not read; "
+            f"{remedy}"
+        )
+        settled = _leave_unread(settled, axes.buffer, text)
+    return settled
+
+
+def _leave_unread(settled: MeasuredReader, buffer: Buffer, text: str) -> MeasuredReader:
+    """Warn of a buffer that is contradicted, and read it no more: what needs it is refused."""
+    contradicted = {**settled.reader.contradicted, buffer: text}
+    settled = replace(settled, reader=replace(settled.reader, contradicted=contradicted))
+    return add_warning(settled, text)
 
 
 def _check_roughness(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:

@@ -268,14 +268,21 @@ def measure_motion_error(frame: StoredGeometry, reading: DepthConvention) -> flo
 
     A constant difference of at most `LARGEST_OFFSET_PX` is taken out: vectors may contain jitter.
     """
+    found = compare_motion(frame, reading)
+    return None if found is None else measure_offset_error(*found, frame.thinned)
+
+
+def compare_motion(
+    frame: StoredGeometry, reading: DepthConvention
+) -> tuple[MotionPx, Tensor] | None:
+    """The motion that a reading predicts less the vectors, pixels; and where surfaces are."""
     metres = read_metres(frame, reading)
     then = None if metres is None else _carry(metres, frame)
     if metres is None or then is None or frame.motion_px is None:
         return None
     size = (metres.shape[-2], metres.shape[-1])
     predicted = then - sample_positions(size, frame.camera.jitter_px)
-    valid = find_surface(frame, metres)
-    return measure_offset_error(predicted - frame.motion_px, valid, frame.thinned)
+    return predicted - frame.motion_px, find_surface(frame, metres)
 
 
 def _carry(metres: Plane, frame: StoredGeometry) -> Tensor | None:
@@ -317,10 +324,20 @@ def measure_offset_error(difference: MotionPx, valid: Tensor, thinned: int = 1) 
     known = valid & torch.isfinite(difference).all(1, keepdim=True)
     if int(known.sum()) < LEAST_POINTS:
         return None if int(valid.sum()) < LEAST_POINTS else FAR_OFF_PX
+    return _median(vector_length(take_offset(difference, known, thinned)), valid)
+
+
+def take_offset(difference: MotionPx, known: Tensor, thinned: int = 1) -> MotionPx:
+    """Differences less the constant one, as `measure_offset_error` says.
+
+    Args:
+        difference: as there.
+        known: where they are known, which is somewhere.
+        thinned: as there.
+    """
     offset = difference[known.expand_as(difference)].view(2, -1).median(1).values
     largest = LARGEST_OFFSET_PX / thinned
-    offset = offset.clamp(-largest, largest)
-    return _median(vector_length(difference - offset.view(1, 2, 1, 1)), valid)
+    return difference - offset.clamp(-largest, largest).view(1, 2, 1, 1)
 
 
 def measure_position_error(frame: StoredGeometry, reading: DepthConvention) -> float | None:

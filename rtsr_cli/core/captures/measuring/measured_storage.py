@@ -10,6 +10,7 @@ from rtsr_cli.core.captures.measuring.empty_buffers import BufferFault
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding
 from rtsr_cli.core.captures.measuring.sky_finder import SkyFinding
 
@@ -47,6 +48,7 @@ class StorageMeasurement:
     median_depth: float | None = None
     position_unit_m: float | None = None
     normal: NormalFinding | None = None
+    normal_axes: tuple[NormalAxes, ...] = ()
     sky: SkyFinding | None = None
     faults: tuple[BufferFault, ...] = ()
     frames: tuple[int, ...] = ()

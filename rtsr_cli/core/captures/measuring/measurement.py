@@ -15,7 +15,11 @@ from torch import Tensor
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
 from rtsr_cli.core.captures.measuring.camera_evidence import PositionEvidence, VectorEvidence
-from rtsr_cli.core.captures.measuring.camera_measurement import check_reader_cameras, drop_matrices
+from rtsr_cli.core.captures.measuring.camera_measurement import (
+    check_reader_cameras,
+    drop_matrices,
+    measure_normal_axes,
+)
 from rtsr_cli.core.captures.measuring.depth_median import find_median_depth
 from rtsr_cli.core.captures.measuring.empty_buffers import (
     NEVER_ZERO,
@@ -205,7 +209,8 @@ def _measure_group(
         certain = placed is not None and placed.certain and placed.normal_world is None
         camera = reader.cameras[last] if certain else drop_matrices(reader.cameras[last])
         normal = find_normals(surfaces[last][Buffer.NORMAL], camera, reader.view)
-        measured = replace(measured, normal=normal)
+        axes = measure_normal_axes(reader, surfaces, presumed, placed)
+        measured = replace(measured, normal=normal, normal_axes=axes)
     measured = replace(measured, faults=_find_faults(reader, stored, presumed, measured))
     return add_geometry(reader, stored, presumed, measured)
 

@@ -243,6 +243,9 @@ class TwoReadings:
     def __init__(self, given: Cameras) -> None:
         self.given = given
 
+    def view_nearby(self, given: Cameras) -> None:
+        """Nothing is seen of cameras beside."""
+
     def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
         if cameras is self.given:
             return {2: 0.016}
@@ -262,6 +265,9 @@ class OneFrameEach:
     unit = "px of motion"
     tells_world, tells_step = False, True
     slack, factor, limit, sure = 0.02, 4.0, 0.1, 0.025
+
+    def view_nearby(self, given: Cameras) -> None:
+        """Nothing is seen of cameras beside."""
 
     def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
         del closely
@@ -360,7 +366,7 @@ def test_a_world_whose_axes_are_named_otherwise_is_refused(
 def test_normals_cannot_tell_a_neighbour_and_say_so(room: Room) -> None:
     found = check(room, room.cameras, "normals")
     assert found.certain
-    assert found.likenesses == "those of a neighbouring frame"
+    assert found.likenesses == "those of a neighbouring frame, or ones of a lens 3 % longer"
 
 
 def test_motion_cannot_tell_handedness_of_the_world_and_says_so(room: Room) -> None:
@@ -518,8 +524,8 @@ def test_normals_cannot_tell_whether_one_camera_in_all_frames_is_right(room: Roo
     assert found.likenesses == ("those of a neighbouring frame, or those of another field of view")
 
 
-def test_a_lens_that_nothing_moves_under_is_told_by_positions_alone(room: Room) -> None:
-    """A wider lens on a camera that rests: normals hardly change, and vectors of 0 fit any."""
+def test_a_lens_that_nothing_moves_under_is_told_by_positions_and_normals(room: Room) -> None:
+    """A wider lens on a camera that rests: vectors of 0 fit any, and surfaces lean."""
     wider = np.diag([0.8, 0.8, 1.0, 1.0])
     right = room.cameras[1]
     wrong = CameraMatrices(right.view, right.ndc @ wider)
@@ -527,7 +533,9 @@ def test_a_lens_that_nothing_moves_under_is_told_by_positions_alone(room: Room) 
     frames = dict.fromkeys(room.cameras, room.frames[1])
     normals = dict.fromkeys(room.cameras, room.normals[1])
     resting = Room(dict.fromkeys(room.cameras, right), frames, normals)
-    assert "another field of view" in check(resting, still, "normals").likenesses
+    found = check(resting, still, "normals")
+    assert found.beside
+    assert "another focal length" in found.doubt
     assert not check(resting, still, "positions").fits
 
 
@@ -540,6 +548,9 @@ class FloorAlone:
 
     def __init__(self, right: Cameras) -> None:
         self.right = right
+
+    def view_nearby(self, given: Cameras) -> None:
+        """Nothing is seen of cameras beside."""
 
     def measure(self, cameras: Cameras, *, closely: bool) -> dict[int, float]:
         del closely
@@ -806,3 +817,110 @@ def test_one_wrong_frame_leaves_open_whether_the_others_are_neighbours(room: Roo
     found = check_cameras(given, (evidence.hold(given),), step=1, convention=CameraConvention())
     assert "those of frame 4 do not agree" in found.unfit
     assert "or are all a neighbouring frame's" in found.unfit
+
+
+def turn(axis: int, degrees: float) -> Array:
+    one, other = (i for i in range(3) if i != axis)
+    matrix = np.eye(4)
+    matrix[one, one] = matrix[other, other] = math.cos(math.radians(degrees))
+    matrix[one, other] = math.sin(math.radians(degrees))
+    matrix[other, one] = -matrix[one, other]
+    return matrix
+
+
+def scale_lens(factor: float) -> Array:
+    return np.diag([factor, factor, 1.0, 1.0])
+
+
+def step_aside(x: float, z: float) -> Array:
+    matrix = np.eye(4)
+    matrix[3, 0], matrix[3, 2] = x, z
+    return matrix
+
+
+BESIDE = {
+    "pitch": (turn(0, 1.7), np.eye(4)),
+    "yaw": (turn(1, -1.7), np.eye(4)),
+    "roll": (turn(2, 1.7), np.eye(4)),
+    "focal length": (np.eye(4), scale_lens(1.03)),
+    "moved": (step_aside(0.1, 0.2), np.eye(4)),
+}
+"""What is said of cameras that are a little off -> how they move, and what their lens becomes."""
+
+
+def put_beside(cameras: Cameras, name: str) -> dict[int, CameraMatrices]:
+    moved, lens = BESIDE[name]
+    return {
+        n: CameraMatrices(m.view @ moved, m.view @ moved @ m.projection @ lens)
+        for n, m in cameras.items()
+    }
+
+
+@pytest.mark.parametrize("kind", ["positions", "motion", "normals"])
+@pytest.mark.parametrize("name", BESIDE)
+def test_cameras_a_little_off_are_unverified_and_named(room: Room, kind: str, name: str) -> None:
+    found = check(room, put_beside(room.cameras, name), kind)
+    if kind == "normals" and name == "moved":
+        # which way a surface faces is alike from a step aside
+        assert found.fits
+        return
+    if kind == "normals" and name == "focal length":
+        assert not found.fits or "of a lens 3 % longer" in found.likenesses
+        return
+    assert found.beside
+    assert found.disputed
+    assert not found.fits
+    assert f"{name}" in found.doubt
+    assert "a camera beside the one that rendered" in found.doubt
+
+
+def store(room: Room, kind: str) -> Room:
+    """What frames hold, in halves, in steps, or where samples are anywhere in their pixels."""
+    frames = {}
+    for number, frame in room.frames.items():
+        motion, depth = frame.motion_px, frame.depth
+        if kind == "half":
+            motion, depth = (None if x is None else x.half().float() for x in (motion, depth))
+        elif kind == "steps":
+            motion = None if motion is None else (motion * 256.0).round() / 256.0
+            depth = (depth * 512.0).round() / 512.0
+        else:
+            shift = torch.tensor([0.4, -0.3]) * (-1) ** number
+            motion = None if motion is None else motion + shift.view(1, 2, 1, 1)
+        assert depth is not None
+        frames[number] = replace(frame, motion_px=motion, depth=depth)
+    return replace(room, frames=frames)
+
+
+@pytest.mark.parametrize("kind", ["half", "steps", "jitter"])
+def test_what_storage_leaves_is_no_other_camera(room: Room, kind: str) -> None:
+    stored = store(room, kind)
+    right = check(stored, room.cameras, "motion")
+    assert right.fits
+    assert not right.beside
+    assert not any("degrees" in text for text in right.undecided)
+    assert check(stored, put_beside(room.cameras, "yaw"), "motion").beside
+
+
+def test_a_camera_that_only_goes_straight_on_leaves_its_lens_untold(room: Room) -> None:
+    """Points of known depth move alike by any lens then, pixels beside pixels."""
+    straight = {n: CameraMatrices(*_go_on(room.cameras[1], 0.1 * n)) for n in FRAMES}
+    frames = {}
+    for number, camera in straight.items():
+        position, _ = cast(camera)
+        depth = -(np.einsum("ihw,i->hw", position, camera.view[:3, 2]) + camera.view[3, 2])
+        before = straight.get(number - 1)
+        motion = None if before is None else project(position, before) - project(position, camera)
+        frames[number] = replace(
+            room.frames[number],
+            depth=torch.from_numpy(depth).float()[None, None],
+            motion_px=None if motion is None else torch.from_numpy(motion).float()[None],
+        )
+    found = check(Room(straight, frames, room.normals), straight, "motion")
+    assert found.fits
+    assert "of a lens 3 % longer" in found.undecided
+
+
+def _go_on(camera: CameraMatrices, way: float) -> tuple[Array, Array]:
+    moved = step_aside(0.0, way)
+    return camera.view @ moved, camera.view @ moved @ camera.projection

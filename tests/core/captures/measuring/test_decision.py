@@ -21,6 +21,7 @@ from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, Jitter
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import collect_frame_set
@@ -366,13 +367,51 @@ def test_measured_depth_overrules_the_preset_and_not_a_declaration(settled: Sett
     assert "obeyed" in bound.warnings[0]
 
 
-def test_measured_normals_overrule_the_preset_and_not_a_declaration(settled: Settle) -> None:
+def test_measured_normals_overrule_the_preset_and_are_not_read_where_declared_otherwise(
+    settled: Settle,
+) -> None:
     finding = NormalFinding(packed=True, space=NormalSpace.VIEW, facing={})
     free = settled(StorageMeasurement(normal=finding)).reader.conventions.normal
     assert (free.packed, free.space) == (True, NormalSpace.VIEW)
     bound = settled(StorageMeasurement(normal=finding), capture(normal={"packed": False}))
     assert not bound.reader.conventions.normal.packed
-    assert "obeyed" in bound.warnings[0]
+    assert "they are not read" in bound.warnings[0]
+    assert Buffer.NORMAL in bound.reader.contradicted
+    assert Buffer.NORMAL not in bound.reader.readable
+
+
+@pytest.mark.parametrize("declared", [{}, {"space": "world"}])
+def test_depth_tells_the_axes_of_normals_and_what_it_contradicts_is_not_read(
+    settled: Settle, declared: dict[str, str]
+) -> None:
+    finding = NormalFinding(packed=False, facing={})
+    view = NormalAxes(
+        buffer=Buffer.NORMAL,
+        apart={NormalSpace.WORLD: 90.0, NormalSpace.VIEW: 30.0},
+        turned=80.0,
+        axes=np.diag([1.0, 1.0, -1.0, 1.0]),
+        lines=('"X"', '"Y"', '"-1 * Z"'),
+    )
+    seen = settled(
+        StorageMeasurement(normal=finding, normal_axes=(view,)), capture(normal=declared)
+    )
+    assert seen.reader.conventions.normal.space is NormalSpace.VIEW
+    assert not seen.reader.contradicted
+    assert [w for w in seen.warnings if "are of view space: they are read so" in w] == list(
+        seen.warnings
+    )
+    assert bool(seen.warnings) == bool(declared)
+    other = replace(view, apart={NormalSpace.WORLD: 90.0, NormalSpace.VIEW: 85.0}, turned=30.0)
+    lost = settled(
+        StorageMeasurement(normal=finding, normal_axes=(other,)), capture(normal=declared)
+    )
+    assert Buffer.NORMAL in lost.reader.contradicted
+    assert '[buffers] normal = ["X", "Y", "-1 * Z"]' in lost.warnings[0]
+    right = replace(view, apart={NormalSpace.WORLD: 40.0, NormalSpace.VIEW: 60.0}, turned=55.0)
+    kept = settled(
+        StorageMeasurement(normal=finding, normal_axes=(right,)), capture(normal=declared)
+    )
+    assert not kept.warnings
 
 
 def test_of_an_unverified_layout_without_motion_radiance_is_read_until_it_is_named(
