@@ -282,8 +282,8 @@ class RealPairs:
         lr, hr = (
             replace(frame, gbuffer=frame.gbuffer.only(frame.gbuffer.keys() - unwanted))
             for frame, unwanted in (
-                (lr, {Buffer.MATERIAL, *GUIDES} - set(reads.lr.used)),
-                (hr, set(GUIDES) - set(reads.hr.used)),
+                (lr, {Buffer.MATERIAL, *_list_guides(reads.lr)} - set(reads.lr.used)),
+                (hr, _list_guides(reads.hr)),
             )
         )
         return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=doubted)
@@ -359,10 +359,14 @@ def _join_masks(one: dict[str, Mask], other: dict[str, Mask]) -> dict[str, Mask]
 def _keep_guides(reads: Reads, further: Collection[Buffer] = ()) -> Reads:
     """Add buffers to those of a frame; and what tells surfaces apart, as far as it is read."""
     read = [b for b in GUIDES if b in reads.stored and b not in reads.used]
-    # a diffuse colour beside F0 is no base colour
-    if Buffer.SPECULAR in reads.stored:
-        read = [b for b in read if b is not Buffer.ALBEDO]
     return replace(reads, used=(*reads.used, *further, *read))
+
+
+def _list_guides(reads: Reads) -> set[Buffer]:
+    """What `_keep_guides` added: with a base colour that was found comes metallic."""
+    further = {b for b in GUIDES if b not in reads.used}
+    metallic = {Buffer.METALLIC} if Buffer.ALBEDO in further else set()
+    return further | (metallic - set(reads.used))
 
 
 def _list_apart(
