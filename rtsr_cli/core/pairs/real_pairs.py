@@ -44,6 +44,7 @@ from rtsr_cli.core.pairs.sources import (
     describe_missing,
     resolve_buffers,
 )
+from rtsr_cli.core.pairs.surface_factors import SCALED, leave_scaled
 from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr
 from rtsr_cli.core.shapes import Mask, Size
 
@@ -272,7 +273,11 @@ class RealPairs:
             if left is not lr:
                 taken = find_taken(lr, left)
                 doubted[name_darker(lr, hr, self.scale, taken)] = taken
-            lr, hr, colourless = leave_colourless(left, bare, self.scale)
+            lr, hr = leave_scaled(left, bare, self.scale)
+            if lr is not left:
+                doubted[SCALED] = find_taken(left, lr)
+                taken = doubted[SCALED] if taken is None else taken | doubted[SCALED]
+            lr, hr, colourless = leave_colourless(lr, hr, self.scale)
             doubted = _join_masks(doubted, colourless)
         if divides and Buffer.MATERIAL in hr.gbuffer:
             left, hr = leave_outshining(lr, hr, self.scale, taken)
