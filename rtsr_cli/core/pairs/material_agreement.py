@@ -36,10 +36,10 @@ from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
-from rtsr_cli.core.imaging.alignment import block_shift, shift_jitter
+from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitter
 from rtsr_cli.core.imaging.mask_groups import keep_groups
 from rtsr_cli.core.imaging.resampling import sample_jitter, upsample_nearest
-from rtsr_cli.core.pairs.surface_reach import mark_surfaces
+from rtsr_cli.core.pairs.surface_reach import LOST_REACH, mark_surfaces
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane
 
 DARKER_AT_HR, DARKER_AT_LR = (
@@ -47,6 +47,9 @@ DARKER_AT_HR, DARKER_AT_LR = (
     for one, other in (("HR", "LR"), ("LR", "HR"))
 )
 """What is said of samples that contradict."""
+
+UNSAID = ""
+"""Cause of which nothing is said: nothing is wrong there."""
 
 GUIDES = (Buffer.ALBEDO, Buffer.NORMAL, Buffer.DEPTH)
 """Buffers that tell more, where they are there."""
@@ -60,8 +63,8 @@ FAR = 1.6
 BLACK = 1e-3
 """Base colour up to here is none: the third level above 0 of 8 bits in sRGB."""
 
-LEAST_EXPECTED = 2.5
-"""Samples on pixels without base colour, of the 5 x 5 around: a line of one HR pixel has 1.25."""
+CHANCE, LEAST_INSIDE = 1e-6, 4
+"""Least probability of what may be chance, and the samples in bare pixels that it takes."""
 
 BESIDE_PX = (1, 2, 3)
 """HR pixels to each side in which other parts of a surface are looked for."""
@@ -152,12 +155,18 @@ def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]
     contradicts = find_contradicting(lr, hr, scale)
     if contradicts is None:
         return lr, hr
-    lost = mark_surfaces(lr, hr, contradicts, scale)
-    return leave_undivided(lr, contradicts), leave_bare(hr, lost)
+    placed = hold_samples(lr, hr, scale).placed
+    lost = mark_surfaces(lr, hr, placed, contradicts, scale)
+    return leave_undivided(lr, contradicts), leave_bare(lr, hr, lost, scale)
 
 
-def leave_bare(hr: Frame, where: Mask) -> Frame:
-    """Take material out of HR pixels."""
+def leave_bare(lr: Frame, hr: Frame, where: Mask, scale: int) -> Frame:
+    """Take material out of HR pixels, and out of those at the border that are made of them.
+
+    Lighting is multiplied where images are shifted (`alignment`), and shifted back.
+    """
+    across, down = block_shift(lr.camera.jitter_px, scale)
+    where = where | shift_image(shift_image(where, (across, down)), (-across, -down))
     bare = hr.gbuffer[Buffer.MATERIAL].masked_fill(where, 0.0)
     return replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
 
@@ -194,9 +203,9 @@ def is_colourless(gbuffer: GBuffer) -> Mask:
 def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, dict[str, Mask]]:
     """Take material out where a base colour of 0 is stored at one size alone, however small it is.
 
-    HR pixels without base colour of which no sample of the 5 x 5 around is, though `LEAST_EXPECTED`
-    would be, are enlarged as radiance, unless others of their surface beside them have some: joints
-    of bricks. Samples without one beside which no pixel of the 3 x 3 blocks lacks one are left out.
+    HR pixels without base colour beside which no sample is without, though some would be, are
+    enlarged as radiance, unless others of their surface beside them have some: joints of bricks.
+    Samples without one beside which no pixel of the 3 x 3 blocks lacks one are left out.
 
     Args:
         lr: with sky and material, and lighting with its mask where it was divided.
@@ -204,8 +213,8 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
         scale: S.
 
     Returns:
-        The frames, and where that was so in groups, as LR masks by what is said of it; the very
-        frames and nothing where a size stores no base colour, or both agree.
+        The frames, and where that was so, as LR masks by what is said of it, single ones by
+        `UNSAID`; the very frames and nothing where a size stores no base colour, or both agree.
     """
     if Buffer.ALBEDO not in lr.gbuffer or Buffer.ALBEDO not in hr.gbuffer:
         return lr, hr, {}
@@ -214,23 +223,55 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
     )
     if not bool(bare_hr.any()) and not bool(bare_lr.any()):
         return lr, hr, {}
-    # LR samples that would lie on such pixels if places were by chance
-    expected = count_around(F.avg_pool2d(bare_hr.float(), scale), REACH)
-    many = _spread(expected >= LEAST_EXPECTED, REACH) & ~_spread(bare_lr, REACH)
-    hidden = _keep_whole_surfaces(hr.gbuffer, bare_hr, bare_hr & upsample_nearest(many, scale))
+    hidden = _find_hidden(lr, hr, bare_lr, bare_hr, scale)
     in_block = F.max_pool2d(bare_hr.float(), scale) > 0.5
     alone = bare_lr & ~_spread(in_block, 1)
     material = hr.gbuffer[Buffer.MATERIAL]
     doubted: dict[str, Mask] = {}
     if bool((hidden & (material > MATERIAL_EPSILON).all(1, keepdim=True)).any()):
-        bare = material.masked_fill(hidden, 0.0)
-        hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
+        hr = leave_bare(lr, hr, hidden, scale)
         doubted[DARKER_AT_HR] = F.max_pool2d(hidden.float(), scale) > 0.5
     if bool(alone.any()):
         lr = leave_undivided(lr, alone)
         doubted[DARKER_AT_LR] = alone
-    # single samples lie on lines that no pixel's centre is on: nothing is wrong with those
-    return lr, hr, {cause: mask for cause, mask in doubted.items() if bool(keep_groups(mask).any())}
+    return lr, hr, {_name_group(cause, mask): mask for cause, mask in doubted.items()}
+
+
+def _name_group(cause: str, mask: Mask) -> str:
+    """The cause; none of single ones, which lie on lines that no pixel's centre is on."""
+    return cause if bool(keep_groups(mask).any()) else UNSAID
+
+
+def _find_hidden(lr: Frame, hr: Frame, bare_lr: Mask, bare_hr: Mask, scale: int) -> Mask:
+    """True at HR pixels without base colour of which samples would be, if it were so.
+
+    Not every sample in such a pixel is: lines are finer. What tells is a sample with colour all
+    around which pixels have none, or that too few of all the frame's samples have none for chance.
+    """
+    coloured = (lr.gbuffer[Buffer.SKY] < 0.5) & ~bare_lr
+    unseen = bare_hr & ~upsample_nearest(_spread(bare_lr, REACH), scale)
+    inside = _place(bare_hr, lr, scale) & coloured
+    if not bool(inside.any()):
+        return torch.zeros_like(bare_hr)
+    whole = F.max_pool2d(-F.pad(bare_hr.float(), (1,) * 4), 3, 1) < -0.5
+    held = hold_samples(lr, hr, scale)
+    sure = _place(whole, lr, scale) & coloured & keep_own_surface(replace(held, told=inside)).told
+    if _is_by_chance(float(bare_hr.sum()) / scale**2, int(bare_lr.sum()), int(inside.sum())):
+        unseen &= upsample_nearest(_spread(sure, LOST_REACH), scale)
+    return _keep_whole_surfaces(hr.gbuffer, bare_hr, unseen)
+
+
+def _is_by_chance(expected: float, seen: int, inside: int) -> bool:
+    """Whether so few samples can be bare though so many of the HR pixels are [Chernoff].
+
+        P(X <= x) <= exp(x - e - x ln(x / e)),    X of Poisson's distribution, with the mean e
+
+    Where none even lies in such a pixel, grids of samples and of lines run side by side.
+    """
+    if seen >= expected or inside < LEAST_INSIDE:
+        return True
+    log_ratio = math.log(seen / expected) if seen else 0.0
+    return seen - expected - seen * log_ratio > math.log(CHANCE)
 
 
 def _keep_whole_surfaces(gbuffer: GBuffer, bare: Mask, hidden: Mask) -> Mask:

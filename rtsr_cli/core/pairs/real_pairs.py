@@ -23,14 +23,8 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs import pixel_filter
-from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
-from rtsr_cli.core.pairs.material_agreement import (
-    GUIDES,
-    find_taken,
-    leave_colourless,
-    leave_contradicting,
-    name_darker,
-)
+from rtsr_cli.core.pairs.doubted_material import leave_doubted
+from rtsr_cli.core.pairs.material_agreement import GUIDES
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.pair_agreement import COMPARED, Misfit, find_misfit, find_other_moment
 from rtsr_cli.core.pairs.sources import (
@@ -44,9 +38,8 @@ from rtsr_cli.core.pairs.sources import (
     describe_missing,
     resolve_buffers,
 )
-from rtsr_cli.core.pairs.surface_factors import SCALED, leave_scaled
 from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr
-from rtsr_cli.core.shapes import Mask, Size
+from rtsr_cli.core.shapes import Size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,32 +259,15 @@ class RealPairs:
         hr = build_hr(hr, _keep_guides(reads.hr), inputs.derivation)
         if own_moment:
             self._check_moment(number, lr.gbuffer, hr.gbuffer)
-        doubted: dict[str, Mask] = {}
-        taken: Mask | None = None
-        if Buffer.MATERIAL in lr.gbuffer and Buffer.MATERIAL in hr.gbuffer:
-            left, bare = leave_contradicting(lr, hr, self.scale)
-            if left is not lr:
-                taken = find_taken(lr, left)
-                doubted[name_darker(lr, hr, self.scale, taken)] = taken
-            lr, hr = leave_scaled(left, bare, self.scale)
-            if lr is not left:
-                doubted[SCALED] = find_taken(left, lr)
-                taken = doubted[SCALED] if taken is None else taken | doubted[SCALED]
-            lr, hr, colourless = leave_colourless(lr, hr, self.scale)
-            doubted = _join_masks(doubted, colourless)
-        if divides and Buffer.MATERIAL in hr.gbuffer:
-            left, hr = leave_outshining(lr, hr, self.scale, taken)
-            if left is not lr:
-                doubted[TOO_BRIGHT] = find_taken(lr, left)
-            lr = left
+        left = leave_doubted(lr, hr, self.scale, divided=divides)
         lr, hr = (
             replace(frame, gbuffer=frame.gbuffer.only(frame.gbuffer.keys() - unwanted))
             for frame, unwanted in (
-                (lr, {Buffer.MATERIAL, *_list_guides(reads.lr)} - set(reads.lr.used)),
-                (hr, _list_guides(reads.hr)),
+                (left.lr, {Buffer.MATERIAL, *_list_guides(reads.lr)} - set(reads.lr.used)),
+                (left.hr, _list_guides(reads.hr)),
             )
         )
-        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=doubted)
+        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=left.doubted)
 
 
 def open_real_pairs(
@@ -353,12 +329,6 @@ def settle_cameras(pairs: RealPairs) -> RealPairs:
         return pairs
     lr, hr = share_verdicts(pairs.lr, pairs.hr, lambda: pairs.misfit)
     return replace(pairs, lr=lr, hr=hr)
-
-
-def _join_masks(one: dict[str, Mask], other: dict[str, Mask]) -> dict[str, Mask]:
-    """All that either says, where both say the same where either does."""
-    both = {name: one[name] | other[name] for name in one.keys() & other.keys()}
-    return one | other | both
 
 
 def _keep_guides(reads: Reads, further: Collection[Buffer] = ()) -> Reads:

@@ -37,7 +37,7 @@ from rtsr_cli.core.pairs.material_agreement import (
     leave_bare,
     leave_undivided,
 )
-from rtsr_cli.core.pairs.surface_reach import APART, mark_surfaces
+from rtsr_cli.core.pairs.surface_reach import mark_surfaces
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
 FACTOR = 1.21
@@ -48,6 +48,9 @@ SURE = 100.0
 
 LEAST = 4
 """Samples of a surface that tell a factor."""
+
+APART = 0.02
+"""Difference of depth between samples of one surface, as a share of it."""
 
 AT_ONCE = 1 << 14
 """Samples whose surroundings are held in memory."""
@@ -71,8 +74,9 @@ def leave_scaled(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
     scaled = find_scaled(lr, hr, scale)
     if scaled is None:
         return lr, hr
-    lost = mark_surfaces(lr, hr, scaled, scale)
-    return leave_undivided(lr, scaled), leave_bare(hr, lost)
+    placed = hold_samples(lr, hr, scale).placed
+    lost = mark_surfaces(lr, hr, placed, scaled, scale)
+    return leave_undivided(lr, scaled), leave_bare(lr, hr, lost, scale)
 
 
 def find_scaled(lr: Frame, hr: Frame, scale: int) -> Mask | None:

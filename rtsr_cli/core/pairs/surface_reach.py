@@ -1,11 +1,11 @@
 """HR pixels of the surfaces that LR samples lie on.
 
-    p belongs to samples Q  <=>  near <= z(p) <= far, with
-    near, far = least and largest z(q) of the q of Q within REACH of p, wider by a share of both's
-                difference, and of themselves
+    p belongs to samples Q  <=>  near <= z(p) <= far  and  least <= m(p) <= most in all channels
 
-Depth alone tells: normals turn at the very edges, where a thing's pixels have no sample of their
-own. So it is the thing and its edge that are found, not what is behind it.
+with the least and largest depth z(q), and HR material m(q), of the q of Q within `LOST_REACH` of p,
+wider by APART and LIKE, and depth by a share of its range. Normals turn at the very edges, where a
+thing's pixels have no sample of their own: they tell nothing here. So it is the thing and its edge
+that are found, not what is behind it.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.shapes import Mask, Plane
+from rtsr_cli.core.shapes import Color, Image, Mask, Plane
 
 LOST_REACH = 2 * KERNEL_REACH
 """LR pixels to each side of a sample in which HR pixels are looked at."""
 
-APART = 0.02
-"""Difference of depth within one surface, as a share of it: what the kernel lets pass."""
+APART, LIKE = 0.1, 1.5
+"""Difference of depth within one surface that is seen at a slant, as a share of it, and ratio of
+materials."""
 
 BEYOND = 1.0 / (2 * LOST_REACH)
 """How much further a slope goes on than the samples: to the next one, of those across."""
 
 
-def mark_surfaces(lr: Frame, hr: Frame, samples: Mask, scale: int) -> Mask:
+def mark_surfaces(lr: Frame, hr: Frame, placed: Color, samples: Mask, scale: int) -> Mask:
     """True at HR pixels whose light cannot be had without some samples of their surface.
 
     Those are the pixels of the samples' surface, and those beside them that have no other lit
@@ -37,7 +38,8 @@ def mark_surfaces(lr: Frame, hr: Frame, samples: Mask, scale: int) -> Mask:
 
     Args:
         lr: with sky; depth, and the mask of its lighting, where they are there.
-        hr: with sky; depth where it is there.
+        hr: with sky and material; depth where it is there.
+        placed: HR material at the LR samples.
         samples: LR, True at those whose material is of no use.
         scale: S.
     """
@@ -46,6 +48,7 @@ def mark_surfaces(lr: Frame, hr: Frame, samples: Mask, scale: int) -> Mask:
         return around
     depth, small = hr.gbuffer[Buffer.DEPTH], lr.gbuffer[Buffer.DEPTH]
     own = _lies_between(depth, small, samples, LOST_REACH, scale)
+    own &= _is_like(hr.gbuffer[Buffer.MATERIAL], placed, samples, scale)
     others = (lr.gbuffer[Buffer.SKY] < 0.5) & ~samples
     if Buffer.LIGHTING_MASK in lr.gbuffer:
         others &= lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5
@@ -54,18 +57,28 @@ def mark_surfaces(lr: Frame, hr: Frame, samples: Mask, scale: int) -> Mask:
 
 
 def _lies_between(depth: Plane, small: Plane, samples: Mask, reach: int, scale: int) -> Mask:
-    """True at pixels whose depth is within those of the samples around."""
-    side = 2 * reach + 1
-    far, near = (
-        sign * F.max_pool2d((sign * small).masked_fill(~samples, -torch.inf), side, 1, reach)
-        for sign in (1.0, -1.0)
-    )
-    # where no sample is around far is below near, and nothing lies between
-    beyond = BEYOND * (far - near)
-    near, far = ((near - beyond) * (1.0 - APART), (far + beyond) * (1.0 + APART))
-    none = ~_spread(samples, reach)
-    near = near.masked_fill(none, torch.inf)
+    """True at pixels whose depth is within those of the samples around; nowhere without any."""
+    near, far = _find_range(small, samples, reach)
+    beyond = BEYOND * (far - near).nan_to_num(0.0, 0.0, 0.0)
+    near, far = (near - beyond) * (1.0 - APART), (far + beyond) * (1.0 + APART)
     return (depth >= upsample_nearest(near, scale)) & (depth <= upsample_nearest(far, scale))
+
+
+def _is_like(material: Color, placed: Color, samples: Mask, scale: int) -> Mask:
+    """True at pixels whose material is within those of HR at the samples around."""
+    least, most = _find_range(placed, samples, LOST_REACH)
+    least, most = upsample_nearest(least / LIKE, scale), upsample_nearest(most * LIKE, scale)
+    return ((material >= least) & (material <= most)).all(1, keepdim=True)
+
+
+def _find_range(values: Image, samples: Mask, reach: int) -> tuple[Image, Image]:
+    """Least and largest value of the samples around; infinite and its negative without any."""
+    least, most = (
+        sign
+        * F.max_pool2d((sign * values).masked_fill(~samples, -torch.inf), 2 * reach + 1, 1, reach)
+        for sign in (-1.0, 1.0)
+    )
+    return least, most
 
 
 def _spread(mask: Mask, reach: int) -> Mask:

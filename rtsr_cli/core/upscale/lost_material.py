@@ -7,6 +7,7 @@ import torch.nn.functional as F
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.lighting.radiance import LOST_REACH, find_explained, find_unexplained
+from rtsr_cli.core.pairs.material_agreement import UNSAID
 from rtsr_cli.core.pairs.sources import FramePair
 from rtsr_cli.core.shapes import Mask
 from rtsr_cli.core.system import FrameWindow
@@ -43,6 +44,7 @@ def describe_lost(pair: FramePair, window: FrameWindow) -> dict[str, str]:
         side = 2 * LOST_REACH + 1
         empty = empty & (F.max_pool2d(mask.to(empty.device).float(), side, 1, LOST_REACH) < 0.5)
     masks |= {ZERO_AT_LR: unlit, ZERO_AT_HR: empty}
+    masks.pop(UNSAID, None)
     return {cause: describe_place(mask) for cause, mask in masks.items() if bool(mask.any())}
 
 
