@@ -98,8 +98,14 @@ def leave_outshining(
     further = group & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & ~doubted
     doubted |= further
     # at edges HR pixels of the thing lie beside samples that see what is behind it
-    if Buffer.ALBEDO in hr.gbuffer:
-        lost |= is_colourless(hr.gbuffer) & upsample_nearest(_spread(group, LOST_REACH), scale)
+    bare_lr, bare_hr = is_colourless(lr.gbuffer), is_colourless(hr.gbuffer)
+    if bool((bare_lr & outshines).any()):
+        # so is what else has no base colour, unless samples beside are as dark as that says
+        honest = bare_lr & ~group & (lr.gbuffer[Buffer.SKY] < 0.5)
+        near = _spread(group, LOST_REACH) | ~_spread(honest, LOST_REACH)
+        lost |= bare_hr & (hr.gbuffer[Buffer.SKY] < 0.5) & upsample_nearest(near, scale)
+    else:
+        lost |= bare_hr & upsample_nearest(_spread(group, LOST_REACH), scale)
     for samples, most in ((group, FAINT), (further, DARK)):
         beside = upsample_nearest(_spread(samples, 1), scale)
         lost |= beside & (bare.amin(1, keepdim=True) <= most)

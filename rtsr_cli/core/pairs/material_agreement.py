@@ -63,6 +63,9 @@ FAR = 1.6
 BLACK = 1e-3
 """Base colour up to here is none: the third level above 0 of 8 bits in sRGB."""
 
+MOST_DIELECTRIC = 0.17
+"""F0 of dielectrics is up to that of diamond."""
+
 CHANCE, LEAST_INSIDE = 1e-6, 4
 """Least probability of what may be chance, and the samples in bare pixels that it takes."""
 
@@ -194,10 +197,16 @@ def leave_undivided(lr: Frame, where: Mask) -> Frame:
 
 
 def is_colourless(gbuffer: GBuffer) -> Mask:
-    """True where the base colour is stored, and is none: what is left is a specular term."""
+    """True where the base colour is stored, and is none: what is left is a specular term.
+
+    A diffuse colour of 0 beside an F0 above dielectrics' is that of metal.
+    """
     if Buffer.ALBEDO not in gbuffer:
         return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
-    return (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+    bare = (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+    if Buffer.SPECULAR not in gbuffer:
+        return bare
+    return bare & (gbuffer[Buffer.SPECULAR] <= MOST_DIELECTRIC).all(1, keepdim=True)
 
 
 def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, dict[str, Mask]]:

@@ -264,7 +264,7 @@ class RealPairs:
             replace(frame, gbuffer=frame.gbuffer.only(frame.gbuffer.keys() - unwanted))
             for frame, unwanted in (
                 (left.lr, {Buffer.MATERIAL, *_list_guides(reads.lr)} - set(reads.lr.used)),
-                (left.hr, _list_guides(reads.hr)),
+                (left.hr, set(_list_guides(reads.hr))),
             )
         )
         return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=left.doubted)
@@ -333,15 +333,18 @@ def settle_cameras(pairs: RealPairs) -> RealPairs:
 
 def _keep_guides(reads: Reads, further: Collection[Buffer] = ()) -> Reads:
     """Add buffers to those of a frame; and what tells surfaces apart, as far as it is read."""
-    read = [b for b in GUIDES if b in reads.stored and b not in reads.used]
-    return replace(reads, used=(*reads.used, *further, *read))
+    return replace(reads, used=(*reads.used, *further, *_list_guides(reads)))
 
 
-def _list_guides(reads: Reads) -> set[Buffer]:
-    """What `_keep_guides` added: with a base colour that was found comes metallic."""
-    further = {b for b in GUIDES if b not in reads.used}
-    metallic = {Buffer.METALLIC} if Buffer.ALBEDO in further else set()
-    return further | (metallic - set(reads.used))
+def _list_guides(reads: Reads) -> list[Buffer]:
+    """What tells surfaces apart, of what is read and not used.
+
+    F0 comes with a diffuse colour; without metallic, a base colour is found from both, if it is
+    that which is used.
+    """
+    found = Buffer.ALBEDO in reads.used and Buffer.METALLIC not in reads.stored
+    guides = GUIDES if found else (*GUIDES, Buffer.SPECULAR)
+    return [b for b in guides if b in reads.stored and b not in reads.used]
 
 
 def _list_apart(
