@@ -10,6 +10,8 @@ that are found, not what is behind it.
 
 from __future__ import annotations
 
+from itertools import product
+
 import torch
 import torch.nn.functional as F
 
@@ -52,8 +54,26 @@ def mark_surfaces(lr: Frame, hr: Frame, placed: Color, samples: Mask, scale: int
     others = (lr.gbuffer[Buffer.SKY] < 0.5) & ~samples
     if Buffer.LIGHTING_MASK in lr.gbuffer:
         others &= lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5
-    lit = _lies_between(depth, small, others, KERNEL_REACH, scale)
-    return around & (own | ~lit) & (hr.gbuffer[Buffer.SKY] < 0.5)
+    around &= hr.gbuffer[Buffer.SKY] < 0.5
+    return own & around | _find_alone(depth, small, others, around & ~own, scale)
+
+
+def _find_alone(depth: Plane, small: Plane, samples: Mask, pixels: Mask, scale: int) -> Mask:
+    """True at those of the pixels that no sample within the kernel's reach is as deep as."""
+    rows, columns = pixels[0, 0].nonzero().T
+    own = depth[0, 0, rows, columns]
+    alone = torch.ones_like(own, dtype=torch.bool)
+    height, width = small.shape[-2:]
+    steps = range(-KERNEL_REACH, KERNEL_REACH + 1)
+    for down, across in product(steps, steps):
+        y = (rows // scale + down).clamp(0, height - 1)
+        x = (columns // scale + across).clamp(0, width - 1)
+        other = small[0, 0, y, x]
+        near = (other - own).abs() <= APART * torch.minimum(other, own)
+        alone &= ~(near & samples[0, 0, y, x])
+    found = torch.zeros_like(pixels)
+    found[0, 0, rows, columns] = alone
+    return found
 
 
 def _lies_between(depth: Plane, small: Plane, samples: Mask, reach: int, scale: int) -> Mask:
