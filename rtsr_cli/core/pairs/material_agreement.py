@@ -89,6 +89,9 @@ samples (a flat one, or one that is seen at a slant), and of a sample from its p
 LIKE = 1.5
 """Ratio of materials, in every channel, up to which a pixel is like a sample."""
 
+MOST = 0.95
+"""Share of a group's samples whose material is at most, or at least, that of single ones beside."""
+
 MOST_ALIKE = 0.9
 """Share of a group's pixels that are as dark as those which go with it at most."""
 
@@ -442,7 +445,18 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     dark = dim[groups.expand_as(dim)].view(3, -1).sort(1).values
     darkest = dark[:, int(MOST_ALIKE * dark.shape[1])].view(1, 3, 1, 1)
     alike = strays & (dim <= darkest * TOLERANCE).all(1, keepdim=True)
-    return groups | (alike & _spread(_mark(picked[passes(WEAK)], strays) & alike, REACH))
+    groups |= alike & _spread(_mark(picked[passes(WEAK)], strays) & alike, REACH)
+    # and single ones beside: what is seen of the surface between other things
+    like = strays & _is_within(bright, groups) & _is_within(dim, groups)
+    return groups | (like & _spread(groups, LOST_REACH))
+
+
+def _is_within(material: Color, groups: Mask) -> Mask:
+    """True where a material is within what most of the groups' are."""
+    values = material[groups.expand_as(material)].view(3, -1).sort(1).values
+    last = values.shape[1] - 1
+    least, most = (values[:, int(part * last)].view(1, 3, 1, 1) for part in (1 - MOST, MOST))
+    return ((material * TOLERANCE >= least) & (material <= most * TOLERANCE)).all(1, keepdim=True)
 
 
 def _hold_against_surroundings(
