@@ -54,10 +54,12 @@ def command(ctx: click.Context, /, as_json: bool, **chosen: Any) -> None:
     def conclude(event: object) -> None:
         if isinstance(event, DivisionDone) and event.counts[Status.WRITTEN] and not request.inverse:
             LOG.info(
-                "largest recomposition error %.2e of max(|c|, 1e-3); %.2f %% of the pixels "
-                "not divided",
+                "not divided (mask 0): %.2f %% of the pixels, which are sky, and %.2f %%, which "
+                "are surfaces whose material carries no radiance; lighting * material + emission "
+                "is the radiance to within %.2e of it (of 1e-3 where it is darker)",
+                100 * event.sky,
+                100 * (event.undivided - event.sky),
                 event.error,
-                100 * event.undivided,
             )
 
     progress = Progress(request, as_json=as_json)

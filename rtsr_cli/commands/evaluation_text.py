@@ -11,6 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from rtsr_cli.commands.exit_codes import FAILED
+from rtsr_cli.commands.failures_text import Failures
 from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
@@ -54,6 +55,7 @@ def show_evaluation(events: Iterable[EvaluationEvent], phase: ExitStack, *, as_j
     """
     bar, code = tqdm(disable=True), 0
     told: set[str] = set()
+    failures, repeated = Failures(), set[str]()
     for event in events:
         match event:
             case JudgingStarted():
@@ -61,12 +63,14 @@ def show_evaluation(events: Iterable[EvaluationEvent], phase: ExitStack, *, as_j
                 phase.enter_context(bar)
             case FrameJudged():
                 bar.update()
+                if event.failed and not failures.add(event.shot, event.number, event.failed):
+                    repeated.add(event.failed)
             case ResultReady():
                 phase.close()
                 show_result(event.result, told, as_json=as_json)
                 phase.enter_context(unwind_on_signals())
             case EvaluationDone():
-                log_shortfalls(event)
+                log_shortfalls(event, failures, repeated)
                 code = 0 if event.passed else FAILED
             case _:
                 show_step(event, as_json=as_json)
@@ -160,12 +164,20 @@ def _name_tests(keys: Sequence[str], result: Result) -> str:
     return list_some(keys, MOST_NAMED)
 
 
-def log_shortfalls(done: EvaluationDone) -> None:
-    """Say which demands are missed and which frames failed."""
+def log_shortfalls(done: EvaluationDone, failures: Failures, repeated: Collection[str]) -> None:
+    """Say which demands are missed and which frames failed.
+
+    Args:
+        done: the end of an evaluation.
+        failures: of the frames that were judged, by cause.
+        repeated: what was said of a frame before.
+    """
     for line in done.missed:
         LOG.error("Missed: %s", line)
-    for reason in done.failed:
+    for reason in (reason for reason in done.failed if reason not in repeated):
         LOG.error("Failed: %s", reason)
+    for line in failures.list_repeats():
+        LOG.error("Failed: %s", line)
 
 
 def choose_decimals(values: Iterable[float | None]) -> int:

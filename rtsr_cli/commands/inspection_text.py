@@ -14,8 +14,14 @@ from rtsr_cli.commands.readiness_text import list_readiness_lines
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import write_guess
 from rtsr_cli.core.captures.layout_names import LAYOUT_NAMES
+from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
-from rtsr_cli.core.captures.measuring.motion_finding import SIGNIFICANT_T, MotionCandidate
+from rtsr_cli.core.captures.measuring.motion_choices import write_motion
+from rtsr_cli.core.captures.measuring.motion_finding import (
+    SIGNIFICANT_T,
+    MotionCandidate,
+    MotionFinding,
+)
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.sample_channels import describe_samples, stand_for_pixel
 from rtsr_cli.core.frames.buffers import BUFFER_SPECS, Buffer
@@ -38,6 +44,15 @@ LABEL = 12
 """Width of the first column."""
 
 MOST_CANDIDATES = 3
+
+JITTER = {JitterVerdict.CONSISTENT: "as declared, or none", JitterVerdict.UNKNOWN: "not clear"}
+"""Verdicts that need more words than their name."""
+
+FAR_WORSE = 100
+"""Times as far off as the best reading of depth: so many say it, whatever the number is."""
+
+SURE = 1.0 - 1.0 / FAR_WORSE
+"""The margin of that."""
 
 CODES = {
     Severity.REMARK: 0,
@@ -122,7 +137,9 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
 
 def _describe_filter(width: float, *, measured: bool) -> str:
     if not width:
-        return "none: LR radiance is of the points that its G-buffer is of, as declared or measured"
+        return (
+            "none: radiance and G-buffer of an LR pixel are of one point, as declared or measured"
+        )
     said = "measured" if measured else "as declared"
     return f"over LR radiance, standard deviation {width:.2f} LR pixels ({said})"
 
@@ -146,8 +163,9 @@ def _list_set_lines(frame_set: SetInspection, declared: CaptureDeclaration) -> I
     yield _format_line("frames", _describe_frames(frame_set, reader))
     yield _format_line("size", f"{reader.size[1]} x {reader.size[0]}{_describe_windows(reader)}")
     yield from _list_buffer_lines(frame_set, reader)
+    several = len(reader.frames.streams) > 1
     for key, names in frame_set.unknown.items():
-        yield _format_line("not used", f"{key + ': ' if key else ''}{' '.join(names)}")
+        yield _format_line("not used", f"{key + ': ' if several else ''}{' '.join(names)}")
     yield from _list_guess_lines(frame_set)
     yield _format_line("camera", _describe_camera(reader, frame_set.settled))
     if frame_set.settled is not None:
@@ -244,7 +262,7 @@ def _describe_camera(reader: FrameReader, settled: MeasuredReader | None) -> str
         )
     if len(reader.without_camera) < len(reader.cameras):
         return f"{say_frames(reader.without_camera)} without matrices, the others have them"
-    return 'no matrices (give them in a side-car: capture.toml, camera = "camera.csv")'
+    return "no matrices: neither in the headers, nor in a file that capture.toml names"
 
 
 def _describe_proof(settled: MeasuredReader | None) -> str:
@@ -258,7 +276,7 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     return f"verified by {', '.join(found.proofs)}{how}{but}{apart}"
 
 
-SAME_VECTORS = "as good as the best: the vectors of neighbouring files are nearly alike"
+SAME_VECTORS = "fits as well: the vectors of neighbouring files are nearly alike"
 """Said of a reading that differs from the best in the file alone, and hardly in the vectors."""
 
 SKY_NOTE = "sky measured: "
@@ -291,7 +309,8 @@ def _list_convention_lines(settled: MeasuredReader, declared: CaptureDeclaration
 
 
 def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) -> Iterator[str]:
-    finding = settled.measured.motion
+    measured = settled.measured
+    finding = measured.motion
     if finding is None:
         yield _format_line(
             "", "not measured: that needs two adjacent frames with radiance or albedo"
@@ -302,26 +321,21 @@ def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) ->
         return
     yield _format_line(
         "",
-        f"measured on {format_ranges(settled.measured.frames)}, {finding.moving:.0%} of the pixels "
-        f"move; error without motion {finding.unmoved_error:.3f}",
+        f"measured on {say_frames(measured.frames)}, {finding.moving:.0%} of the pixels move; "
+        "difference to the neighbouring frame fetched along the vectors, best readings of all "
+        f"({finding.unmoved_error:.3f} if fetched without them):",
     )
     used = finding.of(settled.reader.conventions.motion)
     # the one that is read leads, whichever fits best
     listed = [*([used] if used is not None else []), *finding.candidates[:MOST_CANDIDATES]]
     for candidate in dict.fromkeys(listed):
-        marks = [_describe_fit(candidate)]
-        marks += ["tie"] if candidate in finding.alike else []
-        marks += [SAME_VECTORS] if candidate.same_vectors else []
+        marks = [SAME_VECTORS if candidate.same_vectors else _describe_fit(candidate, finding)]
         if candidate is used and not settled.reader.motion_undecided:
-            marks += [f"read so: {_explain_reading(candidate, settled, declared)}"]
-        text = f"{candidate.error:.3f}  {candidate.convention}: {', '.join(marks)}"
+            marks += [f"used: {_explain_reading(candidate, settled, declared)}"]
+        text = f"{candidate.error:.3f}  {candidate.convention}: {'; '.join(marks)}"
         yield _format_line("", f"  {text}")
     if finding.alike:
-        yield _format_line(
-            "",
-            f"  tie: behind the best by less than {SIGNIFICANT_T:g} x the uncertainty of that: the "
-            "pictures alone cannot tell which is right",
-        )
+        yield _format_line("", f"  {_describe_tie(finding, used, settled)}")
     if finding.best is None:
         yield _format_line(
             "", "  none fits much better than no motion at all: these frames tell little of it"
@@ -329,14 +343,40 @@ def _list_motion_lines(settled: MeasuredReader, declared: CaptureDeclaration) ->
     jitter = settled.measured.jitter
     if jitter is not None:
         yield _format_line(
-            "jitter", f"{jitter.verdict} (largest offset found {jitter.spread_px:.2f} px)"
+            "jitter",
+            f"{JITTER.get(jitter.verdict, jitter.verdict)} (frames lie up to "
+            f"{jitter.spread_px:.2f} px beside where vectors lead)",
         )
 
 
-def _describe_fit(candidate: MotionCandidate) -> str:
+def _describe_fit(candidate: MotionCandidate, finding: MotionFinding) -> str:
+    """Say whether a reading may be right, by how much worse it fits than the best one."""
     if not candidate.margin:
         return "fits best"
-    return f"{candidate.margin:.1%} behind, {candidate.significance:.2f} x its uncertainty"
+    how = "about as well" if candidate in finding.alike else "worse"
+    return (
+        f"fits {how} (the best is {candidate.margin:.1%} lower, "
+        f"{candidate.significance:.2f} standard errors)"
+    )
+
+
+def _describe_tie(
+    finding: MotionFinding, used: MotionCandidate | None, settled: MeasuredReader
+) -> str:
+    """Say that readings cannot be told apart, and the line that declares another than is used."""
+    count = len(finding.alike)
+    said = f"{count} readings fit alike (less than {SIGNIFICANT_T:g} standard errors apart)"
+    others = [c for c in finding.alike if c is not used]
+    if used is None or settled.reader.motion_undecided or not others:
+        return f"{said}: the pictures alone cannot tell which is right"
+    shifted = any(c.convention.file_offset for c in finding.alike)
+    line = write_motion(others[0].convention, shifted=shifted)
+    if settled.measured.by_geometry is used:
+        return f"{said} in the pictures alone; told apart by {settled.measured.geometry}"
+    return (
+        f"{said}: the pictures alone cannot tell which is right. If the one used is wrong, declare "
+        f"another at the head of capture.toml: {line}"
+    )
 
 
 def _explain_reading(
@@ -357,10 +397,14 @@ def _explain_reading(
 
 def _describe_depth_proof(settled: MeasuredReader) -> str:
     depth = settled.measured.depth
+    if settled.reader.has_rays_by_positions:
+        return ", made planar by the world positions (no camera is there)"
     if depth.best is None:
         return " (not measured: that needs camera matrices and a camera that travels)"
+    worse = f"{1.0 / (1.0 - depth.margin):.2g}" if depth.margin < SURE else f"over {FAR_WORSE}"
     return (
-        f", measured: error {depth.best.error:.2g} {depth.measure}, {depth.margin:.0%} below next"
+        f", measured: points fit to {depth.best.error:.2g} {depth.measure}, {worse} x closer than "
+        "by the next reading"
     )
 
 
@@ -416,5 +460,7 @@ def _list_next_steps(inspection: ShotInspection) -> Iterator[str]:
         yield _format_line("try", f"rtsr upscale {inspection.root} OUT")
         return
     root = inspection.main.root
-    yield _format_line("try", f"rtsr upscale {root} OUT --scale 2          if these are LR frames")
-    yield _format_line("", f"rtsr upscale {root} OUT --simulate-lr 2    if they are HR captures")
+    yield _format_line(
+        "try", f"rtsr upscale {root} OUT --scale 2          # if these are LR frames"
+    )
+    yield _format_line("", f"rtsr upscale {root} OUT --simulate-lr 2    # if they are HR captures")

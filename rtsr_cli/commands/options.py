@@ -340,7 +340,7 @@ on_missing = click.option(
     type=Member(MissingPolicy),
     default=MissingPolicy.ERROR.value,
     show_default=True,
-    help="Holes in the numbering.",
+    help="Frames without a file, or without a buffer that the others have and the run needs.",
 )
 on_nonfinite = click.option(
     "--on-nonfinite",

@@ -9,6 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from rtsr_cli.commands.exit_codes import FAILED
+from rtsr_cli.commands.failures_text import Failures
 from rtsr_cli.commands.interrupts import unwind_on_signals
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.commands.options import emit
@@ -30,6 +31,7 @@ class Progress:
         """
         self._dry_run, self._as_json = request.dry_run, as_json
         self._bar: Any = None
+        self._failures = Failures()
         self.code = 0
 
     def follow(
@@ -46,6 +48,8 @@ class Progress:
             conclude: says more of a run's end; not called where events are printed as JSON.
         """
         with ExitStack() as running:
+            # said of a run that is interrupted, too
+            running.callback(self._show_repeats)
             for event in events:
                 match event:
                     case ShotPlanned():
@@ -76,14 +80,23 @@ class Progress:
             self._bar.update()
         if self._as_json:
             emit({"event": "frame", **frame.facts})
-        elif frame.status is Status.FAILED and not frame.stops:
+            return
+        failed = frame.status is Status.FAILED and not frame.stops
+        if failed and self._failures.add(frame.shot, frame.number, frame.message):
             LOG.error("Failed: %s", frame.message)
+
+    def _show_repeats(self) -> None:
+        """Say of which other frames causes are that were said of one; once."""
+        for line in self._failures.list_repeats():
+            LOG.error("Failed: %s", line)
+        self._failures = Failures()
 
     def _show_summary(self, done: RunDone) -> None:
         self.code = FAILED if done.failed else 0
         if self._as_json:
             emit({"event": "done", **done.facts})
             return
+        self._show_repeats()
         listed = [f"{count} {status}" for status, count in done.counts.items()]
         took = [] if done.seconds is None else [f"{done.seconds:.1f} s"]
         LOG.info("%s: %s", done.folder, ", ".join([*listed, *took]))

@@ -30,10 +30,12 @@ def show_summary(event: object) -> None:
         return
     total, options = event.total, event.options
     shares = ", ".join(f"{name} {share:.1%}" for name, share in total["shares"].items() if share)
-    LOG.info("shading invocations saved %.1f %% (%s)", 100 * total["invocations_saved"], shares)
+    # no zero with a sign
+    saved = round(100 * total["invocations_saved"], 1) + 0.0
+    LOG.info("shading invocations saved %.1f %% (%s)", saved, shares)
     if "true_error" in total:
         LOG.info(
-            "true error %.4f on average; %.2f %% of the tiles miss %s %g",
+            "true error of these rates %.4f on average; %.2f %% of the tiles miss %s %g",
             total["true_error"],
             100 * total["missed"],
             options.error.metric,
@@ -41,7 +43,8 @@ def show_summary(event: object) -> None:
         )
     if "r2" in total:
         LOG.info(
-            "predicted against true errors: R2 %.3f, mean absolute error %.3f, under by %.3f",
+            "predicted errors beside the true ones: R2 %.3f, off by %.3f on average, of "
+            "which %.3f too low",
             total["r2"],
             total["mae"],
             total["under"],

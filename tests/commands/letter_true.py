@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def prefix(name: str, planes: Planes) -> Planes:
     return {f"{name}.{c}": plane for c, plane in planes.items()}
 
 
-def write_mitsuba(made: Made, out: Path, number: int) -> None:
+def write_mitsuba(made: Made, out: Path, number: int, *, positions: bool = False) -> None:
     """One file: the image, the nested integrator, and AOVs by the names of their types."""
     surface = made["depth.Z"] < SKY
     rays = np.where(surface, made["distance"], 0.0)
@@ -63,6 +64,7 @@ def write_mitsuba(made: Made, out: Path, number: int) -> None:
         **prefix("uv", {"U": rays, "V": rays}),
         "shape_index.I": np.where(surface, made["objectid"], 0.0),
         "prim_index.I": np.zeros_like(rays),
+        **(prefix("position", pick(made, "position", "XYZ", "XYZ")) if positions else {}),
     }
     write_exr(out / f"frame_{number:04d}.exr", channels)
 
@@ -169,6 +171,7 @@ def write_extranet(made: Made, out: Path, number: int) -> None:
 
 WRITERS: Mapping[str, Callable[[Made, Path, int], None]] = {
     "mitsuba": write_mitsuba,
+    "mitsuba-positions": partial(write_mitsuba, positions=True),
     "falcor": write_falcor,
     "mrq-layers": write_mrq_layers,
     "mrq-files": write_mrq_files,

@@ -21,6 +21,7 @@ from tests.commands.letter_true import WRITERS, read_made, write_engine_shot, wr
 Run = Callable[..., Result]
 LAYOUT_OF = {
     "mitsuba": "mitsuba",
+    "mitsuba-positions": "mitsuba",
     "falcor": "falcor",
     "mrq-layers": "unreal-mrq",
     "mrq-files": "unreal-mrq",
@@ -63,7 +64,7 @@ def test_frames_of_an_engine_are_the_made_ones(engine: str, made: Path, tmp_path
     }
     number, truth, _ = next(read_made(made / "hr"))
     held = (set(names) & reader.readable) - NEEDS_CAMERA.get(engine, set())
-    assert len(held) >= (2 if engine == "mitsuba" else 4)
+    assert len(held) >= (2 if engine in NEEDS_CAMERA else 3 if "mitsuba" in engine else 4)
     frame = reader.read(number, held)
     # half files hold no more centimetres
     surface = truth["depth.Z"] < 600.0
@@ -94,6 +95,26 @@ def test_every_untrained_system_that_can_runs_or_says_what_is_missing(
         else:
             assert result.exit_code == 3
             assert "missing: lr m" in result.output or "missing: lr camera" in result.output
+
+
+def test_ray_distances_with_positions_need_no_camera(rtsr: Run, made: Path, tmp_path: Path) -> None:
+    shot = tmp_path / "in"
+    write_engine_shot("mitsuba-positions", made, shot)
+    (shot / "capture.toml").write_text('[buffers]\nmaterial = "albedo.RGB"\n')
+    facts = json.loads(rtsr("inspect", shot, "--json").stdout)["systems"]
+    assert facts["demod-guided"]["ready"]
+    assert facts["fusesr-fast"]["ready"]
+    assert "made planar by the world positions" in rtsr("inspect", shot).stdout
+    for system in ("bicubic", "demod-guided"):
+        result = rtsr("upscale", shot, tmp_path / system, "--system", system)
+        assert result.exit_code == 0, result.output
+    tests = (tmp_path / "bicubic", tmp_path / "demod-guided")
+    scores = tmp_path / "scores.json"
+    judged = rtsr("evaluate", *tests, "--ref", made, "--metric", "psnr", "--output", scores)
+    assert judged.exit_code == 0, judged.output
+    found = json.loads(scores.read_text())["tests"]
+    plain, guided = (found[path.name]["mean"]["psnr"] for path in tests)
+    assert guided > plain
 
 
 @pytest.mark.parametrize(("subtracts", "motion"), [(1, "motion"), (-1, "motion_m1")])

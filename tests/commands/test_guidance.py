@@ -80,7 +80,7 @@ def test_nothing_that_is_missing_is_hidden_and_no_advice_said_twice(
     assert guided.endswith("demod-guided need all of that but motion")
     assert plain == "demod-bicubic needs all of that but depth and motion"
     assert "more" not in better
-    assert better.count("--hr DIR") == better.count("side-car") == 1
+    assert better.count("--hr DIR") == better.count("file that capture.toml names") == 1
 
 
 @pytest.mark.parametrize(

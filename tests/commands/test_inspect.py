@@ -454,7 +454,7 @@ def test_a_capture_that_is_no_toml_leaves_the_report_whole(rtsr: Run, captures: 
 
 
 def test_the_number_that_rules_readings_out_is_in_the_report(rtsr: Run, textured: Path) -> None:
-    assert re.search(r"\d% behind, \d+\.\d\d x its uncertainty", rtsr("inspect", textured).stdout)
+    assert re.search(r"\d% lower, \d+\.\d\d standard errors", rtsr("inspect", textured).stdout)
 
 
 def test_a_capture_that_is_replaced_is_kept(rtsr: Run, captures: Path) -> None:

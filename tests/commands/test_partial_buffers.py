@@ -172,6 +172,43 @@ def test_every_command_leaves_such_a_frame_out(
     assert planned.exit_code == 0, planned.output
     said = f"frame 4 left out (--on-missing skip): buffer '{buffer}' is missing there"
     assert said in planned.output
+    held = rtsr(*line, "--on-missing", "hold", "--dry-run")
+    assert held.exit_code == 0, held.output
+    said = "frame 4 counts as missing (--on-missing hold): "
+    assert f"{said}buffer '{buffer}' is missing there" in held.output
+    assert "left out (" not in held.output
+
+
+@pytest.mark.parametrize("size", ["lr", "hr"])
+def test_with_hold_the_frame_before_stands_in_as_for_one_without_a_file(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, size: str, load_rgb: Any
+) -> None:
+    shot, bare = tmp_path / "shot", tmp_path / "bare"
+    (other,) = {"lr", "hr"} - {size}
+    for folder in (shot, bare):
+        folder.mkdir()
+        changed(small_shot / size, drop("normal", 3)).rename(folder / size)
+        (folder / other).symlink_to(small_shot / other)
+        (folder / "capture.toml").write_bytes((small_shot / "capture.toml").read_bytes())
+    (bare / size / "frame.0003.exr").unlink()
+    for folder in (shot, bare):
+        out = tmp_path / f"out_{folder.name}"
+        options = ("--system", "demod-guided", "--on-missing", "hold")
+        done = rtsr("upscale", folder, out, *options)
+        assert done.exit_code == 0, done.output
+    for number in range(1, 5):
+        name = f"frame.{number:04d}.exr"
+        one, two = (load_rgb(tmp_path / f"out_{n}" / name) for n in ("shot", "bare"))
+        assert (one == two).all()
+
+
+def test_with_hold_a_first_frame_is_left_out(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
+) -> None:
+    folder = changed(small_capture, drop("normal", 1))
+    planned = rtsr("demodulate", folder, tmp_path / "out", "--on-missing", "hold", "--dry-run")
+    assert planned.exit_code == 0, planned.output
+    assert "frame 1 left out (--on-missing hold, no frame before stands in)" in planned.output
 
 
 def test_training_leaves_such_a_frame_out(
@@ -198,6 +235,11 @@ def test_pictures_are_judged_and_regions_leave_the_frame_out(
     assert said in skipped.output
     assert said not in plain.output
     assert "frames 1-4" in skipped.output
+    # neither said of the reference as well, nor with the advice that was taken
+    assert skipped.output.count("'normal' is missing") == 1
+    assert "so that it is not used in any frame" not in skipped.output
+    assert "frame 2 is judged as pictures, not by region" in skipped.output
+    assert plain.output.count("'normal' is missing") == 1
 
 
 def with_passes(planes: dict[str, Any], number: int) -> None:

@@ -20,11 +20,11 @@ def test_of_a_pair_the_size_that_is_read_is_named(
 ) -> None:
     said = rtsr(command, small_shot, tmp_path / "out", "--dry-run")
     assert said.exit_code == 0, said.output
-    assert f"here those of {small_shot / 'lr'}; {small_shot / 'hr'} beside them is not" in (
+    assert f"here those of {small_shot / 'lr'}; to take those of {small_shot / 'hr'}, give" in (
         said.output
     )
     alone = rtsr(command, small_shot / "lr", tmp_path / "out", "--dry-run")
-    assert "beside them is not" not in alone.output
+    assert "in place of IN" not in alone.output
 
 
 def test_the_reading_of_motion_in_use_stands_first_with_what_decides_it(
@@ -33,7 +33,7 @@ def test_the_reading_of_motion_in_use_stands_first_with_what_decides_it(
     report = rtsr("inspect", small_shot).output.splitlines()
     measured = next(i for i, line in enumerate(report) if "measured on" in line)
     assert "previous-minus-current" in report[measured + 1]
-    assert report[measured + 1].endswith("read so: it is declared")
+    assert report[measured + 1].endswith("used: it is declared")
     assert "as it is read" not in "".join(report)
 
 

@@ -153,6 +153,11 @@ class CameraRow(BaseModel):
             raise ValueError(f"{where}give width and height, or neither")
         return self
 
+    @property
+    def is_placed(self) -> bool:
+        """Tell whether it says where the camera is."""
+        return self.world_to_camera is not None or self.camera_to_world is not None
+
     def list_matrices(self) -> dict[str, Tensor]:
         """Matrices as written, by the names of their columns."""
         stored = self.world_to_camera, self.camera_to_world, self.world_to_ndc, self.projection

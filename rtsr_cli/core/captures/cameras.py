@@ -60,6 +60,28 @@ def read_side_car(path: Path) -> SideCar:
     )
 
 
+SIDE_CARS = (".csv", ".json")
+"""How the names of camera side-cars end."""
+
+
+def find_side_car(folder: Path) -> str:
+    """Name the first file of a folder that holds cameras, by name; empty if none does."""
+    try:
+        names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SIDE_CARS)
+    except OSError:
+        return ""
+    return next((name for name in names if _holds_cameras(folder / name)), "")
+
+
+def _holds_cameras(path: Path) -> bool:
+    """Tell whether a file is a camera side-car, with matrices in every row."""
+    try:
+        rows = read_side_car(path).rows.values()
+    except ConfigError:
+        return False
+    return all(row.is_placed for row in rows)
+
+
 def add_depth_sense(capture: CaptureDeclaration, side_car: SideCar) -> CaptureDeclaration:
     """Add the sense of device depth that a side-car states, if none is declared."""
     if capture.depth.reversed is not None or side_car.reversed_depth is None:

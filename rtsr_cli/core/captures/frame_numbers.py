@@ -23,6 +23,7 @@ def choose_numbers(
     *,
     wanted: frozenset[int] | None = None,
     partial: frozenset[str] = frozenset(),
+    left_out: Collection[int] = (),
 ) -> tuple[tuple[int, ...], dict[int, int]]:
     """Frames that every used stream has, and stand-ins for the others where they are held.
 
@@ -33,6 +34,7 @@ def choose_numbers(
         policy: what is done about frames that are missing.
         wanted: frames that are asked for: what is missing before and behind them is no matter.
         partial: streams that may lack frames.
+        left_out: frames whose files are there, and not among these: others stand in for them, too.
 
     Raises:
         FrameFolderError: frames are missing, or more than can be held.
@@ -55,7 +57,8 @@ def choose_numbers(
         raise FrameFolderError(f"{frames.root}: no frame has all of its files: {listed}")
     held: dict[int, int] = {}
     if policy is MissingPolicy.HOLD:
-        held = _hold_frames(frames, sorted(complete), used, step)
+        known = _list_known(frames, used).union(left_out)
+        held = _hold_frames(frames, sorted(complete), known, step)
     return tuple(sorted(complete | set(held))), held
 
 
@@ -76,10 +79,10 @@ def _cut_gaps(gaps: Sequence[range], wanted: frozenset[int] | None) -> list[rang
 
 
 def _hold_frames(
-    frames: FrameSet, complete: Sequence[int], used: Collection[str], step: int
+    frames: FrameSet, complete: Sequence[int], known: Collection[int], step: int
 ) -> dict[int, int]:
     """Stand-ins for the frames that are not complete: for each the last one before it that is."""
-    gaps = list_gaps(complete, _list_known(frames, used), step)
+    gaps = list_gaps(complete, known, step)
     if count_gaps(gaps) > max(MOST_HELD, HELD_A_FRAME * len(complete)):
         raise FrameFolderError(
             f"{frames.root}: frames {format_gaps(gaps)} are missing, more than can be held; move "

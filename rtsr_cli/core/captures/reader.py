@@ -98,6 +98,7 @@ class FrameReader:
         lacking: buffer -> frames whose files do not hold it: radiance where they were not rendered,
             and buffers that are therefore not bound.
         partial: those of them that are not bound since some frames lack them, rendered or not.
+        partial_said: the warnings of those.
         samples: where each sample of a pixel is, of buffers whose channels hold a sample each;
             `binding` has what stands for the pixel.
         sample_fault: why samples cannot be read; empty if they can, or there are none.
@@ -138,6 +139,7 @@ class FrameReader:
     lent_motion: MotionSource | None = None
     lacking: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
     partial: Mapping[Buffer, frozenset[int]] = field(default_factory=dict)
+    partial_said: tuple[str, ...] = ()
     samples: Samples = field(default_factory=dict)
     sample_fault: str = ""
 
@@ -243,6 +245,8 @@ class FrameReader:
     def unmet(self) -> Mapping[Buffer, UnmetNeed]:
         """Buffers whose conversion lacks the camera of a frame that was surveyed."""
         unmet = find_unmet_needs(self.conventions, self.stored, self.cameras)
+        if self.has_rays_by_positions:
+            unmet = {buffer: need for buffer, need in unmet.items() if buffer is not Buffer.DEPTH}
         if (
             Buffer.NORMAL in unmet
             and Buffer.DEPTH in self.stored
@@ -250,6 +254,17 @@ class FrameReader:
         ):
             return {Buffer.DEPTH: unmet[Buffer.NORMAL], **unmet}
         return unmet
+
+    @cached_property
+    def has_rays_by_positions(self) -> bool:
+        """Tell whether ray distances become planar by world positions: no camera tells how."""
+        depth = self.conventions.depth
+        return (
+            depth.kind is conv.DepthKind.RAY
+            and not depth.from_near
+            and self.stored >= {Buffer.DEPTH, Buffer.POSITION}
+            and not self.has_camera
+        )
 
     @cached_property
     def without_camera(self) -> tuple[int, ...]:
@@ -407,7 +422,7 @@ class FrameReader:
             where=self.where(number),
         )
         uses = Counter((c.stream, c.channel) for b in needed for c in self.binding[b])
-        tensors = {}
+        tensors: dict[Buffer, Tensor] = {}
         for buffer in needed:
             bound = self.binding[buffer]
             image = compute_buffer(bound, planes, self.size)
@@ -415,6 +430,8 @@ class FrameReader:
             is_number = buffer is Buffer.OBJECT_ID and image.is_floating_point()
             spoilt = is_number and not bool(torch.isfinite(image).all())
             held = find_common(self.region, [places[c.stream, c.channel] for c in bound])
+            if buffer is Buffer.DEPTH and self.has_rays_by_positions:
+                stored = replace(stored, position_m=tensors[Buffer.POSITION])
             known = image if spoilt else conv.to_memory(buffer, image, stored)
             tensors[buffer] = clear_outside(known, held, self.region, _NOTHING.get(buffer, 0))
             # what is converted is let go, so that a frame is in memory once and a half, not twice
@@ -465,9 +482,13 @@ class FrameReader:
 
     def _needed(self, buffers: tuple[Buffer, ...]) -> tuple[Buffer, ...]:
         """Buffers to read for the ones asked for."""
+        if Buffer.DEPTH not in buffers:
+            return buffers
         marker = self._sky_marker
-        lacking = Buffer.DEPTH in buffers and marker is not None and marker not in buffers
-        return (*buffers, marker) if lacking and marker is not None else buffers
+        # what depth is made of is read before it
+        first = (Buffer.POSITION,) if self.has_rays_by_positions else ()
+        rest = (marker,) if marker is not None else ()
+        return tuple(dict.fromkeys((*first, *buffers, *rest)))
 
     def _read_planes(
         self, number: int, buffers: Collection[Buffer]

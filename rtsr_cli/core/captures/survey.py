@@ -66,6 +66,7 @@ def open_frames(
     wanted: frozenset[int] | None = None,
     jittered: bool = True,
     unrendered: bool = False,
+    left_out: Collection[int] = (),
 ) -> FrameReader:
     """Survey a sequence by its headers and bind its buffers.
 
@@ -81,6 +82,7 @@ def open_frames(
         wanted: frames that are asked for; holes before and behind them are no matter.
         jittered: whether declared jitter applies to these frames (LR) or not (HR).
         unrendered: whether frames may hold no radiance.
+        left_out: frames that are there, and not in `frames`; with policy hold others stand in.
 
     Raises:
         FrameFolderError: no layout fits, a buffer or frame is missing, sizes differ, or a buffer is
@@ -106,7 +108,13 @@ def open_frames(
     partial = list_partial_streams(whole) if unrendered else frozenset()
     _check_channels(frames, headers, whole, found.lacking)
     numbers, held = choose_numbers(
-        frames, used, capture.frame_step, on_missing, wanted=wanted, partial=partial
+        frames,
+        used,
+        capture.frame_step,
+        on_missing,
+        wanted=wanted,
+        partial=partial,
+        left_out=left_out,
     )
     places = list_places({key: headers[key] for key in used}, whole)
     region = find_region(places, str(frames.root), capture.region)
@@ -142,6 +150,7 @@ def open_frames(
         ),
         lacking=found.lacking,
         partial=found.partial,
+        partial_said=found.warnings,
         samples=samples,
         sample_fault=bound.sample_fault,
     )

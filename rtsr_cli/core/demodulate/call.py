@@ -53,10 +53,12 @@ class FrameDivided(FrameDone):
     Attributes:
         error: largest recomposition error relative to max(|c|, 1e-3), as the file stores it.
         undivided: share of the pixels with mask 0.
+        sky: share that is sky, among those.
     """
 
     error: float = 0.0
     undivided: float = 0.0
+    sky: float = 0.0
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -67,6 +69,7 @@ class FrameDivided(FrameDone):
             "path": self.path,
             "error": self.error,
             "undivided": self.undivided,
+            "sky": self.sky,
             "kept": self.status is Status.KEPT,
             "failed": self.message,
             "nonfinite": self.nonfinite,
@@ -83,15 +86,21 @@ class DivisionDone(RunDone):
     Attributes:
         error: largest of the frames that were written.
         undivided: mean over them.
+        sky: mean over them, among what is undivided.
     """
 
     error: float
     undivided: float
+    sky: float
 
     @property
     def facts(self) -> dict[str, Any]:
         """The summary as plain values."""
-        return super().facts | {"error": self.error, "undivided": self.undivided}
+        return super().facts | {
+            "error": self.error,
+            "undivided": self.undivided,
+            "sky": self.sky,
+        }
 
 
 def demodulate_frames(
@@ -121,7 +130,7 @@ def demodulate_frames(
 
 
 def open_whole(request: DemodulateRequest) -> Iterable[tuple[str, FrameReader]]:
-    """Survey every frame set; with policy skip, without frames that lack what is divided by."""
+    """Survey every frame set, but for frames that lack what is divided by."""
     options = read_options(request)
 
     def list_needed(whole: FrameReader, without: FrameReader) -> frozenset[Buffer]:
@@ -150,6 +159,7 @@ def finish_division(done: RunDone, written: list[FrameDivided]) -> DivisionDone:
         stopped=done.stopped,
         error=max((frame.error for frame in written), default=0.0),
         undivided=sum(frame.undivided for frame in written) / max(len(written), 1),
+        sky=sum(frame.sky for frame in written) / max(len(written), 1),
     )
 
 
@@ -292,6 +302,7 @@ class DivisionJob(ShotJob[Product]):
             AS_FLOAT: parts.as_float,
             "error": parts.error,
             "undivided": parts.undivided,
+            "sky": parts.sky,
         }
         return Product(write=write, facts=facts)
 
@@ -302,5 +313,5 @@ class DivisionJob(ShotJob[Product]):
 
     def event(self, outcome: Outcome[int]) -> FrameDivided:
         """Return the event of a frame's end."""
-        known = {name: outcome.facts.get(name, 0.0) for name in ("error", "undivided")}
+        known = {name: outcome.facts.get(name, 0.0) for name in ("error", "undivided", "sky")}
         return FrameDivided(**describe_outcome(self.plan, outcome), **known)

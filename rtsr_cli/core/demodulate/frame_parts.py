@@ -44,12 +44,14 @@ class FrameParts:
         channels: by name, as the file stores them.
         error: largest recomposition error relative to max(|c|, 1e-3).
         undivided: share of the pixels with mask 0.
+        sky: share that is sky, among those.
         as_float: float was not asked for, but half cannot hold the frame.
     """
 
     channels: Mapping[str, Any]
     error: float = 0.0
     undivided: float = 0.0
+    sky: float = 0.0
     as_float: bool = False
 
 
@@ -97,14 +99,15 @@ def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> F
         NonfiniteError: not even float can hold it; the frame is not written.
     """
     sheet = FrameLayers(frame.size, full=full)
-    error, count = 0.0, 0.0
+    error, count, sky = 0.0, 0.0, 0.0
     for top, strip in cut_frame(frame, STRIP_PIXELS):
         put = partial(sheet.put, top)
-        parts = demodulate_strip(strip, config, put)
+        parts, of_sky = demodulate_strip(strip, config, put)
         lighting = put(Buffer.LIGHTING, parts.lighting)
         product = dm.remodulate(lighting, parts.material, parts.emission)
         error = max(error, dm.recomposition_error(strip.gbuffer[Buffer.COLOR], product))
         count += float(parts.mask.sum(dtype=torch.float64))
+        sky += float((of_sky * (1.0 - parts.mask)).sum(dtype=torch.float64))
         put(Buffer.LIGHTING_MASK, parts.mask)
     if not full and not sheet.holds:
         return replace(demodulate_frame(frame, config, full=True), as_float=True)
@@ -113,14 +116,18 @@ def demodulate_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> F
         check_output(image, f"{frame.gbuffer.where}: '{buffer}' of the division", REMEDY)
         channels |= split_buffer(buffer, image, full=image.dtype == torch.float32)
     channels["mask"] = channels.pop(Buffer.LIGHTING_MASK.value)
-    height, width = frame.size
-    return FrameParts(channels=channels, error=error, undivided=1.0 - count / (height * width))
+    pixels = math.prod(frame.size)
+    return FrameParts(
+        channels=channels, error=error, undivided=1.0 - count / pixels, sky=sky / pixels
+    )
 
 
 def demodulate_strip(
     frame: Frame, config: DerivationConfig, put: Callable[[Buffer, Image], Image]
-) -> dm.Demodulated:
+) -> tuple[dm.Demodulated, Mask]:
     """Demodulate with a divisor and an emission that a file can hold exactly, and put them there.
+
+    Returns the parts, and what is sky.
 
     Args:
         frame: radiance and what its divisor follows from.
@@ -142,7 +149,7 @@ def demodulate_strip(
     if not bool(parts.mask.all()):
         # where nothing is divided the file's divisor is 1
         put(Buffer.MATERIAL, parts.material)
-    return parts
+    return parts, sky
 
 
 def recompose_frame(frame: Frame, config: DerivationConfig, *, full: bool) -> FrameParts:

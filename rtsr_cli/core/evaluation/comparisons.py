@@ -245,7 +245,9 @@ def _open_radiance(
             f"{shot.frames.root}: no radiance (channels R, G, B) in these frames; layout "
             f"'{reader.layout.name}' found: {', '.join(sorted(reader.stored))}"
         )
-    return reader
+    # which of the other buffers some frames lack is said of those that are read
+    said = tuple(text for text in reader.warnings if text not in reader.partial_said)
+    return replace(reader, warnings=said)
 
 
 def _refuse_single_channel(shot: Shot, headers: HeaderFiles) -> None:

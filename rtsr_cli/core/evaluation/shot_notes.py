@@ -75,7 +75,12 @@ def list_buffer_notes(comparison: Comparison) -> list[str]:
         return []
     said = {*comparison.reference.warnings, *comparison.reference.notes}
     own = dict.fromkeys((*gbuffer.warnings, *gbuffer.notes))
-    return [f"the buffers: {text}" for text in own if text not in said]
+    notes = [f"the buffers: {text}" for text in own if text not in said]
+    without = set(comparison.numbers).difference(gbuffer.numbers)
+    if without:
+        verb = "is" if len(without) == 1 else "are"
+        notes.append(f"{say_frames(without)} {verb} judged as pictures, not by region")
+    return notes
 
 
 def _describe_negative(frames: Mapping[str, Any]) -> list[str]:

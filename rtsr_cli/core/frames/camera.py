@@ -16,6 +16,12 @@ from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.vector_length import normalize_vectors, vector_length
 from rtsr_cli.core.shapes import Plane, Size, Vector3
 
+GIVE_CAMERAS = (
+    "write them into the headers, or into a file beside capture.toml that it names "
+    "(docs/frames.md, Cameras)"
+)
+"""What to do where matrices are missing."""
+
 MIN_POINTS_FOR_CAMERA = 64
 """Fewer surface points than this do not fix the twelve unknowns of `camera_from_positions`."""
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from rtsr_cli.core.frames.buffers import NORMAL_BUFFERS, Buffer
-from rtsr_cli.core.frames.camera import CameraMetadata
+from rtsr_cli.core.frames.camera import GIVE_CAMERAS, CameraMetadata
 from rtsr_cli.core.frames.conventions import Conventions, DepthKind, NormalSpace
 from rtsr_cli.core.frames.selection import format_ranges
 
@@ -72,8 +72,7 @@ class UnmetNeed:
         whose = "no frame has them" if self.everywhere else f"{say_frames(self.lacking)} without"
         return (
             f"{buffer} is not read: it is {self.need.stored_as}, which needs the camera matrices "
-            f"{self.need.matrices} ({whose}); write them into the headers, or give them in a "
-            'side-car (capture.toml: camera = "camera.csv")'
+            f"{self.need.matrices} ({whose}); {GIVE_CAMERAS}"
         )
 
 

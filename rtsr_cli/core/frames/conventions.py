@@ -13,6 +13,7 @@ from torch import Tensor
 from rtsr_cli.core.errors import MissingBufferError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.camera import (
+    GIVE_CAMERAS,
     CameraMetadata,
     View,
     device_to_planar_depth,
@@ -25,6 +26,7 @@ from rtsr_cli.core.frames.motion import (
     MotionConvention,
     motion_to_pixels,
 )
+from rtsr_cli.core.frames.ray_lengths import RayLengths, measure_ray_lengths
 from rtsr_cli.core.frames.vector_length import normalize_vectors
 from rtsr_cli.core.shapes import Plane, Vector3
 
@@ -159,9 +161,23 @@ class Conventions:
 
 
 def depth_to_metres(
-    stored: Plane, convention: DepthConvention, camera: CameraMetadata, view: View, *, where: str
+    stored: Plane,
+    convention: DepthConvention,
+    camera: CameraMetadata,
+    view: View,
+    *,
+    where: str,
+    position_m: Vector3 | None = None,
 ) -> Plane:
     """Convert stored depth to planar metres, sky = `SKY_DEPTH_M`.
+
+    Args:
+        stored: as files hold it.
+        convention: how they do.
+        camera: of the frame.
+        view: where the frame lies in the image plane.
+        where: folder and frame, for messages.
+        position_m: world positions, which ray distances become planar by without a camera.
 
     Raises:
         MissingBufferError: ray or device depth without camera matrices.
@@ -177,7 +193,11 @@ def depth_to_metres(
         return metres.clamp_(max=SKY_DEPTH_M).masked_fill_(stored == -torch.inf, SKY_DEPTH_M)
     sky = is_sky_depth(stored, convention)
     if convention.kind is DepthKind.RAY:
-        metres = metres / _measure_rays(stored, camera, view, where)
+        if position_m is None:
+            metres = metres / _measure_rays(stored, camera, view, where)
+        else:
+            rays = _fit_rays(torch.where(sky, 0.0, metres), position_m, where)
+            return _mark_sky(metres / rays.length + rays.start_m, sky, convention)
         metres = metres + _measure_start(convention, camera, where)
     return _mark_sky(metres, sky, convention)
 
@@ -267,6 +287,16 @@ def _measure_rays(depth: Plane, camera: CameraMetadata, view: View, where: str) 
     return (1.0 + axes[0] ** 2 + axes[1] ** 2).sqrt()
 
 
+def _fit_rays(distance_m: Plane, position_m: Vector3, where: str) -> RayLengths:
+    lengths = measure_ray_lengths(distance_m, position_m)
+    if lengths is None:
+        raise MissingBufferError(
+            f"{where}: depth is ray distance, and the world positions do not tell the camera that "
+            f"makes it planar: too few surfaces, or not at these distances; {GIVE_CAMERAS}"
+        )
+    return lengths
+
+
 def normal_to_world(
     stored: Vector3, convention: NormalConvention, camera: CameraMetadata, *, where: str
 ) -> Vector3:
@@ -326,7 +356,7 @@ def roughness_from_perceptual(roughness: Plane, kind: RoughnessKind) -> Plane:
 def _needs_camera(where: str, what: str) -> str:
     return (
         f"{where}: {what} needs the camera matrices worldToCamera and worldToNDC; "
-        'the header has none: give them in a side-car (capture.toml: camera = "camera.csv")'
+        f"the header has none: {GIVE_CAMERAS}"
     )
 
 
@@ -340,6 +370,7 @@ class StoredFrame:
         view: where the frame lies in the image plane.
         jitter_px_prev: jitter of the previous frame.
         where: folder and frame, for messages.
+        position_m: world positions in memory's convention, where depth becomes planar by them.
     """
 
     conventions: Conventions
@@ -347,6 +378,7 @@ class StoredFrame:
     view: View
     jitter_px_prev: Jitter
     where: str
+    position_m: Vector3 | None = None
 
 
 def to_memory(buffer: Buffer, stored: Tensor, frame: StoredFrame) -> Tensor:
@@ -361,7 +393,12 @@ def to_memory(buffer: Buffer, stored: Tensor, frame: StoredFrame) -> Tensor:
 
 def _depth(stored: Tensor, frame: StoredFrame) -> Tensor:
     return depth_to_metres(
-        stored, frame.conventions.depth, frame.camera, frame.view, where=frame.where
+        stored,
+        frame.conventions.depth,
+        frame.camera,
+        frame.view,
+        where=frame.where,
+        position_m=frame.position_m,
     )
 
 

@@ -27,7 +27,14 @@ CONSTANTS: Mapping[Buffer, tuple[float, str]] = {
 """Buffers that may be one number for a whole scene: one to begin with, and when it is right."""
 
 MATERIAL_NOTE = "all that radiance is divided by"
-CAMERA_NOTE = "a row a frame: frame, worldToCamera, worldToNDC; see docs/frames.md"
+CAMERA_FILE = "camera.csv"
+"""What a file of cameras that is still to be written may be called."""
+
+CAMERA_NOTE = "the file that lies beside it"
+CAMERA_CONTENT = (
+    f"{CAMERA_FILE}, beside capture.toml: a row a frame, columns frame, worldToCamera and "
+    "worldToNDC of 16 numbers each (docs/frames.md, Cameras)"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +46,7 @@ class Fix:
         where: the line belongs.
         line: to paste.
         note: what it takes to be right; may be empty.
+        write: what has to be written before the line is right; empty if the line is all.
         bare: whether nothing in the files speaks for it.
         serves: systems, and parts of commands, that would run with it and the other lines.
     """
@@ -47,6 +55,7 @@ class Fix:
     where: str
     line: str
     note: str = ""
+    write: str = ""
     bare: bool = False
     serves: tuple[str, ...] = ()
 
@@ -67,6 +76,7 @@ class Hints:
             constant would contradict it.
         camera: convention by which matrices that are there would be right; empty if none is known.
         side_car: file that the cameras are declared to be in; empty if none is.
+        undeclared: file of cameras that lies there, and nothing declares; empty if none does.
     """
 
     guessed: Mapping[Buffer, tuple[str, ...]] = field(default_factory=dict)
@@ -78,6 +88,7 @@ class Hints:
     divided: bool = False
     camera: str = ""
     side_car: str = ""
+    undeclared: str = ""
 
 
 def list_fixes(
@@ -158,7 +169,10 @@ def _list_fixes_of(missing: str, hints: Hints) -> Iterator[Fix]:
 
 
 def _list_camera_fixes(missing: str, hints: Hints) -> Iterator[Fix]:
-    """Say what matrices look like, or where to give some; none where a side-car is at fault."""
+    """Say what matrices look like, or where to give some; none where a side-car is at fault.
+
+    A file is declared where there is one; else it has to be written first.
+    """
     convention = f"convention = {write_toml_value(hints.camera)}"
     if hints.camera and hints.side_car:
         # beside `camera = "camera.csv"` a table [camera] would be no TOML
@@ -167,9 +181,12 @@ def _list_camera_fixes(missing: str, hints: Hints) -> Iterator[Fix]:
         yield Fix(missing=missing, where=HEAD, line=line, note=note)
     elif hints.camera:
         yield Fix(missing=missing, where=CAMERA_TABLE, line=convention, note="what they look like")
+    elif hints.undeclared and not hints.side_car:
+        line = f"camera = {write_toml_value(hints.undeclared)}"
+        yield Fix(missing=missing, where=HEAD, line=line, note=CAMERA_NOTE)
     elif not hints.side_car:
-        line = 'camera = "camera.csv"'
-        yield Fix(missing=missing, where=HEAD, line=line, note=CAMERA_NOTE, bare=True)
+        line = f"camera = {write_toml_value(CAMERA_FILE)}"
+        yield Fix(missing=missing, where=HEAD, line=line, write=CAMERA_CONTENT, bare=True)
 
 
 def _list_buffer_fixes(buffer: Buffer, hints: Hints) -> Iterator[Fix]:

@@ -186,8 +186,9 @@ def judge_demand(
 def _say_other_scale(scales: Sequence[int], scale: int) -> str:
     """Say which sizes would do: a pair is of its ratio, whatever system is chosen."""
     if tuple(scales) == (ONE_SIZE,):
-        return f"frames of one size ({LR_FOLDER} or {HR_FOLDER} by itself; these are a pair)"
-    return f"a pair of {' or '.join(f'{s}x' for s in scales)} (this one is {scale}x)"
+        return f"frames of one size: name the folder {LR_FOLDER} or {HR_FOLDER} alone"
+    factors = " or ".join(f"{s}x" for s in scales)
+    return f"HR frames of {factors} the size of LR's (these are {scale}x)"
 
 
 def _list_missing(demand: InputDemand, source: PairSource) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from rtsr_cli.core.captures.cameras import find_side_car
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.channel_guesses import (
     guess_buffers,
@@ -243,7 +244,7 @@ def inspect_shot(
         referenced=is_folder(shot.root / REFERENCE_FOLDER),
     )
     ready = judge_commands(commands, known, inspection.problems)
-    fixes = list_fixes(ready, _list_hints(main, hr, capture))
+    fixes = list_fixes(ready, _list_hints(shot.root, main, hr, capture))
     return replace(inspection, commands=ready, fixes=fixes)
 
 
@@ -275,7 +276,7 @@ def _read_misfit(lr: FrameReader, hr: FrameReader, scale: int | None) -> str:
 
 
 def _list_hints(
-    main: SetInspection, hr: SetInspection | None, capture: CaptureDeclaration
+    root: Path, main: SetInspection, hr: SetInspection | None, capture: CaptureDeclaration
 ) -> Hints:
     """What is known that may stand for what is missing; of the frames that lead first."""
     sets = [one for one in (main, hr) if one is not None]
@@ -300,6 +301,7 @@ def _list_hints(
         ),
         camera=camera,
         side_car=capture.camera.file or "",
+        undeclared="" if capture.camera.file else find_side_car(root),
     )
 
 

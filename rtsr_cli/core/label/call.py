@@ -68,7 +68,7 @@ def label_frames(
 
 
 def open_whole(request: LabelRequest) -> Iterable[tuple[str, PairSource]]:
-    """Survey every shot; with policy skip, without frames that lack what labels are made of."""
+    """Survey every shot, but for frames that lack what labels are made of."""
     inputs = PairInputs(lr=KINDS[request.kind].buffers)
     return leave_out_lacking(
         lambda needed: open_shots(request, needed),

@@ -1,4 +1,6 @@
-"""Frames that lack a buffer which others hold and a run needs: policy skip leaves them out.
+"""Frames that lack a buffer which others hold and a run needs: as if their files were missing.
+
+Policy skip leaves them out, with policy hold the frame before stands in, which is taken whole.
 
 What a run needs of a shot shows where every frame that lacks anything is left out; of those, it
 then gets back the ones that have all that it needs. What it can do without leaves no frame out.
@@ -31,7 +33,7 @@ ListNeeded = Callable[[Opened, Opened], Collection[Buffer]]
 def leave_out_lacking(
     open_shots: OpenShots[Opened], policy: MissingPolicy, list_needed: ListNeeded[Opened]
 ) -> Iterable[tuple[str, Opened]]:
-    """Survey every shot; with policy skip, without frames that lack what a run needs.
+    """Survey every shot; unless the policy is error, without frames that lack what a run needs.
 
     Args:
         open_shots: surveys them.
@@ -41,7 +43,7 @@ def leave_out_lacking(
     Raises:
         RtsrError: as `open_shots` and `list_needed`.
     """
-    if policy is not MissingPolicy.SKIP:
+    if policy is MissingPolicy.ERROR:
         return open_shots(frozenset())
     shots = dict(open_shots(RADIANCE))
     lacking = frozenset(b for one in shots.values() for r in _list_readers(one) for b in r.partial)

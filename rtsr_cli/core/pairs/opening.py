@@ -6,7 +6,7 @@ result goes to whatever reads frames of the shot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -274,8 +274,10 @@ def survey_set(
     if not without or without.issuperset(frames.numbers):
         return reader
     rest = frames.without(without)
-    reader = open_those(rest, headers=_leave_out(headers, rest))
-    return replace(reader, warnings=(*reader.warnings, *_say_left_out(lacking)))
+    reader = open_those(rest, headers=_leave_out(headers, rest), left_out=without)
+    return replace(
+        reader, warnings=(*reader.warnings, *_say_left_out(lacking, reader.held, opened.options))
+    )
 
 
 def _survey_needed(
@@ -308,13 +310,23 @@ def _leave_out(headers: Headers, rest: FrameSet) -> Headers:
     }
 
 
-def _say_left_out(lacking: Mapping[Buffer, frozenset[int]]) -> Iterator[str]:
-    """Say which frames are left out, once for all that they lack."""
+def _say_left_out(
+    lacking: Mapping[Buffer, frozenset[int]], held: Collection[int], options: ReadOptions
+) -> Iterator[str]:
+    """Say which frames are left out, or stood in for, once for all that they lack."""
     grouped: dict[frozenset[int], list[Buffer]] = {}
     for buffer, numbers in lacking.items():
         grouped.setdefault(numbers, []).append(buffer)
     for numbers, buffers in grouped.items():
-        yield f"{say_frames(numbers)} left out (--on-missing skip): {say_missing(buffers)} there"
+        why = f"{say_missing(buffers)} there"
+        stood, out = numbers.intersection(held), numbers.difference(held)
+        if stood:
+            verb = "counts" if len(stood) == 1 else "count"
+            yield f"{say_frames(stood)} {verb} as missing (--on-missing hold): {why}"
+        if out:
+            bare = options.on_missing is MissingPolicy.HOLD
+            alone = ", no frame before stands in" if bare else ""
+            yield f"{say_frames(out)} left out (--on-missing {options.on_missing}{alone}): {why}"
 
 
 def open_radiance(
@@ -395,8 +407,8 @@ def _note_unread_size(source: PairSource, shot: Shot) -> PairSource:
     if shot.hr is None or not isinstance(source, RealPairs):
         return source
     note = (
-        f"frames of one size are read, here those of {shot.frames.root}; {shot.hr.root} beside "
-        "them is not: name it in the place of IN to take those"
+        f"this command reads frames of one size, here those of {shot.frames.root}; to take those "
+        f"of {shot.hr.root}, give that folder in place of IN"
     )
     return replace(source, lr=replace(source.lr, notes=(note, *source.lr.notes)))
 

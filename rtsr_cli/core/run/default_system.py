@@ -32,8 +32,8 @@ NETWORKS = "networks"
 """What trained systems are called together."""
 
 GIVE_HR = "give G-buffers of the target size (--hr DIR, or --simulate-lr of an HR capture)"
-NO_CAMERA = "give the cameras (headers, or a side-car in capture.toml)"
-SOME_FRAMES = "render those frames again, or leave them out (--on-missing skip)"
+NO_CAMERA = "give the camera matrices (headers, or a file that capture.toml names)"
+SOME_FRAMES = "render those frames again, or leave them out (--on-missing skip|hold)"
 UNUSED_CAMERA = "the matrices that are there are not used, see the warning"
 
 CHECKS: Mapping[InputCondition, Callable[[PairSource], bool]] = {
@@ -181,7 +181,8 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver], chose
         said.update(remedies)
         longest = max(longest, lacks, key=len)
     likely = describe_likely(source.readers, [name for one in passed for name in one.missing])
-    return f"{say_count(len(source.reader.stored), 'buffer')} found; {'; '.join(texts)}{likely}"
+    found = say_count(len(source.reader.stored), "buffer")
+    return f"{found} found; better systems are passed over: {'; '.join(texts)}{likely}"
 
 
 def _describe_lacks(lacks: Collection[str], longest: Collection[str], *, plural: bool) -> str:

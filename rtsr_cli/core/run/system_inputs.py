@@ -12,6 +12,7 @@ from rtsr_cli.core.choices import InputCondition, NonfinitePolicy, SystemTask
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.camera import GIVE_CAMERAS
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs.point_samples import is_point_sampled
 from rtsr_cli.core.pairs.sources import DECLARED_MOTION, FITTING_HR, PairInputs, PairSource
@@ -35,13 +36,16 @@ class SystemTable:
     when: Mapping[str, tuple[InputCondition, ...]] = field(default_factory=dict)
 
 
-WITHOUT_FRAMES = "frames that lack what the others hold are left out by --on-missing skip"
+WITHOUT_FRAMES = (
+    "frames that lack what the others hold are left out by --on-missing skip, and the frame before "
+    "stands in by hold"
+)
 """What helps where some frames lack a buffer."""
 
 OF_FRAMES = " of frame"
 """Stands between a buffer and the frames that lack it, where others hold it."""
 
-CAMERA_REMEDY = ' (cameras: matrices in the headers, or camera = "camera.csv", a row a frame)'
+CAMERA_REMEDY = f" (camera matrices: {GIVE_CAMERAS})"
 """Where camera matrices are declared."""
 
 

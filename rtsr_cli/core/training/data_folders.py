@@ -271,7 +271,7 @@ def open_whole(
     hr: FrameSet | None,
     simulation: Simulation | None,
 ) -> PairSource:
-    """Survey a shot; with policy skip, without frames that lack what is recorded.
+    """Survey a shot, but for frames that lack what is recorded.
 
     Raises:
         RtsrError: a file or declaration is wrong.

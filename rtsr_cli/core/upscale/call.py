@@ -79,7 +79,7 @@ def upscale_frames(
 
 
 def open_whole(request: UpscaleRequest, systems: SystemTable) -> Iterable[tuple[str, PairSource]]:
-    """Survey every shot; with policy skip, without frames that lack what the chosen system needs.
+    """Survey every shot, but for frames that lack what the chosen system needs.
 
     Which system that is shows where all frames that lack anything are left out.
     """

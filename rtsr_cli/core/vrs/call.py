@@ -103,7 +103,7 @@ def predict_rates(request: PredictVrsRequest, systems: SystemTable) -> Iterator[
 def open_whole(
     request: PredictVrsRequest, chosen: ChosenPredictor
 ) -> Iterable[tuple[str, PairSource]]:
-    """Survey every shot; with policy skip, without frames that lack what the predictor needs."""
+    """Survey every shot, but for frames that lack what the predictor needs."""
     inputs, options = resolve_prediction_inputs(request, chosen), read_options(request)
     return leave_out_lacking(
         lambda needed: open_single_sets(request.in_folder, replace(options, needed=needed)),

@@ -44,6 +44,14 @@ def test_matrices_of_another_convention_are_declared() -> None:
     assert lines(("lr camera", "hr camera"), hints) == ['convention = "column-vectors"']
 
 
+def test_a_file_of_cameras_is_declared_where_it_lies_and_else_has_to_be_written() -> None:
+    lacking = {"a": SystemReadiness(ready=False, missing=("camera",))}
+    (bare,) = list_fixes({"upscale": lacking}, Hints())
+    assert "a row a frame" in bare.write
+    (there,) = list_fixes({"upscale": lacking}, Hints(undeclared="poses.json"))
+    assert (there.line, there.write) == ('camera = "poses.json"', "")
+
+
 def test_a_side_car_that_is_declared_is_not_offered_again() -> None:
     assert lines(("camera",), Hints(side_car="poses.csv")) == []
     hints = Hints(side_car="poses.csv", camera="mitsuba")

@@ -78,6 +78,6 @@ def test_a_scale_that_a_system_is_not_made_for_is_missing(
 ) -> None:
     sources, _ = match_resolutions(reader, hr, None)
     found = judge_readiness(replace(BICUBIC, scales=(3, 4)), sources, [])
-    assert found.missing == ("a pair of 3x or 4x (this one is 2x)",)
+    assert found.missing == ("HR frames of 3x or 4x the size of LR's (these are 2x)",)
     found = judge_readiness(replace(BICUBIC, scales=(1,)), sources, [])
-    assert found.missing == ("frames of one size (lr or hr by itself; these are a pair)",)
+    assert found.missing == ("frames of one size: name the folder lr or hr alone",)

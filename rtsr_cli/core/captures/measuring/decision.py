@@ -254,7 +254,7 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
                 f"({proof}); the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
             )
             return add_warning(settled, text)
-        note = f"motion measured: {chosen} (without measurement: {presumed})"
+        note = f"motion measured: {chosen} (not as presumed: {presumed})"
         return take_measurement(settled, "motion", note, motion=chosen)
     if agreed or not _is_unproven(settled, capture):
         doubt = "" if agreed else _describe_doubt(against, best, capture)
@@ -456,8 +456,8 @@ def _decide_depth(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
         )
     chosen = replace(measured, sky=given.get("sky"))
     note = (
-        f"depth measured: {text} ({best.error:.2g} against {against.error:.2g} {finding.measure}; "
-        f"without measurement: {presumed.kind}, {presumed.unit_m:g} m a unit)"
+        f"depth measured: {text} (points fit to {best.error:.2g} {finding.measure}; not as "
+        f"presumed: {presumed.kind}, {presumed.unit_m:g} m a unit, to {against.error:.2g})"
     )
     return take_measurement(settled, "depth", note, depth=chosen)
 
