@@ -303,8 +303,8 @@ def wall_with_things(bare: Tensor) -> tuple[Frame, Frame]:
 
 
 def test_a_few_bare_pixels_that_no_sample_hits_are_left() -> None:
-    """Joints of bricks before the wall behind: two pixels wide, missed by chance."""
-    joints = region(20, 21, 30, 80)
+    """Joints of bricks before the wall behind: finer than pixels, whose samples have colour."""
+    joints = region(22, 23, 30, 80)
     lr, hr = wall_with_things(joints)
     assert leave_colourless(lr, hr, SCALE) == (lr, hr, {})
 
@@ -337,8 +337,8 @@ def test_pixels_behind_a_thing_keep_their_material() -> None:
 
 
 def test_means_of_thin_leaves_agree() -> None:
-    """A filter went over LR's material: leaves before a dark wall are mixtures, all of them."""
-    leaves = region(0, SIZE[0], 0, SIZE[1]) & ((torch.arange(SIZE[1]) % 3) == 0)
+    """A filter went over LR's material; the pixels in the middle of blocks see the wall alone."""
+    leaves = region(16, 80, 24, 104) & ((torch.arange(SIZE[1]) % 4) != 2)
     right = torch.full((1, 3, *SIZE), 0.05).masked_fill(leaves, 0.9)
     mean = F.avg_pool2d(right, SCALE)
     assert find_contradicting(frame(mean), frame(right), SCALE) is None
