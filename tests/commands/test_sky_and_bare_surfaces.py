@@ -296,3 +296,43 @@ def test_metal_without_base_colour_is_never_worse_than_bicubic(
         for out in outs.values()
     )
     assert ours <= 1.02 * plain
+
+
+def test_a_diffuse_colour_of_0_on_thin_things_is_found_beside_f0(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, load_rgb: Load
+) -> None:
+    """Posts of one LR pixel's width before the rest; files hold diffuse colour and F0."""
+
+    def make_change(step: int, width: int, left: float) -> Change:
+        def change(planes: dict[str, Plane], number: int) -> None:
+            del number
+            posts = np.arange(planes["depth.Z"].shape[1]) % step < width
+            metallic = planes.pop("metallic")
+            for letter in "RGB":
+                base = planes[f"albedo.{letter}"].astype(np.float32)
+                planes[f"specular.{letter}"] = (0.04 * (1.0 - metallic) + base * metallic).astype(
+                    "f4"
+                )
+                diffuse = base * (1.0 - metallic)
+                diffuse[:, posts] *= left
+                planes[f"albedo.{letter}"] = diffuse.astype(np.float32)
+            depth = planes["depth.Z"]
+            depth[(depth < 65504.0) & posts] *= 0.95
+
+        return change
+
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot, shot)
+    for size, change in (("lr", make_change(6, 1, 1.0)), ("hr", make_change(24, 4, 0.0))):
+        shutil.rmtree(shot / size)
+        changed(small_shot / size, change).rename(shot / size)
+    wanted = load_rgb(shot / "reference" / "frame.0002.exr")
+    posts = np.arange(wanted.shape[2]) % 24 < 4
+    errors = []
+    for name in ("bicubic", "demod-guided"):
+        result = rtsr("upscale", shot, tmp_path / name, "--system", name, "--frames", "2")
+        assert result.exit_code == 0, result.output
+        made = load_rgb(tmp_path / name / "frame.0002.exr")
+        errors.append(float(np.mean((made - wanted)[..., posts] ** 2)))
+    # metal among them keeps its division, for better or worse
+    assert errors[1] <= 1.05 * errors[0]

@@ -84,7 +84,7 @@ def add_undivided(window: FrameWindow, image: Color) -> Color:
         return torch.where(undivided, whole, image)
     reflected, added = _part_emission(window, emission)
     shines = (emission > EMISSION_SHARE * whole).any(1, keepdim=True)
-    shines = undivided & (shines | _find_lamps(window, reflected, added))
+    shines = undivided & (shines | _find_lamps(window, reflected, added, emission))
     image = torch.where(undivided, whole, image)
     if not bool(shines.any()):
         return image
@@ -95,13 +95,56 @@ def _sampling(window: FrameWindow) -> tuple[int, Jitter]:
     return window.scale, window.current.camera.jitter_px
 
 
+def find_unexplained(window: FrameWindow) -> Mask | None:
+    """True where an HR pixel has no lighting, and that is a fault; None where it is none.
+
+    What `find_undivided` finds, less lamps, whose emission is their radiance, and less what has no
+    material at either size and is as dark as that says.
+    """
+    undivided = window.compute_once(find_undivided)
+    if undivided is None:
+        return None
+    explained = find_explained(window)
+    unlit = (window.current.gbuffer[Buffer.LIGHTING_MASK] < 0.5) & ~_is_sky(window)
+    known = _spread(explained, REACH) & ~_spread(unlit & ~explained, REACH)
+    bare = (window.require_hr().gbuffer[Buffer.MATERIAL] <= MATERIAL_EPSILON).any(1, keepdim=True)
+    left = undivided & ~(bare & upsample_nearest(known, window.scale))
+    return left if bool(left.any()) else None
+
+
+def find_explained(window: FrameWindow) -> Mask:
+    """True at samples that were not divided, and give no other light than their emission.
+
+        max(radiance - emission, 0) <= max(LIT_SHARE emission, epsilon k)
+
+    of the brightest channels, with the scale k of the frame's lighting: no material reflects less.
+    """
+    frame = window.current
+    emission = window.require_hr().gbuffer.buffers.get(Buffer.EMISSION)
+    if emission is None:
+        reflected, added = frame.gbuffer[Buffer.COLOR], torch.zeros_like(frame.gbuffer[Buffer.SKY])
+    else:
+        reflected, added = _part_emission(window, emission)
+    other, own = (light.amax(1, keepdim=True) for light in (reflected, added))
+    unlit = (frame.gbuffer[Buffer.LIGHTING_MASK] < 0.5) & ~_is_sky(window)
+    dark = other <= (LIT_SHARE * own).clamp(min=MATERIAL_EPSILON * frame.lighting_scale)
+    return unlit & dark
+
+
+def _is_sky(window: FrameWindow) -> Mask:
+    return window.current.gbuffer[Buffer.SKY] > 0.5
+
+
 def measure_undivided(window: FrameWindow) -> float:
-    """Share of the HR pixels whose radiance is enlarged since nothing was divided there, 0..1."""
+    """Share of the HR pixels whose radiance is enlarged since nothing was divided there, 0..1.
+
+    Lamps are none of them: their emission is their radiance.
+    """
     known = window.hr is not None and Buffer.MATERIAL in window.hr.gbuffer
     if not known or Buffer.LIGHTING_MASK not in window.current.gbuffer:
         return 0.0
-    undivided = window.compute_once(find_undivided)
-    return 0.0 if undivided is None else float(undivided.sum()) / undivided.numel()
+    left = window.compute_once(find_unexplained)
+    return 0.0 if left is None else float(left.sum()) / left.numel()
 
 
 def find_undivided(window: FrameWindow) -> Mask | None:
@@ -165,12 +208,20 @@ def _part_emission(window: FrameWindow, hr_emission: Color) -> tuple[Color, Colo
     return (buffers[Buffer.COLOR] - emission).clamp_(min=0.0), emission
 
 
-def _find_lamps(window: FrameWindow, reflected: Color, emission: Color) -> Mask:
-    """True where the undivided samples around give next to no other light than emission."""
-    frame = window.current.gbuffer
-    unlit = (frame[Buffer.LIGHTING_MASK] < 0.5) & (frame[Buffer.SKY] < 0.5)
+def _find_lamps(window: FrameWindow, reflected: Color, emission: Color, hr_emission: Color) -> Mask:
+    """True where the undivided samples around give next to no other light than emission.
+
+    HR pixels that do not shine are parts of lamps only where no sample around was divided: else
+    they may be of the lit surface beside, whose material is lost at HR.
+    """
+    frame, scale = window.current.gbuffer, window.scale
+    surface, divided = frame[Buffer.SKY] < 0.5, frame[Buffer.LIGHTING_MASK] > 0.5
     other, own = (
-        F.max_pool2d((light * unlit).amax(1, keepdim=True), 2 * REACH + 1, 1, REACH)
+        F.max_pool2d((light * (surface & ~divided)).amax(1, keepdim=True), 2 * REACH + 1, 1, REACH)
         for light in (reflected, emission)
     )
-    return upsample_nearest((own > 0.0) & (other <= LIT_SHARE * own), window.scale)
+    lamps = (own > 0.0) & (other <= LIT_SHARE * own)
+    shining = (hr_emission > 0.0).any(1, keepdim=True)
+    return upsample_nearest(lamps, scale) & (
+        shining | ~upsample_nearest(_spread(divided & surface, REACH), scale)
+    )

@@ -22,8 +22,6 @@ colour goes with a group of those that have none, however bright it is.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 import torch.nn.functional as F
 
@@ -33,7 +31,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.demodulation import lighting_scale
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.pairs.material_agreement import is_colourless, leave_undivided
+from rtsr_cli.core.pairs.material_agreement import is_colourless, leave_bare, leave_undivided
 from rtsr_cli.core.shapes import Mask
 
 TOO_BRIGHT = "radiance is far too bright for its material (base colour or metal missing?)"
@@ -98,14 +96,17 @@ def leave_outshining(
     further = group & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & ~doubted
     doubted |= further
     # at edges HR pixels of the thing lie beside samples that see what is behind it
-    if Buffer.ALBEDO in hr.gbuffer:
-        lost |= is_colourless(hr.gbuffer) & upsample_nearest(_spread(group, LOST_REACH), scale)
+    bare_lr, bare_hr = is_colourless(lr.gbuffer), is_colourless(hr.gbuffer)
+    near = _spread(group, LOST_REACH)
+    bare_lr &= lr.gbuffer[Buffer.SKY] < 0.5
+    if 2 * int((bare_lr & group).sum()) > int(bare_lr.sum()):
+        # it is missing wherever there is none, where no sample was hit as well
+        near = torch.ones_like(near)
+    lost |= bare_hr & (hr.gbuffer[Buffer.SKY] < 0.5) & upsample_nearest(near, scale)
     for samples, most in ((group, FAINT), (further, DARK)):
         beside = upsample_nearest(_spread(samples, 1), scale)
         lost |= beside & (bare.amin(1, keepdim=True) <= most)
-    bare = bare.masked_fill(lost, 0.0)
-    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
-    return leave_undivided(lr, doubted), hr
+    return leave_undivided(lr, doubted), leave_bare(lr, hr, lost, scale)
 
 
 def find_outshining(lr: Frame, known: Mask | None = None) -> Mask | None:

@@ -15,8 +15,8 @@ is like it. Where the darker material is what a base colour of 0 leaves, and the
 less will do (`WEAK`). Once there is a group, what strays beside pixels as dark as its own goes with
 it. Where samples are centres of HR pixels two that stray together suffice, unless most do.
 
-Such samples are left undivided, and HR pixels around them have no material either, so that radiance
-is enlarged there.
+Such samples are left undivided, and HR pixels of their surface have no material either, so that
+radiance is enlarged there (`surface_reach`).
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
 from rtsr_cli.core.imaging.alignment import block_shift, shift_image, shift_jitter
-from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
 from rtsr_cli.core.imaging.mask_groups import keep_groups
 from rtsr_cli.core.imaging.resampling import sample_jitter, upsample_nearest
+from rtsr_cli.core.pairs.surface_reach import LOST_REACH, mark_surfaces
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane
 
 DARKER_AT_HR, DARKER_AT_LR = (
@@ -47,6 +47,9 @@ DARKER_AT_HR, DARKER_AT_LR = (
     for one, other in (("HR", "LR"), ("LR", "HR"))
 )
 """What is said of samples that contradict."""
+
+UNSAID = ""
+"""Cause of which nothing is said: nothing is wrong there."""
 
 GUIDES = (Buffer.ALBEDO, Buffer.NORMAL, Buffer.DEPTH)
 """Buffers that tell more, where they are there."""
@@ -60,8 +63,11 @@ FAR = 1.6
 BLACK = 1e-3
 """Base colour up to here is none: the third level above 0 of 8 bits in sRGB."""
 
-LEAST_EXPECTED = 2.5
-"""Samples on pixels without base colour, of the 5 x 5 around: a line of one HR pixel has 1.25."""
+MOST_DIELECTRIC = 0.17
+"""F0 of dielectrics is up to that of diamond."""
+
+CHANCE, LEAST_INSIDE = 1e-6, 4
+"""Least probability of what may be chance, and the samples in bare pixels that it takes."""
 
 BESIDE_PX = (1, 2, 3)
 """HR pixels to each side in which other parts of a surface are looked for."""
@@ -83,11 +89,11 @@ samples (a flat one, or one that is seen at a slant), and of a sample from its p
 LIKE = 1.5
 """Ratio of materials, in every channel, up to which a pixel is like a sample."""
 
+MOST = 0.95
+"""Share of a group's samples whose material is at most, or at least, that of single ones beside."""
+
 MOST_ALIKE = 0.9
 """Share of a group's pixels that are as dark as those which go with it at most."""
-
-LOST_REACH = 2 * KERNEL_REACH
-"""LR pixels to each side of a sample that contradicts in which HR pixels have no material."""
 
 CENTRED_PX = 1e-3
 """Largest distance from a sample to the pixel centre that it is, in LR pixels."""
@@ -111,7 +117,7 @@ STRONG, WEAK = Strictness(4, 0.7, 2.5), Strictness(4, 0.5, 1.6)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Held:
+class HeldSamples:
     """LR samples held against the HR pixels in which they lie.
 
     Attributes:
@@ -155,10 +161,20 @@ def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]
     contradicts = find_contradicting(lr, hr, scale)
     if contradicts is None:
         return lr, hr
-    around = upsample_nearest(_spread(contradicts, LOST_REACH), scale)
-    bare = hr.gbuffer[Buffer.MATERIAL].masked_fill(around, 0.0)
-    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
-    return leave_undivided(lr, contradicts), hr
+    placed = hold_samples(lr, hr, scale).placed
+    lost = mark_surfaces(lr, hr, placed, contradicts, scale)
+    return leave_undivided(lr, contradicts), leave_bare(lr, hr, lost, scale)
+
+
+def leave_bare(lr: Frame, hr: Frame, where: Mask, scale: int) -> Frame:
+    """Take material out of HR pixels, and out of those at the border that are made of them.
+
+    Lighting is multiplied where images are shifted (`alignment`), and shifted back.
+    """
+    across, down = block_shift(lr.camera.jitter_px, scale)
+    where = where | shift_image(shift_image(where, (across, down)), (-across, -down))
+    bare = hr.gbuffer[Buffer.MATERIAL].masked_fill(where, 0.0)
+    return replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
 
 
 def leave_undivided(lr: Frame, where: Mask) -> Frame:
@@ -184,18 +200,24 @@ def leave_undivided(lr: Frame, where: Mask) -> Frame:
 
 
 def is_colourless(gbuffer: GBuffer) -> Mask:
-    """True where the base colour is stored, and is none: what is left is a specular term."""
+    """True where the base colour is stored, and is none: what is left is a specular term.
+
+    A diffuse colour of 0 beside an F0 above dielectrics' is that of metal.
+    """
     if Buffer.ALBEDO not in gbuffer:
         return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
-    return (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+    bare = (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+    if Buffer.SPECULAR not in gbuffer:
+        return bare
+    return bare & (gbuffer[Buffer.SPECULAR] <= MOST_DIELECTRIC).all(1, keepdim=True)
 
 
 def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, dict[str, Mask]]:
     """Take material out where a base colour of 0 is stored at one size alone, however small it is.
 
-    HR pixels without base colour of which no sample of the 5 x 5 around is, though `LEAST_EXPECTED`
-    would be, are enlarged as radiance, unless others of their surface beside them have some: joints
-    of bricks. Samples without one beside which no pixel of the 3 x 3 blocks lacks one are left out.
+    HR pixels without base colour beside which no sample is without, though some would be, are
+    enlarged as radiance, unless others of their surface beside them have some: joints of bricks.
+    Samples without one beside which no pixel of the 3 x 3 blocks lacks one are left out.
 
     Args:
         lr: with sky and material, and lighting with its mask where it was divided.
@@ -203,8 +225,8 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
         scale: S.
 
     Returns:
-        The frames, and where that was so in groups, as LR masks by what is said of it; the very
-        frames and nothing where a size stores no base colour, or both agree.
+        The frames, and where that was so, as LR masks by what is said of it, single ones by
+        `UNSAID`; the very frames and nothing where a size stores no base colour, or both agree.
     """
     if Buffer.ALBEDO not in lr.gbuffer or Buffer.ALBEDO not in hr.gbuffer:
         return lr, hr, {}
@@ -213,23 +235,55 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
     )
     if not bool(bare_hr.any()) and not bool(bare_lr.any()):
         return lr, hr, {}
-    # LR samples that would lie on such pixels if places were by chance
-    expected = _count_around(F.avg_pool2d(bare_hr.float(), scale), REACH)
-    many = _spread(expected >= LEAST_EXPECTED, REACH) & ~_spread(bare_lr, REACH)
-    hidden = _keep_whole_surfaces(hr.gbuffer, bare_hr, bare_hr & upsample_nearest(many, scale))
+    hidden = _find_hidden(lr, hr, bare_lr, bare_hr, scale)
     in_block = F.max_pool2d(bare_hr.float(), scale) > 0.5
     alone = bare_lr & ~_spread(in_block, 1)
     material = hr.gbuffer[Buffer.MATERIAL]
     doubted: dict[str, Mask] = {}
     if bool((hidden & (material > MATERIAL_EPSILON).all(1, keepdim=True)).any()):
-        bare = material.masked_fill(hidden, 0.0)
-        hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({Buffer.MATERIAL: bare}))
+        hr = leave_bare(lr, hr, hidden, scale)
         doubted[DARKER_AT_HR] = F.max_pool2d(hidden.float(), scale) > 0.5
     if bool(alone.any()):
         lr = leave_undivided(lr, alone)
         doubted[DARKER_AT_LR] = alone
-    # single samples lie on lines that no pixel's centre is on: nothing is wrong with those
-    return lr, hr, {cause: mask for cause, mask in doubted.items() if bool(keep_groups(mask).any())}
+    return lr, hr, {_name_group(cause, mask): mask for cause, mask in doubted.items()}
+
+
+def _name_group(cause: str, mask: Mask) -> str:
+    """The cause; none of single ones, which lie on lines that no pixel's centre is on."""
+    return cause if bool(keep_groups(mask).any()) else UNSAID
+
+
+def _find_hidden(lr: Frame, hr: Frame, bare_lr: Mask, bare_hr: Mask, scale: int) -> Mask:
+    """True at HR pixels without base colour of which samples would be, if it were so.
+
+    Not every sample in such a pixel is: lines are finer. What tells is a sample with colour all
+    around which pixels have none, or that too few of all the frame's samples have none for chance.
+    """
+    coloured = (lr.gbuffer[Buffer.SKY] < 0.5) & ~bare_lr
+    unseen = bare_hr & ~upsample_nearest(_spread(bare_lr, REACH), scale)
+    inside = _place(bare_hr, lr, scale) & coloured
+    if not bool(inside.any()):
+        return torch.zeros_like(bare_hr)
+    whole = F.max_pool2d(-F.pad(bare_hr.float(), (1,) * 4), 3, 1) < -0.5
+    held = hold_samples(lr, hr, scale)
+    sure = _place(whole, lr, scale) & coloured & keep_own_surface(replace(held, told=inside)).told
+    if _is_by_chance(float(bare_hr.sum()) / scale**2, int(bare_lr.sum()), int(inside.sum())):
+        unseen &= upsample_nearest(_spread(sure, LOST_REACH), scale)
+    return _keep_whole_surfaces(hr.gbuffer, bare_hr, unseen)
+
+
+def _is_by_chance(expected: float, seen: int, inside: int) -> bool:
+    """Whether so few samples can be bare though so many of the HR pixels are [Chernoff].
+
+        P(X <= x) <= exp(x - e - x ln(x / e)),    X of Poisson's distribution, with the mean e
+
+    Where none even lies in such a pixel, grids of samples and of lines run side by side.
+    """
+    if seen >= expected or inside < LEAST_INSIDE:
+        return True
+    log_ratio = math.log(seen / expected) if seen else 0.0
+    return seen - expected - seen * log_ratio > math.log(CHANCE)
 
 
 def _keep_whole_surfaces(gbuffer: GBuffer, bare: Mask, hidden: Mask) -> Mask:
@@ -246,7 +300,7 @@ def _keep_whole_surfaces(gbuffer: GBuffer, bare: Mask, hidden: Mask) -> Mask:
     coloured = torch.zeros(len(picked), dtype=torch.bool)
     for step, across, down in product(BESIDE_PX, (-1, 0, 1), (-1, 0, 1)):
         rows, columns = (picked + step * torch.tensor([down, across])).clamp(min=0).minimum(last).T
-        alike = _is_alike(own, guides[..., rows, columns], APART_THERE)[0, 0]
+        alike = is_alike(own, guides[..., rows, columns], APART_THERE)[0, 0]
         coloured |= alike & ~bare[0, 0, rows, columns]
     return _mark(picked[~coloured], hidden)
 
@@ -259,7 +313,7 @@ def find_taken(before: Frame, after: Frame) -> Mask:
 
 def name_darker(lr: Frame, hr: Frame, scale: int, contradicts: Mask) -> str:
     """Say which size's material is the darker one where samples contradict."""
-    held = _hold(lr, hr, scale)
+    held = hold_samples(lr, hr, scale)
     where = held.told & contradicts
     at_lr, at_hr = (float((image * where).sum()) for image in (held.material, held.placed))
     return DARKER_AT_LR if at_lr < at_hr else DARKER_AT_HR
@@ -267,25 +321,29 @@ def name_darker(lr: Frame, hr: Frame, scale: int, contradicts: Mask) -> str:
 
 def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     """True at LR samples whose material is not that of the surface at HR; None where all agree."""
-    held = _hold(lr, hr, scale)
+    held = hold_samples(lr, hr, scale)
     centred = _lies_on_centres(lr, scale)
     tolerance = TOLERANCE if centred else FAR
     brighter = held.told & _exceeds(held.material, held.placed, tolerance)
     darker = held.told & _exceeds(held.placed, held.material, tolerance)
-    strays = brighter | darker
     # the pixels at their places tell all of most frames
-    if not bool(strays.any()):
+    if not bool((brighter | darker).any()):
         return None
+    means = average_blocks(hr, scale)
+    if is_filtered(held, means):
+        explained = is_near(held.material, means, tolerance)
+        brighter, darker = brighter & ~explained, darker & ~explained
+    strays = brighter | darker
     if centred and _are_few(strays, held.told):
-        found = strays & (_count_around(strays, 1) >= 2)
+        found = strays & (count_around(strays, 1) >= 2)
     elif _is_biased(held):
         found = strays & (_share_around(strays) > LEAST_BIASED - 1e-6)
     else:
-        found = _find_groups(_keep_own_surface(held), brighter, darker)
+        found = _find_groups(keep_own_surface(held), brighter, darker)
     return found if bool(found.any()) else None
 
 
-def _hold(lr: Frame, hr: Frame, scale: int) -> _Held:
+def hold_samples(lr: Frame, hr: Frame, scale: int) -> HeldSamples:
     """Find the pixels in which samples lie."""
     material, divided = lr.gbuffer[Buffer.MATERIAL], lr.gbuffer[Buffer.SKY] < 0.5
     divided &= (material > MATERIAL_EPSILON).all(1, keepdim=True)
@@ -294,15 +352,46 @@ def _hold(lr: Frame, hr: Frame, scale: int) -> _Held:
         divided &= lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5
     placed, sky = (_place(hr.gbuffer[b], lr, scale) for b in (Buffer.MATERIAL, Buffer.SKY))
     told = divided & (sky < 0.5) & (placed > MATERIAL_EPSILON).all(1, keepdim=True)
-    return _Held(lr=lr, hr=hr, scale=scale, placed=placed, told=told, guides=None)
+    return HeldSamples(lr=lr, hr=hr, scale=scale, placed=placed, told=told, guides=None)
+
+
+def average_blocks(hr: Frame, scale: int) -> Color:
+    """What a filter of a pixel's width leaves of HR material: sky has none."""
+    material = hr.gbuffer[Buffer.MATERIAL] * (hr.gbuffer[Buffer.SKY] < 0.5)
+    return F.avg_pool2d(material, scale)
+
+
+def find_mixed(hr: Frame, scale: int, tolerance: float) -> Mask:
+    """True at blocks whose HR materials are further apart than a ratio; sky has none."""
+    material = hr.gbuffer[Buffer.MATERIAL] * (hr.gbuffer[Buffer.SKY] < 0.5)
+    most, least = (sign * F.max_pool2d(sign * material, scale) for sign in (1.0, -1.0))
+    return (most > least * tolerance).any(1, keepdim=True)
+
+
+def is_filtered(held: HeldSamples, means: Color) -> bool:
+    """Tell whether most LR samples in mixed blocks are like the mean, and not like the pixel."""
+    mixed = held.told & ~is_near(held.placed, means, TOLERANCE)
+    to_pixel, to_mean = (
+        (held.material - image).abs().sum(1, keepdim=True)[mixed] for image in (held.placed, means)
+    )
+    return 2 * int((to_mean < to_pixel).sum()) > len(to_mean)
+
+
+def is_near(one: Color, other: Color, tolerance: float) -> Mask:
+    """Whether materials are within a ratio in all channels."""
+    return ((one <= other * tolerance) & (other <= one * tolerance)).all(1, keepdim=True)
 
 
 def _place(image: Image, lr: Frame, scale: int) -> Image:
     shift = block_shift(lr.camera.jitter_px, scale)
-    return shift_image(image, shift)[..., scale // 2 :: scale, scale // 2 :: scale]
+    columns, rows = (
+        (torch.arange(scale // 2, side, scale) + by).clamp_(0, side - 1)
+        for by, side in zip(shift, image.shape[:-3:-1], strict=True)
+    )
+    return image[..., rows[:, None], columns]
 
 
-def _keep_own_surface(held: _Held) -> _Held:
+def keep_own_surface(held: HeldSamples) -> HeldSamples:
     """Leave out samples whose pixel is of another surface, as far as that can be told."""
     lr, hr = held.lr.gbuffer, held.hr.gbuffer
     parts = (Buffer.NORMAL, Buffer.DEPTH)
@@ -310,7 +399,7 @@ def _keep_own_surface(held: _Held) -> _Held:
         return held
     own = torch.cat([lr[part] for part in parts], 1)
     there = torch.cat([held.place(hr[part]) for part in parts], 1)
-    return replace(held, told=held.told & _is_alike(own, there, APART_THERE), guides=own)
+    return replace(held, told=held.told & is_alike(own, there, APART_THERE), guides=own)
 
 
 def _exceeds(one: Color, other: Color, tolerance: float) -> Mask:
@@ -318,7 +407,7 @@ def _exceeds(one: Color, other: Color, tolerance: float) -> Mask:
     return more & (one * TOLERANCE >= other).all(1, keepdim=True)
 
 
-def _is_alike(one: Tensor, other: Tensor, apart: float) -> Mask:
+def is_alike(one: Tensor, other: Tensor, apart: float) -> Mask:
     """Of one surface, by normal and depth; a normal of 0 tells nothing."""
     (normal, z), (other_normal, other_z) = (
         image.split_with_sizes([3, 1], dim=1) for image in (one, other)
@@ -329,7 +418,7 @@ def _is_alike(one: Tensor, other: Tensor, apart: float) -> Mask:
     return ((facing > FACING) | unfaced) & near
 
 
-def _find_groups(held: _Held, brighter: Mask, darker: Mask) -> Mask:
+def _find_groups(held: HeldSamples, brighter: Mask, darker: Mask) -> Mask:
     """True at samples that stray in groups, whichever size's material is the darker one."""
     bare_lr, bare_hr = is_colourless(held.lr.gbuffer), is_colourless(held.hr.gbuffer)
     bare_there = held.place(bare_hr)
@@ -343,9 +432,9 @@ def _find_groups(held: _Held, brighter: Mask, darker: Mask) -> Mask:
     return found
 
 
-def _find_group(held: _Held, bright: Color, dim: Color, strays: Mask, bare: Mask) -> Mask:
+def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare: Mask) -> Mask:
     """Strays that hang together, of materials `bright` at one size and `dim` at the other."""
-    picked = (strays & (_count_around(strays, REACH) >= WEAK.least))[0, 0].nonzero()
+    picked = (strays & (count_around(strays, REACH) >= WEAK.least))[0, 0].nonzero()
     passes = _hold_against_surroundings(held, (bright, dim), strays, picked)
     wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
     begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
@@ -356,21 +445,32 @@ def _find_group(held: _Held, bright: Color, dim: Color, strays: Mask, bare: Mask
     dark = dim[groups.expand_as(dim)].view(3, -1).sort(1).values
     darkest = dark[:, int(MOST_ALIKE * dark.shape[1])].view(1, 3, 1, 1)
     alike = strays & (dim <= darkest * TOLERANCE).all(1, keepdim=True)
-    return groups | (alike & _spread(_mark(picked[passes(WEAK)], strays) & alike, REACH))
+    groups |= alike & _spread(_mark(picked[passes(WEAK)], strays) & alike, REACH)
+    # and single ones beside: what is seen of the surface between other things
+    like = strays & _is_within(bright, groups) & _is_within(dim, groups)
+    return groups | (like & _spread(groups, LOST_REACH))
+
+
+def _is_within(material: Color, groups: Mask) -> Mask:
+    """True where a material is within what most of the groups' are."""
+    values = material[groups.expand_as(material)].view(3, -1).sort(1).values
+    last = values.shape[1] - 1
+    least, most = (values[:, int(part * last)].view(1, 3, 1, 1) for part in (1 - MOST, MOST))
+    return ((material * TOLERANCE >= least) & (material <= most * TOLERANCE)).all(1, keepdim=True)
 
 
 def _hold_against_surroundings(
-    held: _Held, materials: tuple[Color, Color], strays: Mask, picked: Tensor
+    held: HeldSamples, materials: tuple[Color, Color], strays: Mask, picked: Tensor
 ) -> Callable[[Strictness], Tensor]:
     """Return what tells which of the picked samples (rows and columns, k 2) are strict enough."""
-    told, strayed = (_gather(mask, picked, REACH, 1) > 0.5 for mask in (held.told, strays))
-    light, dark = (_gather(m, picked, REACH, 1).sum(1, keepdim=True) for m in materials)
+    told, strayed = (gather_around(mask, picked, REACH, 1) > 0.5 for mask in (held.told, strays))
+    light, dark = (gather_around(m, picked, REACH, 1).sum(1, keepdim=True) for m in materials)
     surfaces = [told]
     if held.guides is not None:
-        around = _gather(held.guides, picked, REACH, 1)
+        around = gather_around(held.guides, picked, REACH, 1)
         middle = around.shape[2] // 2
         own = around[:, :, middle : middle + 1]
-        surfaces = [told & _is_alike(around, own, apart) for apart in APARTS]
+        surfaces = [told & is_alike(around, own, apart) for apart in APARTS]
 
     def passes(asked: Strictness) -> Tensor:
         def passes_among(surface: Tensor) -> Tensor:
@@ -387,20 +487,20 @@ def _hold_against_surroundings(
     return passes
 
 
-def _has_like(held: _Held, picked: Tensor) -> Tensor:
+def _has_like(held: HeldSamples, picked: Tensor) -> Tensor:
     """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
-    seen = _gather(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
+    seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
     like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
     if held.guides is not None:
         parts = (held.hr.gbuffer[b] for b in (Buffer.NORMAL, Buffer.DEPTH))
-        pixels = torch.cat([_gather(part, picked, 1, held.scale) for part in parts], 1)
+        pixels = torch.cat([gather_around(part, picked, 1, held.scale) for part in parts], 1)
         surface = held.guides[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
-        like &= _is_alike(pixels, surface, APARTS[-1])
+        like &= is_alike(pixels, surface, APARTS[-1])
     return like.any(2)[:, 0]
 
 
-def _gather(image: Image, picked: Tensor, reach: int, scale: int) -> Tensor:
+def gather_around(image: Image, picked: Tensor, reach: int, scale: int) -> Tensor:
     """The blocks up to `reach` from those of the picked samples, k c n; 0 beyond the borders."""
     side, border = (2 * reach + 1) * scale, reach * scale
     padded = F.pad(image[0].float(), (border,) * 4)
@@ -427,7 +527,7 @@ def _are_few(strays: Mask, told: Mask) -> bool:
     return bool(tells.any()) and float((part / count)[tells].median()) <= MOST_STRAYS
 
 
-def _is_biased(held: _Held) -> bool:
+def _is_biased(held: HeldSamples) -> bool:
     """Tell whether one size's material is the darker one, by far, in nearly all tiles."""
     tells = _sum_tiles(held.told.float()) >= LEAST_TELLING
     if not bool(tells.any()):
@@ -449,7 +549,7 @@ def _share_around(mask: Mask) -> Plane:
     return F.avg_pool2d(mask.float(), 2 * REACH + 1, 1, REACH, count_include_pad=False)
 
 
-def _count_around(mask: Mask, reach: int) -> Plane:
+def count_around(mask: Mask, reach: int) -> Plane:
     """How many pixels of the square around are marked."""
     return F.avg_pool2d(mask.float(), 2 * reach + 1, 1, reach, divisor_override=1)
 

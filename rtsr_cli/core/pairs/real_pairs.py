@@ -23,14 +23,8 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs import pixel_filter
-from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
-from rtsr_cli.core.pairs.material_agreement import (
-    GUIDES,
-    find_taken,
-    leave_colourless,
-    leave_contradicting,
-    name_darker,
-)
+from rtsr_cli.core.pairs.doubted_material import leave_doubted
+from rtsr_cli.core.pairs.material_agreement import GUIDES
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.pair_agreement import (
     COMPARED,
@@ -51,7 +45,7 @@ from rtsr_cli.core.pairs.sources import (
     resolve_buffers,
 )
 from rtsr_cli.core.pairs.window import Reads, build_hr, build_lr
-from rtsr_cli.core.shapes import Mask, Size
+from rtsr_cli.core.shapes import Size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,28 +266,15 @@ class RealPairs:
         hr = build_hr(hr, _keep_guides(reads.hr), inputs.derivation)
         if own_moment:
             self._check_moment(number, lr.gbuffer, hr.gbuffer)
-        doubted: dict[str, Mask] = {}
-        taken: Mask | None = None
-        if Buffer.MATERIAL in lr.gbuffer and Buffer.MATERIAL in hr.gbuffer:
-            left, bare = leave_contradicting(lr, hr, self.scale)
-            if left is not lr:
-                taken = find_taken(lr, left)
-                doubted[name_darker(lr, hr, self.scale, taken)] = taken
-            lr, hr, colourless = leave_colourless(left, bare, self.scale)
-            doubted = _join_masks(doubted, colourless)
-        if divides and Buffer.MATERIAL in hr.gbuffer:
-            left, hr = leave_outshining(lr, hr, self.scale, taken)
-            if left is not lr:
-                doubted[TOO_BRIGHT] = find_taken(lr, left)
-            lr = left
+        left = leave_doubted(lr, hr, self.scale, divided=divides)
         lr, hr = (
             replace(frame, gbuffer=frame.gbuffer.only(frame.gbuffer.keys() - unwanted))
             for frame, unwanted in (
-                (lr, {Buffer.MATERIAL, *GUIDES} - set(reads.lr.used)),
-                (hr, set(GUIDES) - set(reads.hr.used)),
+                (left.lr, {Buffer.MATERIAL, *_list_guides(reads.lr)} - set(reads.lr.used)),
+                (left.hr, set(_list_guides(reads.hr))),
             )
         )
-        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=doubted)
+        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=left.doubted)
 
 
 def open_real_pairs(
@@ -357,19 +338,20 @@ def settle_cameras(pairs: RealPairs) -> RealPairs:
     return replace(pairs, lr=lr, hr=hr)
 
 
-def _join_masks(one: dict[str, Mask], other: dict[str, Mask]) -> dict[str, Mask]:
-    """All that either says, where both say the same where either does."""
-    both = {name: one[name] | other[name] for name in one.keys() & other.keys()}
-    return one | other | both
-
-
 def _keep_guides(reads: Reads, further: Collection[Buffer] = ()) -> Reads:
     """Add buffers to those of a frame; and what tells surfaces apart, as far as it is read."""
-    read = [b for b in GUIDES if b in reads.stored and b not in reads.used]
-    # a diffuse colour beside F0 is no base colour
-    if Buffer.SPECULAR in reads.stored:
-        read = [b for b in read if b is not Buffer.ALBEDO]
-    return replace(reads, used=(*reads.used, *further, *read))
+    return replace(reads, used=(*reads.used, *further, *_list_guides(reads)))
+
+
+def _list_guides(reads: Reads) -> list[Buffer]:
+    """What tells surfaces apart, of what is read and not used.
+
+    F0 comes with a diffuse colour; without metallic, a base colour is found from both, if it is
+    that which is used.
+    """
+    found = Buffer.ALBEDO in reads.used and Buffer.METALLIC not in reads.stored
+    guides = GUIDES if found else (*GUIDES, Buffer.SPECULAR)
+    return [b for b in guides if b in reads.stored and b not in reads.used]
 
 
 def _list_apart(

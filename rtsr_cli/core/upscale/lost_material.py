@@ -6,7 +6,8 @@ import torch.nn.functional as F
 
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.lighting.radiance import LOST_REACH, find_undivided
+from rtsr_cli.core.lighting.radiance import LOST_REACH, find_explained, find_unexplained
+from rtsr_cli.core.pairs.material_agreement import UNSAID
 from rtsr_cli.core.pairs.sources import FramePair
 from rtsr_cli.core.shapes import Mask
 from rtsr_cli.core.system import FrameWindow
@@ -30,11 +31,12 @@ def describe_lost(pair: FramePair, window: FrameWindow) -> dict[str, str]:
     hr, frame = window.hr, window.current.gbuffer
     if hr is None or Buffer.MATERIAL not in hr.gbuffer or Buffer.LIGHTING_MASK not in frame:
         return {}
-    undivided = window.compute_once(find_undivided)
+    undivided = window.compute_once(find_unexplained)
     if undivided is None:
         return {}
     scale, masks = window.scale, dict(pair.doubted)
     unlit = (frame[Buffer.LIGHTING_MASK] < 0.5) & (frame[Buffer.SKY] < 0.5)
+    unlit &= ~find_explained(window)
     bare = undivided & (hr.gbuffer[Buffer.MATERIAL] <= MATERIAL_EPSILON).any(1, keepdim=True)
     empty = F.max_pool2d(bare.float(), scale) > 0.5
     for mask in pair.doubted.values():
@@ -42,6 +44,7 @@ def describe_lost(pair: FramePair, window: FrameWindow) -> dict[str, str]:
         side = 2 * LOST_REACH + 1
         empty = empty & (F.max_pool2d(mask.to(empty.device).float(), side, 1, LOST_REACH) < 0.5)
     masks |= {ZERO_AT_LR: unlit, ZERO_AT_HR: empty}
+    masks.pop(UNSAID, None)
     return {cause: describe_place(mask) for cause, mask in masks.items() if bool(mask.any())}
 
 

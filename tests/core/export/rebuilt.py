@@ -281,13 +281,15 @@ def find_undivided(lr: Side, hr: Side, divided: Flags, f_hr: Array, scale: int) 
     return empty | lost | (faint & repeat(any_within(unlit, 2), scale))
 
 
-def put_undivided(image: Array, lr: Side, hr: Side, undivided: Flags, unlit: Flags) -> Array:
+def put_undivided(image: Array, lr: Side, hr: Side, undivided: Flags, divided: Flags) -> Array:
     color, scale = lr.color(""), hr.depth.shape[0] // lr.depth.shape[0]
+    unlit = ~divided & ~lr.sky
     whole = enlarge_radiance(color, scale, lr.jitter)
     emission, emission_hr = np.maximum(lr.color("emission"), 0), hr.color("emission")
     rest = np.maximum(color - emission, 0)
     own, other = (np.max(around((t * unlit).max(0), 2, 0.0), axis=0) for t in (emission, rest))
     lamp = repeat((own > 0) & (other <= C["LIT_SHARE"] * own), scale)
+    lamp &= (emission_hr > 0).any(0) | ~repeat(any_within(divided, 2), scale)
     shines = (emission_hr > C["EMISSION_SHARE"] * whole).any(0) | lamp
     apart = enlarge_radiance(rest, scale, lr.jitter) + emission_hr
     return np.where(undivided, np.where(shines, apart, whole), image)
@@ -326,7 +328,7 @@ def rebuild(lr: Side, hr: Side, lut: Array, scale: int) -> Rebuilt:
         sky = enlarge_sky(lr.color(""), lr.sky, scale, lr.jitter)
         undivided = find_undivided(lr, hr, divided, f_hr, scale)
         whole = np.where(hr.sky, sky, image)
-        return put_undivided(whole, lr, hr, undivided, ~divided & ~lr.sky)
+        return put_undivided(whole, lr, hr, undivided, divided)
 
     return Rebuilt(
         frame_0=np.concatenate([shown, inverse[None], lr.normal]), hr=f, base=base, compose=compose

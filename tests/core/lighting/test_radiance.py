@@ -250,3 +250,45 @@ def test_the_share_is_that_of_the_pixels() -> None:
     gone[..., :24, :36] = 0.0
     seen = window("demod-guided", known, hr=gone, lr=gone)
     assert measure_undivided(seen) == pytest.approx(1 / 16)
+
+
+def with_lamp() -> tuple[dict[Buffer, Tensor], Tensor]:
+    """The disc is a lamp before the wall."""
+    known = scene()
+    lamp = known[Buffer.OBJECT_ID] == 1
+    known[Buffer.EMISSION] = torch.where(lamp, torch.tensor(4.0), torch.zeros(1, 3, *SIZE))
+    known[Buffer.COLOR] = torch.where(lamp, known[Buffer.EMISSION], known[Buffer.COLOR])
+    return known, lamp
+
+
+def test_a_lamp_whose_radiance_is_its_emission_is_no_fault() -> None:
+    known, lamp = with_lamp()
+    gone = zero(known[Buffer.MATERIAL], lamp)
+    assert measure_undivided(window("demod-guided", known, hr=gone, lr=gone)) == 0.0
+    # one that reflects light as well is
+    known[Buffer.COLOR] = known[Buffer.COLOR] + 2.0 * lamp
+    share = measure_undivided(window("demod-guided", known, hr=gone, lr=gone))
+    assert share == pytest.approx(float(lamp.float().mean()), rel=0.05)
+
+
+def test_what_is_dark_without_material_is_no_fault() -> None:
+    known = scene()
+    hole = known[Buffer.OBJECT_ID] == 1
+    known[Buffer.COLOR] = known[Buffer.COLOR].masked_fill(hole, 0.0)
+    gone = zero(known[Buffer.MATERIAL], hole)
+    assert measure_undivided(window("demod-guided", known, hr=gone, lr=gone)) == 0.0
+
+
+def test_a_lit_surface_beside_a_lamp_is_enlarged_with_its_light() -> None:
+    """Its material is lost at HR; samples of it were divided, and lamps beside were not."""
+    known, lamp = with_lamp()
+    gone = zero(known[Buffer.MATERIAL], lamp)
+    nothing = torch.zeros_like(gone)
+    seen = window("demod-guided", known, hr=nothing, lr=gone)
+    image = predict("demod-guided", seen)
+    beside = (max_pool2d(lamp.float(), 17, 1, 8) > 0.5) & ~lamp
+    other = beside.expand_as(image)
+    plain = bicubic(seen)
+    emitting = (seen.require_hr().gbuffer[Buffer.EMISSION] > 0.0).any(1, keepdim=True)
+    assert not bool((emitting & beside).any())
+    assert torch.allclose(image[other], plain[other], atol=1e-5)

@@ -200,3 +200,15 @@ def test_samples_that_are_known_begin_no_group() -> None:
     found = find_outshining(lr)
     assert found is not None
     assert find_outshining(lr, found) is None
+
+
+def test_a_thin_part_that_no_sample_hits_goes_with_what_outshines() -> None:
+    """Posts of a fence without base colour: slivers of some are seen far from any sample."""
+    lr, hr = (with_base_colour(frame, 0.0) for frame in make_pair(0.04, 0.5))
+    albedo, material = (hr.gbuffer[b].clone() for b in (Buffer.ALBEDO, Buffer.MATERIAL))
+    albedo[..., 4:20, 120], material[..., 4:20, 120] = 0.0, 0.04
+    changed = {Buffer.ALBEDO: albedo, Buffer.MATERIAL: material}
+    hr = replace(hr, gbuffer=hr.gbuffer.with_buffers(changed))
+    _, left = leave_outshining(lr, hr, SCALE)
+    assert bool((left.gbuffer[Buffer.MATERIAL][..., 4:20, 120] == 0.0).all())
+    assert bool((left.gbuffer[Buffer.MATERIAL][..., 4:20, 121] == BRIGHT).all())

@@ -1,0 +1,78 @@
+"""Material of a pair that does not explain its radiance, taken out for every reason in turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import reduce
+
+import torch
+
+from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
+from rtsr_cli.core.pairs.material_agreement import (
+    find_taken,
+    leave_colourless,
+    leave_contradicting,
+    name_darker,
+)
+from rtsr_cli.core.pairs.surface_factors import SCALED, leave_scaled
+from rtsr_cli.core.shapes import Mask
+
+
+@dataclass(frozen=True)
+class DoubtedPair:
+    """Both frames, without material that is doubted.
+
+    Attributes:
+        lr, hr: the frames.
+        doubted: why LR samples were left undivided though their material is above 0 -> which.
+    """
+
+    lr: Frame
+    hr: Frame
+    doubted: dict[str, Mask] = field(default_factory=dict)
+
+    def leave(self, lr: Frame, hr: Frame, found: dict[str, Mask]) -> DoubtedPair:
+        """The frames after a step, and what it found beside what is known."""
+        known = self.doubted
+        both = {name: known[name] | found[name] for name in known.keys() & found.keys()}
+        return DoubtedPair(lr, hr, known | found | both)
+
+    @property
+    def taken(self) -> Mask | None:
+        """Samples that are left undivided."""
+        return reduce(torch.logical_or, self.doubted.values()) if self.doubted else None
+
+
+def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> DoubtedPair:
+    """Take material out of both frames where it does not explain radiance.
+
+    Args:
+        lr: with sky, and material where it is there, lighting with its mask where it was divided.
+        hr: with sky, and material where it is there.
+        scale: S.
+        divided: whether LR radiance was.
+    """
+    pair = DoubtedPair(lr, hr)
+    if Buffer.MATERIAL not in hr.gbuffer:
+        return pair
+    if Buffer.MATERIAL in lr.gbuffer:
+        pair = _leave_disagreeing(pair, scale)
+    if not divided:
+        return pair
+    left, bare = leave_outshining(pair.lr, pair.hr, scale, pair.taken)
+    found = {} if left is pair.lr else {TOO_BRIGHT: find_taken(pair.lr, left)}
+    return pair.leave(left, bare, found)
+
+
+def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
+    """Leave what is one material at LR and another at HR."""
+    left, bare = leave_contradicting(pair.lr, pair.hr, scale)
+    if left is not pair.lr:
+        taken = find_taken(pair.lr, left)
+        pair = pair.leave(left, bare, {name_darker(pair.lr, pair.hr, scale, taken): taken})
+    left, bare = leave_scaled(pair.lr, pair.hr, scale)
+    if left is not pair.lr:
+        pair = pair.leave(left, bare, {SCALED: find_taken(pair.lr, left)})
+    return pair.leave(*leave_colourless(pair.lr, pair.hr, scale))
