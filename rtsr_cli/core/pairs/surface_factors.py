@@ -11,8 +11,11 @@ is fitted, with m_hr(q) of the HR pixel in which q lies. There is a factor where
 
 for both m that right samples have: m_hr, and the mean of the pixels of their block, which a filter
 leaves. The quotient is that of F tests, of one parameter: noise of textures, sampled elsewhere,
-is as good as never so. Where LR material is filtered samples of mixed blocks tell nothing: it is no
-mean of material, but material of means.
+is as good as never so. But lines finer than pixels may lie beside the samples all along a row: of
+samples whose material HR pixels of their surface have, in the 3 x 3 blocks around, nothing is said,
+nor of samples in lines, which edges are (`mask_groups`).
+Where LR material is filtered samples of mixed blocks tell nothing: it is no mean of material, but
+material of means.
 """
 
 from __future__ import annotations
@@ -24,12 +27,15 @@ from torch import Tensor
 
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.guided_kernel import REACH
+from rtsr_cli.core.imaging.mask_groups import keep_groups
 from rtsr_cli.core.pairs.material_agreement import (
+    TOLERANCE,
     HeldSamples,
     average_blocks,
     count_around,
     find_mixed,
     gather_around,
+    has_like,
     hold_samples,
     is_alike,
     is_filtered,
@@ -97,10 +103,11 @@ def find_scaled(lr: Frame, hr: Frame, scale: int) -> Mask | None:
         where = (way & held.told)[0, 0].nonzero()
         for some in torch.split(where, AT_ONCE):
             rho, sure = _fit(held, means, some)
+            sure[sure.clone()] = ~has_like(held, some[sure], TOLERANCE)
             rows, columns = some[sure].T
             found[0, 0, rows, columns] = True
             factors[0, 0, rows, columns] = rho[sure]
-    found &= count_around(found, REACH) >= LEAST
+    found = keep_groups(found & (count_around(found, REACH) >= LEAST))
     return _follow(held, found, factors) if bool(found.any()) else None
 
 
