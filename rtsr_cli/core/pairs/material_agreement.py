@@ -438,7 +438,7 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     passes = _hold_against_surroundings(held, (bright, dim), strays, picked)
     wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
     begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
-    begins[begins.clone()] = ~has_like(held, picked[begins], LIKE)
+    begins[begins.clone()] = _is_unlike_around(held, picked[begins])
     if not bool(begins.any()):
         return torch.zeros_like(strays)
     groups = strays & _spread(_mark(picked[begins], strays), REACH)
@@ -485,6 +485,18 @@ def _hold_against_surroundings(
         return reduce(torch.logical_or, map(passes_among, surfaces))[:, 0]
 
     return passes
+
+
+def _is_unlike_around(held: HeldSamples, picked: Tensor) -> Tensor:
+    """Which of the picked samples no HR pixels around are like.
+
+    Where most have such a pixel it is a texture, and single others missed theirs.
+    """
+    alone = ~has_like(held, picked, LIKE)
+    if 2 * int(alone.sum()) > len(picked):
+        return alone
+    near = count_around(_mark(picked[alone], held.told), LOST_REACH)
+    return alone & (near[0, 0][picked[:, 0], picked[:, 1]] >= STRONG.least)
 
 
 def has_like(held: HeldSamples, picked: Tensor, tolerance: float) -> Tensor:
