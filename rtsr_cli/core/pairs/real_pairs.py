@@ -97,10 +97,14 @@ class RealPairs:
     def resolve(self, inputs: PairInputs) -> PairReads:
         """Say what is read for a system; without HR frames nothing is read of them."""
         if inputs not in self._resolved:
-            lr = resolve_buffers(inputs.lr, inputs.lr_optional, self.lr, inputs)
+            unread: set[Buffer] = set()
+            if Buffer.EMISSION in inputs.hr_optional and self._emits_at_lr_alone:
+                # what is taken off radiance and not added again makes lamps black
+                unread.add(Buffer.EMISSION)
+            lr = resolve_buffers(inputs.lr, inputs.lr_optional, self.lr, inputs, unread)
             hr = Reads(stored=frozenset(), used=())
             if self.hr is not None:
-                hr = resolve_buffers(inputs.hr, inputs.hr_optional, self.hr, inputs)
+                hr = resolve_buffers(inputs.hr, inputs.hr_optional, self.hr, inputs, unread)
             self._resolved[inputs] = PairReads(lr=lr, hr=hr)
         return self._resolved[inputs]
 
@@ -183,8 +187,35 @@ class RealPairs:
         )
 
     @property
+    def _emits_at_lr_alone(self) -> bool:
+        """Tell whether LR's emission has parts that HR's lacks, and none the other way round."""
+        if self.hr is None or Buffer.EMISSION not in self.lr.readable:
+            return False
+        if Buffer.EMISSION not in self.hr.readable:
+            return True
+        at_lr, at_hr = (
+            {channel.channel for channel in reader.binding[Buffer.EMISSION]}
+            for reader in (self.lr, self.hr)
+        )
+        return at_hr < at_lr
+
+    @property
     def misfit_doubt(self) -> str:
-        """The share of samples that no HR pixel is like."""
+        """The share of samples that no HR pixel is like, and light that one size alone has."""
+        return "; ".join(text for text in (self._stray_doubt, self._emission_doubt) if text)
+
+    @property
+    def _emission_doubt(self) -> str:
+        if self.hr is None or not self._emits_at_lr_alone:
+            return ""
+        return (
+            f"LR frames hold emission that HR frames ({self.hr.frames.root}) lack: it is taken for "
+            "reflected light, and lamps are blurred; write the same emission passes into every HR "
+            "frame"
+        )
+
+    @property
+    def _stray_doubt(self) -> str:
         found = self._misfit
         if self.hr is None or found is None or found.looks:
             return ""

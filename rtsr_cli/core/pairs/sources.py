@@ -198,12 +198,20 @@ def resolve_buffers(
     optional: Collection[Buffer],
     reader: FrameReader,
     inputs: PairInputs,
+    unread: Collection[Buffer] = (),
 ) -> Reads:
-    """Say what is read of one resolution, and what is missing there."""
+    """Say what is read of one resolution, and what is missing there.
+
+    Args:
+        required, optional: as for `resolve_reads`.
+        reader: of the frames.
+        inputs: that are asked for.
+        unread: buffers that are left alone, though they are there.
+    """
     reads = resolve_reads(
         required,
-        optional,
-        reader.readable,
+        [buffer for buffer in optional if buffer not in unread],
+        reader.readable.difference(unread),
         has_camera=reader.has_camera,
         derivation=inputs.derivation,
     )
