@@ -13,7 +13,7 @@ for both m that right samples have: m_hr, and the mean of the pixels of their bl
 leaves. The quotient is that of F tests, of one parameter: noise of textures, sampled elsewhere,
 is as good as never so. But lines finer than pixels may lie beside the samples all along a row: of
 samples whose material HR pixels of their surface have, in the 3 x 3 blocks around, nothing is said,
-nor of samples in lines, which edges are (`mask_groups`).
+and on lines (`mask_groups`), which edges are, it takes more.
 Where LR material is filtered samples of mixed blocks tell nothing: it is no mean of material, but
 material of means.
 """
@@ -49,8 +49,12 @@ from rtsr_cli.core.shapes import Color, Mask, Plane
 FACTOR = 1.21
 """Least factor: twice what 8 bits, coarser textures and normals of half leave of material."""
 
-SURE = 100.0
-"""The quotient's bound: 10 standard errors of rho."""
+SURE, SURE_ON_LINES = 100.0, 1000.0
+"""The quotient's bounds: 10 and 32 standard errors of rho. Where strips that no pixel shows lie
+along an edge, samples on a line are hardly multiples of what lies beside: 150 of right ones."""
+
+SMALLEST = 1e-12
+"""Sums of squares that count as this: of 0 there is no quotient."""
 
 LEAST = 4
 """Samples of a surface that tell a factor."""
@@ -97,17 +101,20 @@ def find_scaled(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     means = average_blocks(hr, scale)
     if is_filtered(held, means):
         held = replace(held, told=held.told & ~find_mixed(hr, scale, FACTOR))
-    found = torch.zeros_like(held.told)
+    found, surely = torch.zeros_like(held.told), torch.zeros_like(held.told)
     factors = torch.ones_like(held.told, dtype=held.placed.dtype)
     for way in picked:
         where = (way & held.told)[0, 0].nonzero()
         for some in torch.split(where, AT_ONCE):
-            rho, sure = _fit(held, means, some)
+            rho, quotient = _fit(held, means, some)
+            sure = quotient > SURE
             sure[sure.clone()] = ~has_like(held, some[sure], TOLERANCE)
             rows, columns = some[sure].T
             found[0, 0, rows, columns] = True
+            surely[0, 0, rows, columns] = quotient[sure] > SURE_ON_LINES
             factors[0, 0, rows, columns] = rho[sure]
-    found = keep_groups(found & (count_around(found, REACH) >= LEAST))
+    found &= count_around(found, REACH) >= LEAST
+    found = keep_groups(found) | (found & surely)
     return _follow(held, found, factors) if bool(found.any()) else None
 
 
@@ -126,7 +133,7 @@ def _pick(way: Mask, other: Mask) -> Mask:
 
 
 def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tensor]:
-    """Factor of each picked sample's surface, and whether it is one for sure."""
+    """Factor of each picked sample's surface, and its quotient; 0 where it is none at all."""
     own, placed, mean = (
         gather_around(image, picked, REACH, 1) for image in (held.material, held.placed, means)
     )
@@ -148,7 +155,8 @@ def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tenso
     # sums tell what is so of all of them, not of the brightest
     bias = add_up(own) / add_up(placed)
     far = (torch.minimum(rho, bias) > FACTOR) | (torch.maximum(rho, bias) * FACTOR < 1.0)
-    return rho, far & (count >= LEAST) & (count * (least - left) > SURE * left)
+    quotient = count * (least - left) / left.clamp(min=SMALLEST)
+    return rho, quotient * (far & (count >= LEAST))
 
 
 def _follow(held: HeldSamples, found: Mask, factors: Plane) -> Mask:
