@@ -6,8 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import Result
+
+from rtsr_cli.core.files.exr import read_channels
 
 Run = Callable[..., Result]
 Copy = Callable[..., Path]
@@ -288,3 +291,39 @@ def test_a_pass_that_one_frame_lacks_is_declared_for_none(
     refused = rtsr("demodulate", folder, tmp_path / "out")
     assert "missing: material of frame 3" in refused.output
     assert rtsr("demodulate", folder, tmp_path / "o", "--on-missing", "skip").exit_code == 0
+
+
+def drop_emission(planes: dict[str, Any], number: int) -> None:
+    for channel in ("emission.R", "emission.G", "emission.B"):
+        del planes[channel]
+
+
+def shine(planes: dict[str, Any], number: int) -> None:
+    for channel in "RGB":
+        planes[f"emission.{channel}"] = 0.1 * planes[f"albedo.{channel}"]
+
+
+@pytest.mark.parametrize("bad", [(1, 2, 3, 4), (2,)])
+def test_emission_of_lr_alone_is_taken_off_nothing_and_said(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, bad: tuple[int, ...]
+) -> None:
+    def drop_some(planes: dict[str, Any], number: int) -> None:
+        if number in bad:
+            drop_emission(planes, number)
+
+    shots = {}
+    for name, lr in (("one", shine), ("both", drop_emission)):
+        shot = shots[name] = tmp_path / name
+        shot.mkdir()
+        changed(small_shot / "hr", drop_some).rename(shot / "hr")
+        changed(small_shot / "lr", lr).rename(shot / "lr")
+        (shot / "capture.toml").write_bytes((small_shot / "capture.toml").read_bytes())
+    made = {}
+    for name, shot in shots.items():
+        done = rtsr("upscale", shot, tmp_path / f"{name}_out", "--system", "demod-guided")
+        assert done.exit_code == 0, done.output
+        said = f"LR frames hold emission that HR frames ({shot / 'hr'}) lack"
+        assert (said in done.output) == (name == "one")
+        first = sorted((tmp_path / f"{name}_out").rglob("*.exr"))[0]
+        made[name] = read_channels(first, {"R", "G", "B"})
+    assert all(np.array_equal(made["one"][c], made["both"][c]) for c in "RGB")
