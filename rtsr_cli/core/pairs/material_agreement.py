@@ -438,7 +438,7 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     passes = _hold_against_surroundings(held, (bright, dim), strays, picked)
     wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
     begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
-    begins[begins.clone()] = _is_unlike_around(held, picked[begins])
+    begins[begins.clone()] = ~_has_like(held, picked[begins])
     if not bool(begins.any()):
         return torch.zeros_like(strays)
     groups = strays & _spread(_mark(picked[begins], strays), REACH)
@@ -487,29 +487,11 @@ def _hold_against_surroundings(
     return passes
 
 
-def _is_unlike_around(held: HeldSamples, picked: Tensor) -> Tensor:
-    """Which of the picked samples no HR pixels around are like.
-
-    Where most have such a pixel it is a texture, and single others missed theirs.
-    """
-    alone = ~has_like(held, picked, LIKE)
-    if 2 * int(alone.sum()) > len(picked):
-        return alone
-    near = count_around(_mark(picked[alone], held.told), LOST_REACH)
-    return alone & (near[0, 0][picked[:, 0], picked[:, 1]] >= STRONG.least)
-
-
-def has_like(held: HeldSamples, picked: Tensor, tolerance: float) -> Tensor:
-    """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material.
-
-    Args:
-        held: the samples.
-        picked: rows and columns of some, k 2.
-        tolerance: ratio of materials, in every channel, up to which they are one.
-    """
+def _has_like(held: HeldSamples, picked: Tensor) -> Tensor:
+    """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
     seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
-    like = is_near(own, seen, tolerance)
+    like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
     if held.guides is not None:
         parts = (held.hr.gbuffer[b] for b in (Buffer.NORMAL, Buffer.DEPTH))
         pixels = torch.cat([gather_around(part, picked, 1, held.scale) for part in parts], 1)

@@ -11,11 +11,8 @@ is fitted, with m_hr(q) of the HR pixel in which q lies. There is a factor where
 
 for both m that right samples have: m_hr, and the mean of the pixels of their block, which a filter
 leaves. The quotient is that of F tests, of one parameter: noise of textures, sampled elsewhere,
-is as good as never so. But lines finer than pixels may lie beside the samples all along a row: of
-samples whose material HR pixels of their surface have, in the 3 x 3 blocks around, nothing is said,
-and on lines (`mask_groups`), which edges are, it takes more.
-Where LR material is filtered samples of mixed blocks tell nothing: it is no mean of material, but
-material of means.
+is as good as never so. Where LR material is filtered samples of mixed blocks tell nothing: it is no
+mean of material, but material of means.
 """
 
 from __future__ import annotations
@@ -27,15 +24,12 @@ from torch import Tensor
 
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.guided_kernel import REACH
-from rtsr_cli.core.imaging.mask_groups import keep_groups
 from rtsr_cli.core.pairs.material_agreement import (
-    TOLERANCE,
     HeldSamples,
     average_blocks,
     count_around,
     find_mixed,
     gather_around,
-    has_like,
     hold_samples,
     is_alike,
     is_filtered,
@@ -49,15 +43,15 @@ from rtsr_cli.core.shapes import Color, Mask, Plane
 FACTOR = 1.21
 """Least factor: twice what 8 bits, coarser textures and normals of half leave of material."""
 
-SURE, SURE_ON_LINES = 100.0, 1000.0
-"""The quotient's bounds: 10 and 32 standard errors of rho. Where strips that no pixel shows lie
-along an edge, samples on a line are hardly multiples of what lies beside: 150 of right ones."""
-
-SMALLEST = 1e-12
-"""Sums of squares that count as this: of 0 there is no quotient."""
+SURE = 100.0
+"""The quotient's bound: 10 standard errors of rho."""
 
 LEAST = 4
 """Samples of a surface that tell a factor."""
+
+LEAST_OF_HEIGHT = 0.2
+"""Samples that count at least, as a share of the frame's height: strips that no pixel shows lie
+along edges of right things, too; right frames of `rtsr synth` had 0.04 of it at most."""
 
 APART = 0.02
 """Difference of depth between samples of one surface, as a share of it."""
@@ -101,21 +95,19 @@ def find_scaled(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     means = average_blocks(hr, scale)
     if is_filtered(held, means):
         held = replace(held, told=held.told & ~find_mixed(hr, scale, FACTOR))
-    found, surely = torch.zeros_like(held.told), torch.zeros_like(held.told)
+    found = torch.zeros_like(held.told)
     factors = torch.ones_like(held.told, dtype=held.placed.dtype)
     for way in picked:
         where = (way & held.told)[0, 0].nonzero()
         for some in torch.split(where, AT_ONCE):
-            rho, quotient = _fit(held, means, some)
-            sure = quotient > SURE
-            sure[sure.clone()] = ~has_like(held, some[sure], TOLERANCE)
+            rho, sure = _fit(held, means, some)
             rows, columns = some[sure].T
             found[0, 0, rows, columns] = True
-            surely[0, 0, rows, columns] = quotient[sure] > SURE_ON_LINES
             factors[0, 0, rows, columns] = rho[sure]
     found &= count_around(found, REACH) >= LEAST
-    found = keep_groups(found) | (found & surely)
-    return _follow(held, found, factors) if bool(found.any()) else None
+    if int(found.sum()) < LEAST_OF_HEIGHT * found.shape[-2]:
+        return None
+    return _follow(held, found, factors)
 
 
 def _list_ways(held: HeldSamples) -> list[Mask]:
@@ -133,7 +125,7 @@ def _pick(way: Mask, other: Mask) -> Mask:
 
 
 def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tensor]:
-    """Factor of each picked sample's surface, and its quotient; 0 where it is none at all."""
+    """Factor of each picked sample's surface, and whether it is one for sure."""
     own, placed, mean = (
         gather_around(image, picked, REACH, 1) for image in (held.material, held.placed, means)
     )
@@ -155,8 +147,7 @@ def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tenso
     # sums tell what is so of all of them, not of the brightest
     bias = add_up(own) / add_up(placed)
     far = (torch.minimum(rho, bias) > FACTOR) | (torch.maximum(rho, bias) * FACTOR < 1.0)
-    quotient = count * (least - left) / left.clamp(min=SMALLEST)
-    return rho, quotient * (far & (count >= LEAST))
+    return rho, far & (count >= LEAST) & (count * (least - left) > SURE * left)
 
 
 def _follow(held: HeldSamples, found: Mask, factors: Plane) -> Mask:

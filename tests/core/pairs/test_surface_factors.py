@@ -88,20 +88,18 @@ def test_what_two_roundings_leave_is_no_factor() -> None:
     )
 
 
-def test_a_strip_along_an_edge_that_no_pixel_shows_is_no_factor() -> None:
-    right = torch.tensor([0.32, 0.27, 0.24]).view(1, 3, 1, 1).expand(1, 3, *SIZE)
-    edge = torch.zeros((1, 1, *SIZE), dtype=torch.bool)
-    edge[..., 3 * SCALE : 4 * SCALE] = True
-    shaded = torch.linspace(0.15, 0.11, SIZE[0]).view(1, 1, -1, 1)
-    lr, hr = make_pair(torch.where(edge, shaded, right), right, edge)
-    assert find_scaled(lr, hr, SCALE) is None
-
-
-def test_samples_that_have_pixels_like_them_tell_no_factor() -> None:
-    right = torch.full((1, 3, *SIZE), 0.3)
-    stripes = torch.zeros((1, 1, *SIZE), dtype=torch.bool)
-    stripes[..., :: 3 * SCALE, :] = True
-    changed = torch.where(PART, 0.6, right)
-    assert find_scaled(*make_pair(changed, right, PART), SCALE) is not None
-    lr, hr = make_pair(changed, torch.where(stripes & PART, 0.6, right), PART)
-    assert find_scaled(lr, hr, SCALE) is None
+def test_a_few_samples_tell_no_factor() -> None:
+    """Strips along edges of right things that no pixel shows."""
+    tall = (4 * 30 * SCALE, 8 * SCALE)
+    right = torch.full((1, 3, *tall), 0.3)
+    found = []
+    for rows in (5, 40):
+        thing = torch.zeros((1, 1, *tall), dtype=torch.bool)
+        thing[..., : rows * SCALE, 3 * SCALE : 4 * SCALE] = True
+        depth = torch.full((1, 1, *tall), 5.0).masked_fill(thing, 3.0)
+        small = torch.where(thing, 0.15, right)
+        lr = seen_from_front(
+            frame(decimate(small, SCALE, (2, 2)), JITTER), decimate(depth, SCALE, (2, 2))
+        )
+        found.append(find_scaled(lr, seen_from_front(frame(right), depth), SCALE) is not None)
+    assert found == [False, True]
