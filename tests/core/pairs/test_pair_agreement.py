@@ -13,6 +13,7 @@ from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.imaging.color import encode_srgb
 from rtsr_cli.core.imaging.resampling import decimate
+from rtsr_cli.core.pairs import pair_agreement
 from rtsr_cli.core.pairs.pair_agreement import (
     FEW_STRAYS,
     MOST_STRAYS,
@@ -23,6 +24,7 @@ from rtsr_cli.core.pairs.pair_agreement import (
     flip,
     measure_factor,
     measure_strays,
+    measure_strays_of,
 )
 
 SIZE = (48, 96)
@@ -365,3 +367,22 @@ def test_frames_that_misfit_alike_are_named_among_those_looked_at() -> None:
     alone = judge({3: lr[3]}, {3: flip(hr[3], dims)})
     assert alone is not None
     assert alone.where == "frame 3"
+
+
+@pytest.mark.parametrize("buffer", [Buffer.DEPTH, Buffer.OBJECT_ID])
+def test_of_large_frames_some_samples_tell_as_much_as_all(
+    monkeypatch: pytest.MonkeyPatch, buffer: Buffer
+) -> None:
+    size, scale = (192, 256), 2
+    # whole numbers that grow, so that a sample fits the pixels of its own block alone
+    small = torch.arange(size[0] * size[1], dtype=torch.float32).view(1, 1, *size) + 1.0
+    large = small.repeat_interleave(scale, 2).repeat_interleave(scale, 3)
+    wrong = large.clone()
+    wrong[..., : size[0] * scale // 4, :] = 60000.0
+    lr = GBuffer({buffer: small}, "")
+    for seen, share in ((large, 0.0), (wrong, 0.25)):
+        found = []
+        for enough in (1 << 10, 1 << 30):
+            monkeypatch.setattr(pair_agreement, "ENOUGH_SAMPLES", enough)
+            found.append(measure_strays_of(buffer, small, seen, lr, scale))
+        assert found == pytest.approx([share, share], abs=0.02)
