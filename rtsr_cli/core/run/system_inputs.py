@@ -43,8 +43,8 @@ class SystemTable:
 
 
 WITHOUT_FRAMES = (
-    "frames that lack what the others hold are left out by --on-missing skip, and the frame before "
-    "stands in by hold"
+    "frames that lack what the others hold are left out by --on-missing skip; by --on-missing hold "
+    "the frame before is taken in their place"
 )
 """What helps where some frames lack a buffer."""
 
