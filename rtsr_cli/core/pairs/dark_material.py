@@ -120,7 +120,7 @@ def find_outshining(lr: Frame, known: Mask | None = None) -> Mask | None:
     most, lighting = OUTSHINES * lr.lighting_scale, gbuffer[Buffer.LIGHTING]
     divided = gbuffer[Buffer.LIGHTING_MASK] > 0.5
     surface = gbuffer[Buffer.SKY] < 0.5
-    lit = divided & (gbuffer[Buffer.MATERIAL] <= TINY) & (lighting > most)
+    lit = divided & _is_doubtful(lr) & (lighting > most)
     # lighting of what was not divided is its radiance
     unlit = ~divided & (lighting > most * MATERIAL_EPSILON)
     colourless = is_colourless(gbuffer)
@@ -144,10 +144,18 @@ def leave_glaring(lr: Frame) -> Frame:
     other samples.
     """
     gbuffer = lr.gbuffer
-    faint = (gbuffer[Buffer.MATERIAL] <= TINY) | is_colourless(gbuffer)
+    faint = _is_doubtful(lr) | is_colourless(gbuffer)
     glares = faint & (gbuffer[Buffer.LIGHTING] > GLARES * lr.lighting_scale)
     glares = glares.any(1, keepdim=True) & (gbuffer[Buffer.LIGHTING_MASK] > 0.5)
     return leave_undivided(lr, glares) if bool(glares.any()) else lr
+
+
+def _is_doubtful(lr: Frame) -> torch.Tensor:
+    """Tiny channels that have more light than what is solid of them has; of that they are lit."""
+    material, lighting = lr.gbuffer[Buffer.MATERIAL], lr.gbuffer[Buffer.LIGHTING]
+    tiny = material <= TINY
+    solid = lighting.masked_fill(tiny, 0.0).amax(1, keepdim=True)
+    return tiny & (lighting > COLOURED * solid)
 
 
 def _scale_beside(lr: Frame, colourless: Mask) -> float:
