@@ -113,7 +113,11 @@ class Strictness(NamedTuple):
     bias: float
 
 
-STRONG, WEAK = Strictness(4, 0.7, 2.5), Strictness(4, 0.5, 1.6)
+STRONG, WEAK, THIN = Strictness(4, 0.7, 2.5), Strictness(4, 0.5, 1.6), Strictness(2, 0.7, 2.5)
+
+LEAST_OF_THIN = 0.1
+"""Samples on thin things that must stray in a frame, as a share of its height, and `LEAST_TELLING`
+at least: of right frames one did."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +186,36 @@ def leave_contradicting(
     if contradicts is None:
         return lr, hr
     lost = mark_surfaces(lr, hr, held.placed, contradicts, scale)
+    lost |= _find_same(held, contradicts)
     return leave_undivided(lr, contradicts), leave_bare(lr, hr, lost, scale)
+
+
+def _find_same(held: HeldSamples, contradicts: Mask) -> Mask:
+    """True at HR pixels of the colour that contradicting samples have at HR, if it is one.
+
+    Parts of thin things have no sample of their own. Where samples around have it at both sizes it
+    is another thing's. Base colours are compared where they are there.
+    """
+    hr = held.hr.gbuffer
+    colour, placed = _find_colours(held)
+    least, most = _find_range(placed, contradicts & held.told)
+    if bool((most > least * LIKE).any()):
+        return torch.zeros_like(hr[Buffer.SKY], dtype=torch.bool)
+    agrees = held.told & is_near(colour, placed, LIKE) & ~contradicts
+    agrees &= _is_between(colour, least, most)
+    same = _is_between(hr[_name_colour(held)], least, most) & (hr[Buffer.SKY] < 0.5)
+    return same & ~upsample_nearest(_spread(agrees, LOST_REACH), held.scale)
+
+
+def _name_colour(held: HeldSamples) -> Buffer:
+    known = all(Buffer.ALBEDO in frame.gbuffer for frame in (held.lr, held.hr))
+    return Buffer.ALBEDO if known else Buffer.MATERIAL
+
+
+def _find_colours(held: HeldSamples) -> tuple[Color, Color]:
+    """Base colours of samples and of the pixels in which they lie; else their materials."""
+    name = _name_colour(held)
+    return held.lr.gbuffer[name], held.place(held.hr.gbuffer[name])
 
 
 def leave_bare(lr: Frame, hr: Frame, where: Mask, scale: int) -> Frame:
@@ -371,6 +404,7 @@ def find_contradicting(
         found = strays & (_share_around(strays) > LEAST_BIASED - 1e-6)
     else:
         found = _find_groups(held.of_own_surface, held.bare, brighter, darker)
+        found |= _find_thin(held, brighter, darker)
     return found if bool(found.any()) else None
 
 
@@ -468,6 +502,62 @@ def _find_groups(held: HeldSamples, bare: tuple[Mask, Mask], brighter: Mask, dar
     return found
 
 
+def _find_thin(held: HeldSamples, brighter: Mask, darker: Mask) -> Mask:
+    """True at samples on things that are as thin as they lie apart: wires, leaves.
+
+    Their normals turn from pixel to pixel: what is of them is found by depth alone. All samples at
+    that depth stray, and no HR pixel at that depth around is like them.
+    """
+    found = torch.zeros_like(brighter)
+    if any(Buffer.DEPTH not in frame.gbuffer for frame in (held.lr, held.hr)):
+        return found
+    sides = (held.material, held.placed, brighter), (held.placed, held.material, darker)
+    for one, other, strays in sides:
+        far = _sum_channels(one) > THIN.bias * _sum_channels(other)
+        picked = strays & far & (count_around(strays & far, REACH) >= THIN.least)
+        if int(picked.sum()) >= count_least(strays):
+            found |= _find_thin_of(_hold_at_depths(held), (one, other), strays, picked)
+    return found
+
+
+def _find_thin_of(
+    held: HeldSamples, materials: tuple[Color, Color], strays: Mask, picked: Mask
+) -> Mask:
+    strays = strays & held.told
+    where = (picked & held.told)[0, 0].nonzero()
+    where = where[_hold_against_surroundings(held, materials, strays, where)(THIN)]
+    where = where[~_has_like(held, where)] if len(where) else where
+    if len(where) < count_least(strays):
+        return torch.zeros_like(strays)
+    found = _mark(where, strays)
+    alike = reduce(torch.logical_and, (_is_within(m, found) for m in materials))
+    found |= strays & alike & _spread(found, LOST_REACH)
+    # at edges samples lie in pixels of what is behind
+    colour, placed = _find_colours(held)
+    like = _is_within(colour, found) & (held.lr.gbuffer[Buffer.SKY] < 0.5)
+    agrees = like & is_near(colour, placed, LIKE)
+    return found | (like & ~_spread(agrees, LOST_REACH))
+
+
+def _hold_at_depths(held: HeldSamples) -> HeldSamples:
+    """Tell surfaces apart by depth alone."""
+    lr, hr = held.lr.gbuffer, held.hr.gbuffer
+    unfaced = torch.zeros_like(lr[Buffer.DEPTH]).expand(-1, 3, -1, -1)
+    own, there = (
+        torch.cat([unfaced, z], 1) for z in (lr[Buffer.DEPTH], held.place(hr[Buffer.DEPTH]))
+    )
+    return replace(held, told=held.told & is_alike(own, there, APART_THERE), guides=own)
+
+
+def _sum_channels(image: Color) -> Plane:
+    return image.sum(1, keepdim=True)
+
+
+def count_least(samples: Mask) -> float:
+    """How many samples on thin things must stray in a frame."""
+    return max(LEAST_TELLING, LEAST_OF_THIN * samples.shape[-2])
+
+
 def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare: Mask) -> Mask:
     """Strays that hang together, of materials `bright` at one size and `dim` at the other."""
     picked = (strays & (count_around(strays, REACH) >= WEAK.least))[0, 0].nonzero()
@@ -490,9 +580,18 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
 
 def _is_within(material: Color, groups: Mask) -> Mask:
     """True where a material is within what most of the groups' are."""
+    return _is_between(material, *_find_range(material, groups))
+
+
+def _find_range(material: Color, groups: Mask) -> tuple[Tensor, Tensor]:
+    """Least and largest material of most of the groups, 1 3 1 1."""
     values = material[groups.expand_as(material)].view(3, -1).sort(1).values
     last = values.shape[1] - 1
     least, most = (values[:, int(part * last)].view(1, 3, 1, 1) for part in (1 - MOST, MOST))
+    return least, most
+
+
+def _is_between(material: Color, least: Tensor, most: Tensor) -> Mask:
     return ((material * TOLERANCE >= least) & (material <= most * TOLERANCE)).all(1, keepdim=True)
 
 
@@ -530,8 +629,11 @@ def _has_like(held: HeldSamples, picked: Tensor) -> Tensor:
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
     like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
     if held.guides is not None:
-        parts = (held.hr.gbuffer[b] for b in (Buffer.NORMAL, Buffer.DEPTH))
-        pixels = torch.cat([gather_around(part, picked, 1, held.scale) for part in parts], 1)
+        depth = gather_around(held.hr.gbuffer[Buffer.DEPTH], picked, 1, held.scale)
+        normal = torch.zeros_like(depth).expand(-1, 3, -1)
+        if Buffer.NORMAL in held.hr.gbuffer:
+            normal = gather_around(held.hr.gbuffer[Buffer.NORMAL], picked, 1, held.scale)
+        pixels = torch.cat([normal, depth], 1)
         surface = held.guides[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
         like &= is_alike(pixels, surface, APARTS[-1])
     return like.any(2)[:, 0]

@@ -25,7 +25,6 @@ from rtsr_cli.core.imaging.derivation import CAMERA, derive_material
 from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
 from rtsr_cli.core.pairs.material_agreement import GUIDES
-from rtsr_cli.core.pairs.saturated_material import divide_saturated
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.pair_agreement import (
     COMPARED,
@@ -34,6 +33,7 @@ from rtsr_cli.core.pairs.pair_agreement import (
     find_misfit,
     find_other_moment,
 )
+from rtsr_cli.core.pairs.saturated_material import divide_saturated
 from rtsr_cli.core.pairs.sources import (
     FITTING_HR,
     HR_FRAMES,
