@@ -506,14 +506,19 @@ def _find_thin(held: HeldSamples, brighter: Mask, darker: Mask) -> Mask:
     """True at samples on things that are as thin as they lie apart: wires, leaves.
 
     Their normals turn from pixel to pixel: what is of them is found by depth alone. All samples at
-    that depth stray, and no HR pixel at that depth around is like them.
+    that depth stray, and no HR pixel at that depth around is like them. Reflectance turns with the
+    normals, too, so that base colours must be known, and differ.
     """
     found = torch.zeros_like(brighter)
-    if any(Buffer.DEPTH not in frame.gbuffer for frame in (held.lr, held.hr)):
+    needed = {Buffer.ALBEDO, Buffer.DEPTH}
+    if any(needed - frame.gbuffer.keys() for frame in (held.lr, held.hr)):
         return found
-    sides = (held.material, held.placed, brighter), (held.placed, held.material, darker)
-    for one, other, strays in sides:
-        far = _sum_channels(one) > THIN.bias * _sum_channels(other)
+    colour, there = (image.sum(1, keepdim=True) for image in _find_colours(held))
+    sides = (
+        (held.material, held.placed, brighter, colour > THIN.bias * there),
+        (held.placed, held.material, darker, there > THIN.bias * colour),
+    )
+    for one, other, strays, far in sides:
         picked = strays & far & (count_around(strays & far, REACH) >= THIN.least)
         if int(picked.sum()) >= count_least(strays):
             found |= _find_thin_of(_hold_at_depths(held), (one, other), strays, picked)
@@ -547,10 +552,6 @@ def _hold_at_depths(held: HeldSamples) -> HeldSamples:
         torch.cat([unfaced, z], 1) for z in (lr[Buffer.DEPTH], held.place(hr[Buffer.DEPTH]))
     )
     return replace(held, told=held.told & is_alike(own, there, APART_THERE), guides=own)
-
-
-def _sum_channels(image: Color) -> Plane:
-    return image.sum(1, keepdim=True)
 
 
 def count_least(samples: Mask) -> float:
