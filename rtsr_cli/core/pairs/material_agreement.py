@@ -11,9 +11,11 @@ group only if, of the samples of its surface in the 5 x 5 around it,
     LEAST and a SHARE stray with it, and the sums of their materials are BIAS apart     (`STRONG`),
 
 if it is one of 2 x 2 that all stray, and if no HR pixel of its surface in the 3 x 3 blocks around
-is like it. Where the darker material is what a base colour of 0 leaves, and the other one is not,
-less will do (`WEAK`). Once there is a group, what strays beside pixels as dark as its own goes with
-it. Where samples are centres of HR pixels two that stray together suffice, unless most do.
+is like it, nor around most of the group. Where the darker material is what a base colour of 0
+leaves, and the other one is not, less will do (`WEAK`). Once there is a group, what strays beside
+pixels as dark as its own goes with it. Things as thin as samples lie apart hold no 2 x 2: lines of
+samples that are alone at their depth will do where base colours are known (`THIN`). Where samples
+are centres of HR pixels two that stray together suffice, unless most do.
 
 Such samples are left undivided, and HR pixels of their surface have no material either, so that
 radiance is enlarged there (`surface_reach`).
@@ -94,6 +96,9 @@ MOST = 0.95
 
 MOST_ALIKE = 0.9
 """Share of a group's pixels that are as dark as those which go with it at most."""
+
+AT_ONCE = 1 << 12
+"""Samples whose blocks are held in memory."""
 
 CENTRED_PX = 1e-3
 """Largest distance from a sample to the pixel centre that it is, in LR pixels."""
@@ -576,7 +581,10 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     groups |= alike & _spread(_mark(picked[passes(WEAK)], strays) & alike, REACH)
     # and single ones beside: what is seen of the surface between other things
     like = strays & _is_within(bright, groups) & _is_within(dim, groups)
-    return groups | (like & _spread(groups, LOST_REACH))
+    groups |= like & _spread(groups, LOST_REACH)
+    # of a texture that both sizes have most samples are like pixels around, though few are not
+    alone = ~_has_like(held, groups[0, 0].nonzero())
+    return groups if 2 * int(alone.sum()) > len(alone) else torch.zeros_like(groups)
 
 
 def _is_within(material: Color, groups: Mask) -> Mask:
@@ -626,6 +634,11 @@ def _hold_against_surroundings(
 
 def _has_like(held: HeldSamples, picked: Tensor) -> Tensor:
     """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
+    parts = [_has_like_of(held, some) for some in torch.split(picked, AT_ONCE)]
+    return torch.cat(parts)
+
+
+def _has_like_of(held: HeldSamples, picked: Tensor) -> Tensor:
     seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
     like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
