@@ -523,10 +523,11 @@ def _find_thin(held: HeldSamples, brighter: Mask, darker: Mask) -> Mask:
         (held.material, held.placed, brighter, colour > THIN.bias * there),
         (held.placed, held.material, darker, there > THIN.bias * colour),
     )
+    held = _hold_at_depths(held)
     for one, other, strays, far in sides:
-        picked = strays & far & (count_around(strays & far, REACH) >= THIN.least)
+        picked = strays & far & held.told
         if int(picked.sum()) >= count_least(strays):
-            found |= _find_thin_of(_hold_at_depths(held), (one, other), strays, picked)
+            found |= _find_thin_of(held, (one, other), strays, picked)
     return found
 
 
@@ -534,7 +535,7 @@ def _find_thin_of(
     held: HeldSamples, materials: tuple[Color, Color], strays: Mask, picked: Mask
 ) -> Mask:
     strays = strays & held.told
-    where = (picked & held.told)[0, 0].nonzero()
+    where = picked[0, 0].nonzero()
     where = where[_hold_against_surroundings(held, materials, strays, where)(THIN)]
     where = where[~_has_like(held, where)] if len(where) else where
     if len(where) < count_least(strays):
@@ -552,11 +553,10 @@ def _find_thin_of(
 def _hold_at_depths(held: HeldSamples) -> HeldSamples:
     """Tell surfaces apart by depth alone."""
     lr, hr = held.lr.gbuffer, held.hr.gbuffer
-    unfaced = torch.zeros_like(lr[Buffer.DEPTH]).expand(-1, 3, -1, -1)
-    own, there = (
-        torch.cat([unfaced, z], 1) for z in (lr[Buffer.DEPTH], held.place(hr[Buffer.DEPTH]))
-    )
-    return replace(held, told=held.told & is_alike(own, there, APART_THERE), guides=own)
+    own, there = lr[Buffer.DEPTH], held.place(hr[Buffer.DEPTH])
+    near = (own - there).abs() <= APART_THERE * torch.minimum(own, there)
+    unfaced = torch.zeros_like(own).expand(-1, 3, -1, -1)
+    return replace(held, told=held.told & near, guides=torch.cat([unfaced, own], 1))
 
 
 def count_least(samples: Mask) -> float:
