@@ -43,6 +43,9 @@ LIT_SHARE = 0.1
 LOST_REACH = 2 * REACH
 """LR pixels to each side in which a sample without lighting makes an HR pixel undivided."""
 
+BEFORE = 1.1
+"""Ratio of depths from which a thing is before another one."""
+
 HALO_PX = LOST_REACH + 4
 """LR pixels that undivided radiance depends on: those samples, their neighbours, HR material around
 them, jitter."""
@@ -222,6 +225,15 @@ def _find_lamps(window: FrameWindow, reflected: Color, emission: Color, hr_emiss
     )
     lamps = (own > 0.0) & (other <= LIT_SHARE * own)
     shining = (hr_emission > 0.0).any(1, keepdim=True)
-    return upsample_nearest(lamps, scale) & (
-        shining | ~upsample_nearest(_spread(divided & surface, REACH), scale)
-    )
+    apart = upsample_nearest(_spread(divided & surface, REACH), scale)
+    if Buffer.DEPTH in frame and Buffer.DEPTH in window.require_hr().gbuffer:
+        apart |= _is_before(window, (emission > 0.0).any(1, keepdim=True) & surface)
+    return upsample_nearest(lamps, scale) & (shining | ~apart)
+
+
+def _is_before(window: FrameWindow, lamps: Mask) -> Mask:
+    """True at HR pixels that are nearer than all samples of lamps around."""
+    depth = window.current.gbuffer[Buffer.DEPTH].masked_fill(~lamps, torch.inf)
+    nearest = -F.max_pool2d(-depth, 2 * REACH + 1, 1, REACH)
+    own = window.require_hr().gbuffer[Buffer.DEPTH]
+    return own * BEFORE < upsample_nearest(nearest, window.scale)

@@ -22,6 +22,8 @@ colour goes with a group of those that have none, however bright it is.
 
 from __future__ import annotations
 
+from itertools import product
+
 import torch
 import torch.nn.functional as F
 
@@ -31,7 +33,13 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.demodulation import lighting_scale
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.pairs.material_agreement import is_colourless, leave_bare, leave_undivided
+from rtsr_cli.core.pairs.material_agreement import (
+    count_least,
+    is_colourless,
+    leave_bare,
+    leave_undivided,
+)
+from rtsr_cli.core.pairs.surface_reach import APART
 from rtsr_cli.core.shapes import Mask
 
 TOO_BRIGHT = "radiance is far too bright for its material (base colour or metal missing?)"
@@ -84,28 +92,30 @@ def leave_outshining(
         The frames: those samples are undivided, and HR's material is 0 around them where it is
         dark; the very frames where there are none.
     """
-    outshines = find_outshining(lr, known)
+    bright = _find_bright(lr, known)
+    bare = is_colourless(lr.gbuffer) & (lr.gbuffer[Buffer.SKY] < 0.5)
+    outshines = _keep_shares(bright)
+    thin = int((bare & bright).sum()) >= count_least(bare)
     lr = leave_glaring(lr)
-    if outshines is None:
+    if outshines is None and not thin:
         return lr, hr
-    around = _spread(outshines, LOST_REACH)
-    material, bare = lr.gbuffer[Buffer.MATERIAL], hr.gbuffer[Buffer.MATERIAL]
-    doubted = around & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & _is_dark(material)
-    lost = upsample_nearest(around, scale) & _is_dark(bare)
-    group = _follow(outshines, lr)
-    further = group & (lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5) & ~doubted
-    doubted |= further
+    group = torch.zeros_like(bare) if outshines is None else _follow(outshines, lr)
+    asked = lr, bare, bare & (group | bright)
+    divided = lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5
     # at edges HR pixels of the thing lie beside samples that see what is behind it
-    bare_lr, bare_hr = is_colourless(lr.gbuffer), is_colourless(hr.gbuffer)
-    near = _spread(group, LOST_REACH)
-    bare_lr &= lr.gbuffer[Buffer.SKY] < 0.5
-    if 2 * int((bare_lr & group).sum()) > int(bare_lr.sum()):
-        # it is missing wherever there is none, where no sample was hit as well
-        near = torch.ones_like(near)
-    lost |= bare_hr & (hr.gbuffer[Buffer.SKY] < 0.5) & upsample_nearest(near, scale)
-    for samples, most in ((group, FAINT), (further, DARK)):
-        beside = upsample_nearest(_spread(samples, 1), scale)
-        lost |= beside & (bare.amin(1, keepdim=True) <= most)
+    bare_hr = is_colourless(hr.gbuffer) & (hr.gbuffer[Buffer.SKY] < 0.5)
+    lost = bare_hr & upsample_nearest(_spread(group, LOST_REACH), scale)
+    lost |= _find_missing(hr, bare_hr, *asked)
+    doubted = _find_missing(lr, bare, *asked) & divided
+    if outshines is not None:
+        around, material = _spread(outshines, LOST_REACH), hr.gbuffer[Buffer.MATERIAL]
+        dark = around & divided & _is_dark(lr.gbuffer[Buffer.MATERIAL])
+        further = group & divided & ~dark
+        doubted |= dark | further
+        lost |= upsample_nearest(around, scale) & _is_dark(material)
+        for samples, most in ((group, FAINT), (further, DARK)):
+            beside = upsample_nearest(_spread(samples, 1), scale)
+            lost |= beside & (material.amin(1, keepdim=True) <= most)
     return leave_undivided(lr, doubted), leave_bare(lr, hr, lost, scale)
 
 
@@ -116,25 +126,68 @@ def find_outshining(lr: Frame, known: Mask | None = None) -> Mask | None:
         lr: with sky, material, lighting and its mask.
         known: True at samples that are left undivided for another reason.
     """
+    return _keep_shares(_find_bright(lr, known))
+
+
+def _find_bright(lr: Frame, known: Mask | None) -> Mask:
+    """True at LR samples that outshine their material, single ones as well."""
     gbuffer = lr.gbuffer
     most, lighting = OUTSHINES * lr.lighting_scale, gbuffer[Buffer.LIGHTING]
     divided = gbuffer[Buffer.LIGHTING_MASK] > 0.5
     surface = gbuffer[Buffer.SKY] < 0.5
-    lit = divided & (gbuffer[Buffer.MATERIAL] <= TINY) & (lighting > most)
+    lit = divided & _is_doubtful(lr) & (lighting > most)
     # lighting of what was not divided is its radiance
     unlit = ~divided & (lighting > most * MATERIAL_EPSILON)
     colourless = is_colourless(gbuffer)
     if bool(colourless.any()):
         lit |= divided & colourless & (lighting > OUTSHINES * _scale_beside(lr, colourless))
     found = surface & (lit | unlit).any(1, keepdim=True)
-    if known is not None:
-        found &= ~known
+    return found if known is None else found & ~known
+
+
+def _keep_shares(found: Mask) -> Mask | None:
+    """Keep those that are `LEAST_GROUP` of the samples around; None where none are."""
     if not bool(found.any()):
         return None
     side = 2 * GROUP_REACH + 1
     share = F.avg_pool2d(found.float(), side, 1, GROUP_REACH, count_include_pad=False)
-    found &= share > LEAST_GROUP - 1e-6
+    found = found & (share > LEAST_GROUP - 1e-6)
     return found if bool(found.any()) else None
+
+
+def _find_missing(pixels: Frame, where: Mask, lr: Frame, bare: Mask, bright: Mask) -> Mask:
+    """True at pixels without base colour where it is missing, by most samples around without one.
+
+    Those at the pixel's depth are asked, as far as it is known; where there are none it is missing
+    if it is anywhere.
+
+    Args:
+        pixels: a frame of LR's size, or a multiple.
+        where: its pixels without a base colour.
+        lr: with depth where it is there.
+        bare: samples without a base colour.
+        bright: those of them that are too bright for that.
+    """
+    rows, columns = where[0, 0].nonzero().T
+    count, votes = (torch.zeros(len(rows), dtype=torch.int32) for _ in range(2))
+    height, width = bare.shape[-2:]
+    scale = where.shape[-1] // width
+    depths = [frame.gbuffer.buffers.get(Buffer.DEPTH) for frame in (pixels, lr)]
+    steps = range(-LOST_REACH, LOST_REACH + 1)
+    for down, across in product(steps, steps):
+        y, x = rows // scale + down, columns // scale + across
+        inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+        y, x = y.clamp(0, height - 1), x.clamp(0, width - 1)
+        asked = inside & bare[0, 0, y, x]
+        if depths[0] is not None and depths[1] is not None:
+            own, other = depths[0][0, 0, rows, columns], depths[1][0, 0, y, x]
+            asked &= (own - other).abs() <= APART * torch.minimum(own, other)
+        count += asked
+        votes += asked & bright[0, 0, y, x]
+    most = int(bright.sum()) > min(count_least(bare), 0.5 * int(bare.sum()))
+    missing = torch.zeros_like(where)
+    missing[0, 0, rows, columns] = (2 * votes > count) | ((count == 0) & most)
+    return missing
 
 
 def leave_glaring(lr: Frame) -> Frame:
@@ -144,10 +197,18 @@ def leave_glaring(lr: Frame) -> Frame:
     other samples.
     """
     gbuffer = lr.gbuffer
-    faint = (gbuffer[Buffer.MATERIAL] <= TINY) | is_colourless(gbuffer)
+    faint = _is_doubtful(lr) | is_colourless(gbuffer)
     glares = faint & (gbuffer[Buffer.LIGHTING] > GLARES * lr.lighting_scale)
     glares = glares.any(1, keepdim=True) & (gbuffer[Buffer.LIGHTING_MASK] > 0.5)
     return leave_undivided(lr, glares) if bool(glares.any()) else lr
+
+
+def _is_doubtful(lr: Frame) -> torch.Tensor:
+    """Tiny channels that have more light than what is solid of them has; of that they are lit."""
+    material, lighting = lr.gbuffer[Buffer.MATERIAL], lr.gbuffer[Buffer.LIGHTING]
+    tiny = material <= TINY
+    solid = lighting.masked_fill(tiny, 0.0).amax(1, keepdim=True)
+    return tiny & (lighting > COLOURED * solid)
 
 
 def _scale_beside(lr: Frame, colourless: Mask) -> float:

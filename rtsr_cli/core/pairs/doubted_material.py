@@ -12,6 +12,7 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
 from rtsr_cli.core.pairs.material_agreement import (
     find_taken,
+    hold_samples,
     leave_colourless,
     leave_contradicting,
     name_darker,
@@ -68,11 +69,14 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
 
 def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
     """Leave what is one material at LR and another at HR."""
-    left, bare = leave_contradicting(pair.lr, pair.hr, scale)
+    held = hold_samples(pair.lr, pair.hr, scale)
+    left, bare = leave_contradicting(pair.lr, pair.hr, scale, held)
     if left is not pair.lr:
         taken = find_taken(pair.lr, left)
         pair = pair.leave(left, bare, {name_darker(pair.lr, pair.hr, scale, taken): taken})
-    left, bare = leave_scaled(pair.lr, pair.hr, scale)
+        held = hold_samples(pair.lr, pair.hr, scale)
+    left, bare = leave_scaled(pair.lr, pair.hr, scale, held)
     if left is not pair.lr:
         pair = pair.leave(left, bare, {SCALED: find_taken(pair.lr, left)})
-    return pair.leave(*leave_colourless(pair.lr, pair.hr, scale))
+        held = hold_samples(pair.lr, pair.hr, scale)
+    return pair.leave(*leave_colourless(pair.lr, pair.hr, scale, held))

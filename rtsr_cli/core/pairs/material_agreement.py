@@ -11,9 +11,11 @@ group only if, of the samples of its surface in the 5 x 5 around it,
     LEAST and a SHARE stray with it, and the sums of their materials are BIAS apart     (`STRONG`),
 
 if it is one of 2 x 2 that all stray, and if no HR pixel of its surface in the 3 x 3 blocks around
-is like it. Where the darker material is what a base colour of 0 leaves, and the other one is not,
-less will do (`WEAK`). Once there is a group, what strays beside pixels as dark as its own goes with
-it. Where samples are centres of HR pixels two that stray together suffice, unless most do.
+is like it, nor around most of the group. Where the darker material is what a base colour of 0
+leaves, and the other one is not, less will do (`WEAK`). Once there is a group, what strays beside
+pixels as dark as its own goes with it. Things as thin as samples lie apart hold no 2 x 2: lines of
+samples that are alone at their depth will do where base colours are known (`THIN`). Where samples
+are centres of HR pixels two that stray together suffice, unless most do.
 
 Such samples are left undivided, and HR pixels of their surface have no material either, so that
 radiance is enlarged there (`surface_reach`).
@@ -24,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import product
 from typing import NamedTuple
 
@@ -95,6 +97,9 @@ MOST = 0.95
 MOST_ALIKE = 0.9
 """Share of a group's pixels that are as dark as those which go with it at most."""
 
+AT_ONCE = 1 << 12
+"""Samples whose blocks are held in memory."""
+
 CENTRED_PX = 1e-3
 """Largest distance from a sample to the pixel centre that it is, in LR pixels."""
 
@@ -113,7 +118,11 @@ class Strictness(NamedTuple):
     bias: float
 
 
-STRONG, WEAK = Strictness(4, 0.7, 2.5), Strictness(4, 0.5, 1.6)
+STRONG, WEAK, THIN = Strictness(4, 0.7, 2.5), Strictness(4, 0.5, 1.6), Strictness(2, 0.7, 2.5)
+
+LEAST_OF_THIN = 0.1
+"""Samples on thin things that must stray in a frame, as a share of its height, and `LEAST_TELLING`
+at least: of right frames one did."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,12 +149,30 @@ class HeldSamples:
         """The samples'."""
         return self.lr.gbuffer[Buffer.MATERIAL]
 
+    @cached_property
+    def means(self) -> Color:
+        """Of HR material over the samples' blocks."""
+        return average_blocks(self.hr, self.scale)
+
+    @cached_property
+    def of_own_surface(self) -> HeldSamples:
+        """The same, less what `keep_own_surface` leaves out."""
+        return keep_own_surface(self)
+
+    @cached_property
+    def bare(self) -> tuple[Mask, Mask]:
+        """Where LR's and HR's surfaces have no base colour."""
+        lr, hr = (is_colourless(frame.gbuffer) for frame in (self.lr, self.hr))
+        return lr, hr
+
     def place(self, image: Image) -> Image:
         """Pixels of an HR image in which the samples lie."""
         return _place(image, self.lr, self.scale)
 
 
-def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+def leave_contradicting(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> tuple[Frame, Frame]:
     """Take material out of both frames where LR samples contradict HR's, and lighting with it.
 
     Args:
@@ -153,17 +180,47 @@ def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]
             they are there.
         hr: with sky and material; `GUIDES` where they are there.
         scale: S.
+        held: what `hold_samples` finds of these frames, if that is known.
 
     Returns:
         The frames: LR's material is 0 and its lighting undivided at those samples, HR's material
         is 0 around them.
     """
-    contradicts = find_contradicting(lr, hr, scale)
+    held = held or hold_samples(lr, hr, scale)
+    contradicts = find_contradicting(lr, hr, scale, held)
     if contradicts is None:
         return lr, hr
-    placed = hold_samples(lr, hr, scale).placed
-    lost = mark_surfaces(lr, hr, placed, contradicts, scale)
+    lost = mark_surfaces(lr, hr, held.placed, contradicts, scale)
+    lost |= _find_same(held, contradicts)
     return leave_undivided(lr, contradicts), leave_bare(lr, hr, lost, scale)
+
+
+def _find_same(held: HeldSamples, contradicts: Mask) -> Mask:
+    """True at HR pixels of the colour that contradicting samples have at HR, if it is one.
+
+    Parts of thin things have no sample of their own. Where samples around have it at both sizes it
+    is another thing's. Base colours are compared where they are there.
+    """
+    hr = held.hr.gbuffer
+    colour, placed = _find_colours(held)
+    least, most = _find_range(placed, contradicts & held.told)
+    if bool((most > least * LIKE).any()):
+        return torch.zeros_like(hr[Buffer.SKY], dtype=torch.bool)
+    agrees = held.told & is_near(colour, placed, LIKE) & ~contradicts
+    agrees &= _is_between(colour, least, most)
+    same = _is_between(hr[_name_colour(held)], least, most) & (hr[Buffer.SKY] < 0.5)
+    return same & ~upsample_nearest(_spread(agrees, LOST_REACH), held.scale)
+
+
+def _name_colour(held: HeldSamples) -> Buffer:
+    known = all(Buffer.ALBEDO in frame.gbuffer for frame in (held.lr, held.hr))
+    return Buffer.ALBEDO if known else Buffer.MATERIAL
+
+
+def _find_colours(held: HeldSamples) -> tuple[Color, Color]:
+    """Base colours of samples and of the pixels in which they lie; else their materials."""
+    name = _name_colour(held)
+    return held.lr.gbuffer[name], held.place(held.hr.gbuffer[name])
 
 
 def leave_bare(lr: Frame, hr: Frame, where: Mask, scale: int) -> Frame:
@@ -206,13 +263,19 @@ def is_colourless(gbuffer: GBuffer) -> Mask:
     """
     if Buffer.ALBEDO not in gbuffer:
         return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
-    bare = (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+    albedo = gbuffer[Buffer.ALBEDO]
+    # one fast pass tells frames in which nothing is black
+    if float(albedo.amin()) > BLACK:
+        return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
+    bare = albedo.amax(1, keepdim=True) <= BLACK
     if Buffer.SPECULAR not in gbuffer:
         return bare
-    return bare & (gbuffer[Buffer.SPECULAR] <= MOST_DIELECTRIC).all(1, keepdim=True)
+    return bare & (gbuffer[Buffer.SPECULAR].amax(1, keepdim=True) <= MOST_DIELECTRIC)
 
 
-def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, dict[str, Mask]]:
+def leave_colourless(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> tuple[Frame, Frame, dict[str, Mask]]:
     """Take material out where a base colour of 0 is stored at one size alone, however small it is.
 
     HR pixels without base colour beside which no sample is without, though some would be, are
@@ -223,6 +286,7 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
         lr: with sky and material, and lighting with its mask where it was divided.
         hr: with sky and material.
         scale: S.
+        held: what `hold_samples` finds of these frames, if that is known.
 
     Returns:
         The frames, and where that was so, as LR masks by what is said of it, single ones by
@@ -230,12 +294,16 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
     """
     if Buffer.ALBEDO not in lr.gbuffer or Buffer.ALBEDO not in hr.gbuffer:
         return lr, hr, {}
+    held = held or hold_samples(lr, hr, scale)
+    if not any(bool(bare.any()) for bare in held.bare):
+        return lr, hr, {}
     bare_lr, bare_hr = (
-        is_colourless(frame.gbuffer) & (frame.gbuffer[Buffer.SKY] < 0.5) for frame in (lr, hr)
+        bare & (frame.gbuffer[Buffer.SKY] < 0.5)
+        for bare, frame in zip(held.bare, (lr, hr), strict=True)
     )
     if not bool(bare_hr.any()) and not bool(bare_lr.any()):
         return lr, hr, {}
-    hidden = _find_hidden(lr, hr, bare_lr, bare_hr, scale)
+    hidden = _find_hidden(held, bare_lr, bare_hr)
     in_block = F.max_pool2d(bare_hr.float(), scale) > 0.5
     alone = bare_lr & ~_spread(in_block, 1)
     material = hr.gbuffer[Buffer.MATERIAL]
@@ -254,23 +322,23 @@ def _name_group(cause: str, mask: Mask) -> str:
     return cause if bool(keep_groups(mask).any()) else UNSAID
 
 
-def _find_hidden(lr: Frame, hr: Frame, bare_lr: Mask, bare_hr: Mask, scale: int) -> Mask:
+def _find_hidden(held: HeldSamples, bare_lr: Mask, bare_hr: Mask) -> Mask:
     """True at HR pixels without base colour of which samples would be, if it were so.
 
     Not every sample in such a pixel is: lines are finer. What tells is a sample with colour all
     around which pixels have none, or that too few of all the frame's samples have none for chance.
     """
-    coloured = (lr.gbuffer[Buffer.SKY] < 0.5) & ~bare_lr
-    unseen = bare_hr & ~upsample_nearest(_spread(bare_lr, REACH), scale)
-    inside = _place(bare_hr, lr, scale) & coloured
+    scale = held.scale
+    coloured = (held.lr.gbuffer[Buffer.SKY] < 0.5) & ~bare_lr
+    inside = held.place(bare_hr) & coloured
     if not bool(inside.any()):
         return torch.zeros_like(bare_hr)
+    unseen = bare_hr & ~upsample_nearest(_spread(bare_lr, REACH), scale)
     whole = F.max_pool2d(-F.pad(bare_hr.float(), (1,) * 4), 3, 1) < -0.5
-    held = hold_samples(lr, hr, scale)
-    sure = _place(whole, lr, scale) & coloured & keep_own_surface(replace(held, told=inside)).told
+    sure = held.place(whole) & coloured & keep_own_surface(replace(held, told=inside)).told
     if _is_by_chance(float(bare_hr.sum()) / scale**2, int(bare_lr.sum()), int(inside.sum())):
         unseen &= upsample_nearest(_spread(sure, LOST_REACH), scale)
-    return _keep_whole_surfaces(hr.gbuffer, bare_hr, unseen)
+    return _keep_whole_surfaces(held.hr.gbuffer, bare_hr, unseen)
 
 
 def _is_by_chance(expected: float, seen: int, inside: int) -> bool:
@@ -319,9 +387,11 @@ def name_darker(lr: Frame, hr: Frame, scale: int, contradicts: Mask) -> str:
     return DARKER_AT_LR if at_lr < at_hr else DARKER_AT_HR
 
 
-def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
+def find_contradicting(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> Mask | None:
     """True at LR samples whose material is not that of the surface at HR; None where all agree."""
-    held = hold_samples(lr, hr, scale)
+    held = held or hold_samples(lr, hr, scale)
     centred = _lies_on_centres(lr, scale)
     tolerance = TOLERANCE if centred else FAR
     brighter = held.told & _exceeds(held.material, held.placed, tolerance)
@@ -329,9 +399,8 @@ def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     # the pixels at their places tell all of most frames
     if not bool((brighter | darker).any()):
         return None
-    means = average_blocks(hr, scale)
-    if is_filtered(held, means):
-        explained = is_near(held.material, means, tolerance)
+    if is_filtered(held, held.means):
+        explained = is_near(held.material, held.means, tolerance)
         brighter, darker = brighter & ~explained, darker & ~explained
     strays = brighter | darker
     if centred and _are_few(strays, held.told):
@@ -339,7 +408,8 @@ def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     elif _is_biased(held):
         found = strays & (_share_around(strays) > LEAST_BIASED - 1e-6)
     else:
-        found = _find_groups(keep_own_surface(held), brighter, darker)
+        found = _find_groups(held.of_own_surface, held.bare, brighter, darker)
+        found |= _find_thin(held, brighter, darker)
     return found if bool(found.any()) else None
 
 
@@ -357,8 +427,14 @@ def hold_samples(lr: Frame, hr: Frame, scale: int) -> HeldSamples:
 
 def average_blocks(hr: Frame, scale: int) -> Color:
     """What a filter of a pixel's width leaves of HR material: sky has none."""
-    material = hr.gbuffer[Buffer.MATERIAL] * (hr.gbuffer[Buffer.SKY] < 0.5)
-    return F.avg_pool2d(material, scale)
+    material, surface = hr.gbuffer[Buffer.MATERIAL], hr.gbuffer[Buffer.SKY] < 0.5
+    rows = (~surface.flatten(0, 2).all(1)).nonzero()[:, 0] // scale
+    if not len(rows):
+        return F.avg_pool2d(material, scale)
+    first, last = int(rows[0]) * scale, (int(rows[-1]) + 1) * scale
+    parts = [material[:, :, :first], material[:, :, first:last], material[:, :, last:]]
+    parts[1] = parts[1] * surface[:, :, first:last]
+    return torch.cat([F.avg_pool2d(part, scale) for part in parts if part.shape[2]], 2)
 
 
 def find_mixed(hr: Frame, scale: int, tolerance: float) -> Mask:
@@ -418,18 +494,74 @@ def is_alike(one: Tensor, other: Tensor, apart: float) -> Mask:
     return ((facing > FACING) | unfaced) & near
 
 
-def _find_groups(held: HeldSamples, brighter: Mask, darker: Mask) -> Mask:
+def _find_groups(held: HeldSamples, bare: tuple[Mask, Mask], brighter: Mask, darker: Mask) -> Mask:
     """True at samples that stray in groups, whichever size's material is the darker one."""
-    bare_lr, bare_hr = is_colourless(held.lr.gbuffer), is_colourless(held.hr.gbuffer)
-    bare_there = held.place(bare_hr)
+    bare_lr, bare_there = bare[0], held.place(bare[1])
     sides = (
         (held.material, held.placed, brighter, bare_there & ~bare_lr),
         (held.placed, held.material, darker, bare_lr & ~bare_there),
     )
     found = torch.zeros_like(brighter)
-    for one, other, strays, bare in sides:
-        found |= _find_group(held, one, other, strays & held.told, bare)
+    for one, other, strays, gone in sides:
+        found |= _find_group(held, one, other, strays & held.told, gone)
     return found
+
+
+def _find_thin(held: HeldSamples, brighter: Mask, darker: Mask) -> Mask:
+    """True at samples on things that are as thin as they lie apart: wires, leaves.
+
+    Their normals turn from pixel to pixel: what is of them is found by depth alone. All samples at
+    that depth stray, and no HR pixel at that depth around is like them. Reflectance turns with the
+    normals, too, so that base colours must be known, and differ.
+    """
+    found = torch.zeros_like(brighter)
+    needed = {Buffer.ALBEDO, Buffer.DEPTH}
+    if any(needed - frame.gbuffer.keys() for frame in (held.lr, held.hr)):
+        return found
+    colour, there = (image.sum(1, keepdim=True) for image in _find_colours(held))
+    sides = (
+        (held.material, held.placed, brighter, colour > THIN.bias * there),
+        (held.placed, held.material, darker, there > THIN.bias * colour),
+    )
+    held = _hold_at_depths(held)
+    for one, other, strays, far in sides:
+        picked = strays & far & held.told
+        if int(picked.sum()) >= count_least(strays):
+            found |= _find_thin_of(held, (one, other), strays, picked)
+    return found
+
+
+def _find_thin_of(
+    held: HeldSamples, materials: tuple[Color, Color], strays: Mask, picked: Mask
+) -> Mask:
+    strays = strays & held.told
+    where = picked[0, 0].nonzero()
+    where = where[_hold_against_surroundings(held, materials, strays, where)(THIN)]
+    where = where[~_has_like(held, where)] if len(where) else where
+    if len(where) < count_least(strays):
+        return torch.zeros_like(strays)
+    found = _mark(where, strays)
+    alike = reduce(torch.logical_and, (_is_within(m, found) for m in materials))
+    found |= strays & alike & _spread(found, LOST_REACH)
+    # at edges samples lie in pixels of what is behind
+    colour, placed = _find_colours(held)
+    like = _is_within(colour, found) & (held.lr.gbuffer[Buffer.SKY] < 0.5)
+    agrees = like & is_near(colour, placed, LIKE)
+    return found | (like & ~_spread(agrees, LOST_REACH))
+
+
+def _hold_at_depths(held: HeldSamples) -> HeldSamples:
+    """Tell surfaces apart by depth alone."""
+    lr, hr = held.lr.gbuffer, held.hr.gbuffer
+    own, there = lr[Buffer.DEPTH], held.place(hr[Buffer.DEPTH])
+    near = (own - there).abs() <= APART_THERE * torch.minimum(own, there)
+    unfaced = torch.zeros_like(own).expand(-1, 3, -1, -1)
+    return replace(held, told=held.told & near, guides=torch.cat([unfaced, own], 1))
+
+
+def count_least(samples: Mask) -> float:
+    """How many samples on thin things must stray in a frame."""
+    return max(LEAST_TELLING, LEAST_OF_THIN * samples.shape[-2])
 
 
 def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare: Mask) -> Mask:
@@ -438,7 +570,8 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     passes = _hold_against_surroundings(held, (bright, dim), strays, picked)
     wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
     begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
-    begins[begins.clone()] = ~_has_like(held, picked[begins])
+    if bool(begins.any()):
+        begins[begins.clone()] = ~_has_like(held, picked[begins])
     if not bool(begins.any()):
         return torch.zeros_like(strays)
     groups = strays & _spread(_mark(picked[begins], strays), REACH)
@@ -448,14 +581,26 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     groups |= alike & _spread(_mark(picked[passes(WEAK)], strays) & alike, REACH)
     # and single ones beside: what is seen of the surface between other things
     like = strays & _is_within(bright, groups) & _is_within(dim, groups)
-    return groups | (like & _spread(groups, LOST_REACH))
+    groups |= like & _spread(groups, LOST_REACH)
+    # of a texture that both sizes have most samples are like pixels around, though few are not
+    alone = ~_has_like(held, groups[0, 0].nonzero())
+    return groups if 2 * int(alone.sum()) > len(alone) else torch.zeros_like(groups)
 
 
 def _is_within(material: Color, groups: Mask) -> Mask:
     """True where a material is within what most of the groups' are."""
+    return _is_between(material, *_find_range(material, groups))
+
+
+def _find_range(material: Color, groups: Mask) -> tuple[Tensor, Tensor]:
+    """Least and largest material of most of the groups, 1 3 1 1."""
     values = material[groups.expand_as(material)].view(3, -1).sort(1).values
     last = values.shape[1] - 1
     least, most = (values[:, int(part * last)].view(1, 3, 1, 1) for part in (1 - MOST, MOST))
+    return least, most
+
+
+def _is_between(material: Color, least: Tensor, most: Tensor) -> Mask:
     return ((material * TOLERANCE >= least) & (material <= most * TOLERANCE)).all(1, keepdim=True)
 
 
@@ -489,12 +634,20 @@ def _hold_against_surroundings(
 
 def _has_like(held: HeldSamples, picked: Tensor) -> Tensor:
     """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
+    parts = [_has_like_of(held, some) for some in torch.split(picked, AT_ONCE)]
+    return torch.cat(parts)
+
+
+def _has_like_of(held: HeldSamples, picked: Tensor) -> Tensor:
     seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
     like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
     if held.guides is not None:
-        parts = (held.hr.gbuffer[b] for b in (Buffer.NORMAL, Buffer.DEPTH))
-        pixels = torch.cat([gather_around(part, picked, 1, held.scale) for part in parts], 1)
+        depth = gather_around(held.hr.gbuffer[Buffer.DEPTH], picked, 1, held.scale)
+        normal = torch.zeros_like(depth).expand(-1, 3, -1)
+        if Buffer.NORMAL in held.hr.gbuffer:
+            normal = gather_around(held.hr.gbuffer[Buffer.NORMAL], picked, 1, held.scale)
+        pixels = torch.cat([normal, depth], 1)
         surface = held.guides[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
         like &= is_alike(pixels, surface, APARTS[-1])
     return like.any(2)[:, 0]

@@ -21,7 +21,7 @@ from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer, GBuffer
 from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_needs import say_frames
-from rtsr_cli.core.imaging.derivation import CAMERA
+from rtsr_cli.core.imaging.derivation import CAMERA, derive_material
 from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
 from rtsr_cli.core.pairs.material_agreement import GUIDES
@@ -33,6 +33,7 @@ from rtsr_cli.core.pairs.pair_agreement import (
     find_misfit,
     find_other_moment,
 )
+from rtsr_cli.core.pairs.saturated_material import divide_saturated
 from rtsr_cli.core.pairs.sources import (
     FITTING_HR,
     HR_FRAMES,
@@ -297,6 +298,10 @@ class RealPairs:
         hr = build_hr(hr, _keep_guides(reads.hr), inputs.derivation)
         if own_moment:
             self._check_moment(number, lr.gbuffer, hr.gbuffer)
+        if divides:
+            lr, hr = divide_saturated(
+                lr, hr, lambda: derive_material(checked.frame, inputs.derivation), self.scale
+            )
         left = leave_doubted(lr, hr, self.scale, divided=divides)
         lr, hr = (
             replace(frame, gbuffer=frame.gbuffer.only(frame.gbuffer.keys() - unwanted))

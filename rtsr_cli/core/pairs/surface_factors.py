@@ -26,14 +26,12 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.guided_kernel import REACH
 from rtsr_cli.core.pairs.material_agreement import (
     HeldSamples,
-    average_blocks,
     count_around,
     find_mixed,
     gather_around,
     hold_samples,
     is_alike,
     is_filtered,
-    keep_own_surface,
     leave_bare,
     leave_undivided,
 )
@@ -63,7 +61,9 @@ SCALED = "material differs by a factor between LR and HR (base colour changed at
 """What is said of those samples."""
 
 
-def leave_scaled(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+def leave_scaled(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> tuple[Frame, Frame]:
     """Take material out of both frames where it differs by a factor, and lighting with it.
 
     Args:
@@ -71,28 +71,27 @@ def leave_scaled(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
             where they are there.
         hr: with sky and material; normal and depth where they are there.
         scale: S.
+        held: what `hold_samples` finds of these frames, if that is known.
 
     Returns:
         The frames; the very ones where there is no factor.
     """
-    scaled = find_scaled(lr, hr, scale)
+    held = held or hold_samples(lr, hr, scale)
+    scaled = find_scaled(lr, hr, scale, held)
     if scaled is None:
         return lr, hr
-    placed = hold_samples(lr, hr, scale).placed
-    lost = mark_surfaces(lr, hr, placed, scaled, scale)
+    lost = mark_surfaces(lr, hr, held.placed, scaled, scale)
     return leave_undivided(lr, scaled), leave_bare(lr, hr, lost, scale)
 
 
-def find_scaled(lr: Frame, hr: Frame, scale: int) -> Mask | None:
+def find_scaled(lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None) -> Mask | None:
     """True at LR samples whose surface has a multiple of HR's material; None where none has."""
-    held = hold_samples(lr, hr, scale)
-    ways = _list_ways(held)
-    picked = [_pick(way, other) for way, other in (ways, ways[::-1])]
+    held = held or hold_samples(lr, hr, scale)
+    picked = _pick_groups(_list_ways(held))
     # the pixels at their places tell all of most frames
     if not any(bool(way.any()) for way in picked):
         return None
-    held = keep_own_surface(held)
-    means = average_blocks(hr, scale)
+    means, held = held.means, held.of_own_surface
     if is_filtered(held, means):
         held = replace(held, told=held.told & ~find_mixed(hr, scale, FACTOR))
     found = torch.zeros_like(held.told)
@@ -116,12 +115,13 @@ def _list_ways(held: HeldSamples) -> list[Mask]:
     return [held.told & (one > FACTOR * other), held.told & (other > FACTOR * one)]
 
 
-def _pick(way: Mask, other: Mask) -> Mask:
-    """Those of one way in groups, among which they are most."""
-    if not bool(way.any()):
-        return way
-    count = count_around(way, REACH)
-    return way & (count >= LEAST) & (count > count_around(other, REACH))
+def _pick_groups(ways: list[Mask]) -> list[Mask]:
+    """Those of each way in groups, among which they are most."""
+    counts = [count_around(way, REACH) for way in ways]
+    return [
+        way & (count >= LEAST) & (count > other)
+        for way, count, other in zip(ways, counts, reversed(counts), strict=True)
+    ]
 
 
 def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tensor]:

@@ -292,3 +292,19 @@ def test_a_lit_surface_beside_a_lamp_is_enlarged_with_its_light() -> None:
     emitting = (seen.require_hr().gbuffer[Buffer.EMISSION] > 0.0).any(1, keepdim=True)
     assert not bool((emitting & beside).any())
     assert torch.allclose(image[other], plain[other], atol=1e-5)
+
+
+def test_what_hangs_before_a_lamp_is_no_dark_part_of_it() -> None:
+    """A wire without material, between the samples: what is enlarged there is not emission."""
+    known, lamp = with_lamp()
+    seen = dict(known)
+    wire = torch.zeros_like(lamp)
+    wire[..., 30:58, 71:73] = True
+    seen[Buffer.EMISSION] = known[Buffer.EMISSION].masked_fill(wire, 0.0)
+    gone = zero(known[Buffer.MATERIAL], lamp)
+    for depth, wanted in ((1.0, 4.0), (2.0, 0.0)):
+        seen[Buffer.DEPTH] = known[Buffer.DEPTH].masked_fill(wire, depth)
+        made = window("demod-guided", seen, hr=gone, lr=gone)
+        image = predict("demod-guided", made)
+        found = image[wire.expand_as(image)]
+        torch.testing.assert_close(found, torch.full_like(found, wanted), atol=1e-3, rtol=0.0)

@@ -212,3 +212,49 @@ def test_a_thin_part_that_no_sample_hits_goes_with_what_outshines() -> None:
     _, left = leave_outshining(lr, hr, SCALE)
     assert bool((left.gbuffer[Buffer.MATERIAL][..., 4:20, 120] == 0.0).all())
     assert bool((left.gbuffer[Buffer.MATERIAL][..., 4:20, 121] == BRIGHT).all())
+
+
+def test_a_base_colour_missing_on_thin_things_is_voted_for_by_samples_of_them() -> None:
+    """Bars that few samples hit, one that none does, and a black thing that is right."""
+    bars = torch.zeros(1, 1, *SIZE, dtype=torch.bool)
+    for top in range(0, SIZE[0], 2 * SCALE):
+        bars[..., top : top + SCALE, 41:44] = True
+        bars[..., top + SCALE : top + 2 * SCALE, 43:44] = True
+    bars[..., 83:84] = True
+    black = torch.zeros_like(bars)
+    black[..., 20:60, 60:76] = True
+    albedo = torch.full((1, 3, *SIZE), BRIGHT).masked_fill(bars | black, 0.0)
+    color = torch.full((1, 3, *SIZE), 0.5).masked_fill(black, 0.02)
+    depth = torch.full((1, 1, *SIZE), 9.0).masked_fill(bars, 5.0)
+    sky = torch.zeros(1, 1, *SIZE)
+    images = (color, albedo + 0.03, sky, albedo, depth)
+    small = [decimate(image, SCALE, (2, 2)) for image in images]
+    parts = demodulate(small[0], small[1], sky=small[2])
+    lr = GBuffer(
+        {
+            Buffer.SKY: small[2],
+            Buffer.MATERIAL: parts.material,
+            Buffer.LIGHTING: parts.lighting,
+            Buffer.LIGHTING_MASK: parts.mask,
+            Buffer.ALBEDO: small[3],
+            Buffer.DEPTH: small[4],
+        },
+        "made by a test",
+    )
+    hr = GBuffer(
+        dict(
+            zip((Buffer.MATERIAL, Buffer.SKY, Buffer.ALBEDO, Buffer.DEPTH), images[1:], strict=True)
+        ),
+        "made by a test",
+    )
+    frames = [
+        Frame(number=1, gbuffer=g, camera=CameraMetadata(), view=View(display=g.size))
+        for g in (lr, hr)
+    ]
+    frames[0] = replace(frames[0], lighting_scale=lighting_scale(parts.lighting, parts.mask))
+    left, bare = leave_outshining(frames[0], frames[1], SCALE)
+    lost = (bare.gbuffer[Buffer.MATERIAL] == 0.0).all(1, keepdim=True)
+    assert bool(lost[bars].all())
+    assert not bool(lost[black].any())
+    undivided = left.gbuffer[Buffer.LIGHTING_MASK] < 0.5
+    assert torch.equal(undivided, decimate(bars, SCALE, (2, 2)))

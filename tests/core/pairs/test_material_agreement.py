@@ -15,12 +15,15 @@ from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
+from rtsr_cli.core.pairs import doubted_material, material_agreement, surface_factors
 from rtsr_cli.core.pairs.material_agreement import (
     DARKER_AT_HR,
     DARKER_AT_LR,
     UNSAID,
+    HeldSamples,
     find_contradicting,
     find_taken,
+    hold_samples,
     is_colourless,
     leave_colourless,
     leave_contradicting,
@@ -342,3 +345,77 @@ def test_means_of_thin_leaves_agree() -> None:
     right = torch.full((1, 3, *SIZE), 0.05).masked_fill(leaves, 0.9)
     mean = F.avg_pool2d(right, SCALE)
     assert find_contradicting(frame(mean), frame(right), SCALE) is None
+
+
+def wire(left: float, at_lr: bool) -> tuple[Frame, Frame]:
+    """A round wire of an LR pixel's width, whose normals turn from pixel to pixel."""
+    strip = region(0, SIZE[0], 40, 44)
+    right = torch.full((1, 3, *SIZE), 0.5).masked_fill(strip, 0.8)
+    wrong = right.masked_fill(strip, left)
+    depth = torch.full((1, 1, *SIZE), 10.0).masked_fill(strip, 5.0)
+    frames = []
+    for size, albedo in (("lr", wrong if at_lr else right), ("hr", right if at_lr else wrong)):
+        turned = torch.tensor([0.8 if size == "lr" else -0.8, 0.0, 0.6]).view(1, 3, 1, 1)
+        normal = torch.where(strip, turned, torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1))
+        images = [albedo + 0.005, albedo, normal, depth]
+        if size == "lr":
+            images = [decimate(image, SCALE, (2, 2)) for image in images]
+        material, *guides = images
+        names = ("albedo", "normal", "depth")
+        jitter = (0.05, -0.1) if size == "lr" else (0.0, 0.0)
+        frames.append(frame(material, jitter, **dict(zip(names, guides, strict=True))))
+    return frames[0], frames[1]
+
+
+@pytest.mark.parametrize("at_lr", [False, True])
+def test_a_wire_whose_base_colour_is_lost_at_one_size_contradicts(at_lr: bool) -> None:
+    """It is found by its depth, and all of its HR pixels go with it."""
+    strip = region(0, SIZE[0], 40, 44)
+    assert find_contradicting(*wire(0.8, at_lr), SCALE) is None
+    lr, hr = wire(0.02, at_lr)
+    found = find_contradicting(lr, hr, SCALE)
+    assert found is not None
+    assert torch.equal(found, decimate(strip, SCALE, (2, 2)))
+    _, bare = leave_contradicting(lr, hr, SCALE)
+    assert torch.equal((bare.gbuffer[Buffer.MATERIAL] == 0.0).all(1, keepdim=True), strip)
+
+
+def test_parts_without_samples_go_with_things_of_their_colour() -> None:
+    """A second wire, between the samples; the same colour where both sizes have it is right."""
+    lr, hr = wire(0.02, at_lr=False)
+    beside, known = region(0, SIZE[0], 83, 84), region(40, 60, 100, 124)
+    for name, value in ((Buffer.ALBEDO, 0.02), (Buffer.MATERIAL, 0.025)):
+        changed = hr.gbuffer[name].masked_fill(beside | known, value)
+        hr = replace(hr, gbuffer=hr.gbuffer.with_buffers({name: changed}))
+        small = lr.gbuffer[name].masked_fill(decimate(known, SCALE, (2, 2)), value)
+        lr = replace(lr, gbuffer=lr.gbuffer.with_buffers({name: small}))
+    _, left = leave_contradicting(lr, hr, SCALE)
+    bare = (left.gbuffer[Buffer.MATERIAL] == 0.0).all(1, keepdim=True)
+    assert bool(bare[beside].all())
+    assert not bool(bare[known].any())
+
+
+def test_a_texture_that_both_sizes_have_is_no_group_for_a_few_samples() -> None:
+    """Four samples are darker than all pixels around; those beside are as dark as some."""
+    large = torch.full((1, 3, *SIZE), 0.6)
+    large[..., ::SCALE, ::SCALE] = 0.2
+    small = torch.full((1, 3, SIZE[0] // SCALE, SIZE[1] // SCALE), 0.6)
+    small[..., 6:18, 8:20] = 0.14
+    small[..., 11:13, 13:15] = 0.13
+    # most of the frame tells, as it does of right frames
+    assert find_contradicting(frame(small, (0.05, -0.1)), frame(large), SCALE) is None
+
+
+def test_samples_are_held_against_hr_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every rule of right frames looks at the same samples."""
+    calls = []
+
+    def hold(lr: Frame, hr: Frame, scale: int) -> HeldSamples:
+        calls.append(scale)
+        return hold_samples(lr, hr, scale)
+
+    for module in (doubted_material, material_agreement, surface_factors):
+        monkeypatch.setattr(module, "hold_samples", hold)
+    lr, hr = wire(0.8, at_lr=False)
+    assert doubted_material.leave_doubted(lr, hr, SCALE, divided=False).doubted == {}
+    assert calls == [SCALE]
