@@ -36,6 +36,7 @@ from rtsr_cli.core.pairs.material_agreement import (
     count_around,
     find_mixed,
     gather_around,
+    has_like,
     hold_samples,
     is_alike,
     is_filtered,
@@ -59,6 +60,7 @@ LEAST_OF_HEIGHT = 0.2
 """Samples that count at least, as a share of the frame's height: strips that no pixel shows lie
 along edges of right things, too; right frames of `rtsr synth` had 0.04 of it at most."""
 
+LIKE = 1.5
 LEVEL = 1.0 / 255.0
 LOGF = math.log(FACTOR)
 APART = 0.02
@@ -142,14 +144,17 @@ def find_scaled(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     if is_filtered(held, means):
         held = replace(held, told=held.told & ~find_mixed(hr, scale, FACTOR))
     found = torch.zeros_like(held.told)
+    alone = torch.zeros_like(held.told)
     factors = torch.ones_like(held.placed)
     where = (picked & held.told)[0, 0].nonzero()
     for some in torch.split(where, AT_ONCE):
-        rho, sure = _fit(held, means, some)
+        rho, sure, lone = _fit(held, means, some)
         rows, columns = some[sure].T
         found[0, 0, rows, columns] = True
         factors[0, :, rows, columns] = rho[sure].T
-    found &= count_around(found, REACH) >= LEAST
+        rows, columns = some[lone].T
+        alone[0, 0, rows, columns] = True
+    found &= alone | (count_around(found, REACH) >= LEAST)
     if int(found.sum()) < LEAST_OF_HEIGHT * found.shape[-2]:
         return None
     return _follow(held, found, factors)
@@ -180,7 +185,7 @@ def _pick_groups(held: HeldSamples) -> Mask:
     return picked.any(1, keepdim=True)
 
 
-def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tensor]:
+def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Factor of each picked sample's surface in every channel, and whether there is one for sure."""
     own, placed, mean = (
         gather_around(image, picked, REACH, 1) for image in (held.material, held.placed, means)
@@ -190,6 +195,29 @@ def _fit(held: HeldSamples, means: Color, picked: Tensor) -> tuple[Tensor, Tenso
         around = gather_around(held.guides, picked, REACH, 1)
         middle = around.shape[2] // 2
         surface &= is_alike(around, around[:, :, middle : middle + 1], APART)
+    factor, sure = _fit_surface(own, placed, mean, surface)
+    alone = sure & ~_seems_like(own, placed, surface)
+    alone[alone.clone()] = ~has_like(held, picked[alone])
+    return factor, sure, alone
+
+
+def _seems_like(own: Tensor, placed: Tensor, surface: Tensor) -> Tensor:
+    """Whether a sample around is of the material that the middle one's pixel has at HR."""
+    middle = own.shape[2] // 2
+    here = placed[:, :, middle : middle + 1]
+    like = surface & ((own <= LIKE * here) & (here <= LIKE * own)).all(1, keepdim=True)
+    return like.any(2)[:, 0]
+
+
+def _list_alike(own: Tensor, placed: Tensor) -> Iterator[Tensor]:
+    """Of what samples around may be: what is of one material at HR, or at LR."""
+    middle = own.shape[2] // 2
+    for image in (placed, own):
+        here = image[:, :, middle : middle + 1]
+        yield ((image <= LIKE * here) & (here <= LIKE * image)).all(1, keepdim=True)
+
+
+def _fit_surface(own: Tensor, placed: Tensor, mean: Tensor, surface: Tensor) -> tuple[Tensor, Tensor]:
     weight = surface.to(own)
     count = weight.sum(2)
 
