@@ -9,6 +9,7 @@ import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.pairs.alike_material import hold_all, leave_alike
 from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
 from rtsr_cli.core.pairs.material_agreement import (
     find_taken,
@@ -68,6 +69,7 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
 
 def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
     """Leave what is one material at LR and another at HR."""
+    first = pair
     left, bare = leave_contradicting(pair.lr, pair.hr, scale)
     if left is not pair.lr:
         taken = find_taken(pair.lr, left)
@@ -75,4 +77,9 @@ def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
     left, bare = leave_scaled(pair.lr, pair.hr, scale)
     if left is not pair.lr:
         pair = pair.leave(left, bare, {SCALED: find_taken(pair.lr, left)})
+    if pair.taken is not None:
+        held = hold_all(first.lr, first.hr, scale)
+        left, bare, taken = leave_alike(held, pair.lr, pair.hr, pair.taken, scale)
+        cause = max(pair.doubted, key=lambda name: int(pair.doubted[name].sum()))
+        pair = pair.leave(left, bare, {cause: taken})
     return pair.leave(*leave_colourless(pair.lr, pair.hr, scale))

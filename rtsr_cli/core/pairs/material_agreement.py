@@ -438,7 +438,7 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     passes = _hold_against_surroundings(held, (bright, dim), strays, picked)
     wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
     begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
-    begins[begins.clone()] = ~has_like(held, picked[begins])
+    begins[begins.clone()] = ~has_like(held, picked[begins], LIKE)
     if not bool(begins.any()):
         return torch.zeros_like(strays)
     groups = strays & _spread(_mark(picked[begins], strays), REACH)
@@ -487,11 +487,11 @@ def _hold_against_surroundings(
     return passes
 
 
-def has_like(held: HeldSamples, picked: Tensor) -> Tensor:
+def has_like(held: HeldSamples, picked: Tensor, ratio: float | Tensor) -> Tensor:
     """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
     seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
-    like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
+    like = ((own <= seen * ratio) & (seen <= own * ratio)).all(1, keepdim=True)
     if held.guides is not None:
         parts = (held.hr.gbuffer[b] for b in (Buffer.NORMAL, Buffer.DEPTH))
         pixels = torch.cat([gather_around(part, picked, 1, held.scale) for part in parts], 1)
