@@ -10,6 +10,7 @@ there, and like them.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import torch
@@ -21,8 +22,6 @@ from rtsr_cli.core.pairs.material_agreement import (
     REACH,
     TOLERANCE,
     HeldSamples,
-    average_blocks,
-    hold_samples,
     is_filtered,
     is_near,
     leave_bare,
@@ -52,7 +51,7 @@ def leave_alike(
     Returns:
         The frames, and True at all samples that are left undivided.
     """
-    if is_filtered(held, average_blocks(held.hr, scale)):
+    if is_filtered(held, held.means):
         return left, bare, found
     differs = find_differing(held.material, held.placed, TOLERANCE)
     like = _find_samples(held, found, differs)
@@ -64,22 +63,16 @@ def leave_alike(
     return left, bare, found | like
 
 
-def hold_all(lr: Frame, hr: Frame, scale: int) -> HeldSamples:
+def hold_all(held: HeldSamples) -> HeldSamples:
     """Hold samples against pixels up from `LEVEL`, those with a channel below it as well."""
-    held = hold_samples(lr, hr, scale)
-    small, sky = lr.gbuffer, held.place(hr.gbuffer[Buffer.SKY])
+    lr = held.lr.gbuffer
     own, placed = (image.clamp(min=LEVEL) for image in (held.material, held.placed))
-    told = (small[Buffer.SKY] < 0.5) & (sky < 0.5)
-    told &= (own > LEVEL).any(1, keepdim=True) & (placed > LEVEL).any(1, keepdim=True)
-    if Buffer.LIGHTING_MASK in small:
-        told &= small[Buffer.LIGHTING_MASK] > 0.5
-    clamped = Frame(
-        number=lr.number,
-        gbuffer=small.with_buffers({Buffer.MATERIAL: own}),
-        camera=lr.camera,
-        view=lr.view,
-    )
-    return HeldSamples(lr=clamped, hr=hr, scale=scale, placed=placed, told=told, guides=None)
+    told = (lr[Buffer.SKY] < 0.5) & (held.place(held.hr.gbuffer[Buffer.SKY]) < 0.5)
+    told &= (own.amax(1, keepdim=True) > LEVEL) & (placed.amax(1, keepdim=True) > LEVEL)
+    if Buffer.LIGHTING_MASK in lr:
+        told &= lr[Buffer.LIGHTING_MASK] > 0.5
+    clamped = replace(held.lr, gbuffer=lr.with_buffers({Buffer.MATERIAL: own}))
+    return replace(held, lr=clamped, placed=placed, told=told)
 
 
 def find_differing(one: Color, other: Color, ratio: float) -> Mask:
@@ -90,7 +83,7 @@ def find_differing(one: Color, other: Color, ratio: float) -> Mask:
 def _find_samples(held: HeldSamples, found: Mask, differs: Mask) -> Mask:
     """Samples of found ones' material that are not as HR is at their places, or in their blocks."""
     lr, own, placed = held.lr.gbuffer, held.material, held.placed
-    strays = differs & find_differing(own, average_blocks(held.hr, held.scale), TOLERANCE)
+    strays = differs & find_differing(own, held.means, TOLERANCE)
     strays |= held.place(held.hr.gbuffer[Buffer.SKY]) > 0.5
     strays &= (lr[Buffer.SKY] < 0.5) & ~found
     near = strays & _spread(found, LOST_REACH)

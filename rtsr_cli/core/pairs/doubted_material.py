@@ -13,6 +13,7 @@ from rtsr_cli.core.pairs.alike_material import hold_all, leave_alike
 from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
 from rtsr_cli.core.pairs.material_agreement import (
     find_taken,
+    hold_samples,
     leave_colourless,
     leave_contradicting,
     name_darker,
@@ -69,17 +70,18 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
 
 def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
     """Leave what is one material at LR and another at HR."""
-    first = pair
-    left, bare = leave_contradicting(pair.lr, pair.hr, scale)
+    first = held = hold_samples(pair.lr, pair.hr, scale)
+    left, bare = leave_contradicting(pair.lr, pair.hr, scale, held)
     if left is not pair.lr:
         taken = find_taken(pair.lr, left)
         pair = pair.leave(left, bare, {name_darker(pair.lr, pair.hr, scale, taken): taken})
-    left, bare = leave_scaled(pair.lr, pair.hr, scale)
+        held = hold_samples(pair.lr, pair.hr, scale)
+    left, bare = leave_scaled(pair.lr, pair.hr, scale, held)
     if left is not pair.lr:
         pair = pair.leave(left, bare, {SCALED: find_taken(pair.lr, left)})
     if pair.taken is not None:
-        held = hold_all(first.lr, first.hr, scale)
-        left, bare, taken = leave_alike(held, pair.lr, pair.hr, pair.taken, scale)
+        left, bare, taken = leave_alike(hold_all(first), pair.lr, pair.hr, pair.taken, scale)
         cause = max(pair.doubted, key=lambda name: int(pair.doubted[name].sum()))
         pair = pair.leave(left, bare, {cause: taken})
-    return pair.leave(*leave_colourless(pair.lr, pair.hr, scale))
+        held = hold_samples(pair.lr, pair.hr, scale)
+    return pair.leave(*leave_colourless(pair.lr, pair.hr, scale, held))

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import product
 from typing import NamedTuple
 
@@ -140,12 +140,30 @@ class HeldSamples:
         """The samples'."""
         return self.lr.gbuffer[Buffer.MATERIAL]
 
+    @cached_property
+    def means(self) -> Color:
+        """Of HR material over the samples' blocks."""
+        return average_blocks(self.hr, self.scale)
+
+    @cached_property
+    def of_own_surface(self) -> HeldSamples:
+        """The same, less what `keep_own_surface` leaves out."""
+        return keep_own_surface(self)
+
+    @cached_property
+    def bare(self) -> tuple[Mask, Mask]:
+        """Where LR's and HR's surfaces have no base colour."""
+        lr, hr = (is_colourless(frame.gbuffer) for frame in (self.lr, self.hr))
+        return lr, hr
+
     def place(self, image: Image) -> Image:
         """Pixels of an HR image in which the samples lie."""
         return _place(image, self.lr, self.scale)
 
 
-def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+def leave_contradicting(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> tuple[Frame, Frame]:
     """Take material out of both frames where LR samples contradict HR's, and lighting with it.
 
     Args:
@@ -153,16 +171,17 @@ def leave_contradicting(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]
             they are there.
         hr: with sky and material; `GUIDES` where they are there.
         scale: S.
+        held: what `hold_samples` finds of these frames, if that is known.
 
     Returns:
         The frames: LR's material is 0 and its lighting undivided at those samples, HR's material
         is 0 around them.
     """
-    contradicts = find_contradicting(lr, hr, scale)
+    held = held or hold_samples(lr, hr, scale)
+    contradicts = find_contradicting(lr, hr, scale, held)
     if contradicts is None:
         return lr, hr
-    placed = hold_samples(lr, hr, scale).placed
-    lost = mark_surfaces(lr, hr, placed, contradicts, scale)
+    lost = mark_surfaces(lr, hr, held.placed, contradicts, scale)
     return leave_undivided(lr, contradicts), leave_bare(lr, hr, lost, scale)
 
 
@@ -206,13 +225,19 @@ def is_colourless(gbuffer: GBuffer) -> Mask:
     """
     if Buffer.ALBEDO not in gbuffer:
         return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
-    bare = (gbuffer[Buffer.ALBEDO] <= BLACK).all(1, keepdim=True)
+    albedo = gbuffer[Buffer.ALBEDO]
+    # one fast pass tells frames in which nothing is black
+    if float(albedo.amin()) > BLACK:
+        return torch.zeros_like(gbuffer[Buffer.SKY], dtype=torch.bool)
+    bare = albedo.amax(1, keepdim=True) <= BLACK
     if Buffer.SPECULAR not in gbuffer:
         return bare
-    return bare & (gbuffer[Buffer.SPECULAR] <= MOST_DIELECTRIC).all(1, keepdim=True)
+    return bare & (gbuffer[Buffer.SPECULAR].amax(1, keepdim=True) <= MOST_DIELECTRIC)
 
 
-def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, dict[str, Mask]]:
+def leave_colourless(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> tuple[Frame, Frame, dict[str, Mask]]:
     """Take material out where a base colour of 0 is stored at one size alone, however small it is.
 
     HR pixels without base colour beside which no sample is without, though some would be, are
@@ -223,6 +248,7 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
         lr: with sky and material, and lighting with its mask where it was divided.
         hr: with sky and material.
         scale: S.
+        held: what `hold_samples` finds of these frames, if that is known.
 
     Returns:
         The frames, and where that was so, as LR masks by what is said of it, single ones by
@@ -230,12 +256,16 @@ def leave_colourless(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame, di
     """
     if Buffer.ALBEDO not in lr.gbuffer or Buffer.ALBEDO not in hr.gbuffer:
         return lr, hr, {}
+    held = held or hold_samples(lr, hr, scale)
+    if not any(bool(bare.any()) for bare in held.bare):
+        return lr, hr, {}
     bare_lr, bare_hr = (
-        is_colourless(frame.gbuffer) & (frame.gbuffer[Buffer.SKY] < 0.5) for frame in (lr, hr)
+        bare & (frame.gbuffer[Buffer.SKY] < 0.5)
+        for bare, frame in zip(held.bare, (lr, hr), strict=True)
     )
     if not bool(bare_hr.any()) and not bool(bare_lr.any()):
         return lr, hr, {}
-    hidden = _find_hidden(lr, hr, bare_lr, bare_hr, scale)
+    hidden = _find_hidden(held, bare_lr, bare_hr)
     in_block = F.max_pool2d(bare_hr.float(), scale) > 0.5
     alone = bare_lr & ~_spread(in_block, 1)
     material = hr.gbuffer[Buffer.MATERIAL]
@@ -254,23 +284,23 @@ def _name_group(cause: str, mask: Mask) -> str:
     return cause if bool(keep_groups(mask).any()) else UNSAID
 
 
-def _find_hidden(lr: Frame, hr: Frame, bare_lr: Mask, bare_hr: Mask, scale: int) -> Mask:
+def _find_hidden(held: HeldSamples, bare_lr: Mask, bare_hr: Mask) -> Mask:
     """True at HR pixels without base colour of which samples would be, if it were so.
 
     Not every sample in such a pixel is: lines are finer. What tells is a sample with colour all
     around which pixels have none, or that too few of all the frame's samples have none for chance.
     """
-    coloured = (lr.gbuffer[Buffer.SKY] < 0.5) & ~bare_lr
-    unseen = bare_hr & ~upsample_nearest(_spread(bare_lr, REACH), scale)
-    inside = _place(bare_hr, lr, scale) & coloured
+    scale = held.scale
+    coloured = (held.lr.gbuffer[Buffer.SKY] < 0.5) & ~bare_lr
+    inside = held.place(bare_hr) & coloured
     if not bool(inside.any()):
         return torch.zeros_like(bare_hr)
+    unseen = bare_hr & ~upsample_nearest(_spread(bare_lr, REACH), scale)
     whole = F.max_pool2d(-F.pad(bare_hr.float(), (1,) * 4), 3, 1) < -0.5
-    held = hold_samples(lr, hr, scale)
-    sure = _place(whole, lr, scale) & coloured & keep_own_surface(replace(held, told=inside)).told
+    sure = held.place(whole) & coloured & keep_own_surface(replace(held, told=inside)).told
     if _is_by_chance(float(bare_hr.sum()) / scale**2, int(bare_lr.sum()), int(inside.sum())):
         unseen &= upsample_nearest(_spread(sure, LOST_REACH), scale)
-    return _keep_whole_surfaces(hr.gbuffer, bare_hr, unseen)
+    return _keep_whole_surfaces(held.hr.gbuffer, bare_hr, unseen)
 
 
 def _is_by_chance(expected: float, seen: int, inside: int) -> bool:
@@ -319,9 +349,11 @@ def name_darker(lr: Frame, hr: Frame, scale: int, contradicts: Mask) -> str:
     return DARKER_AT_LR if at_lr < at_hr else DARKER_AT_HR
 
 
-def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
+def find_contradicting(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> Mask | None:
     """True at LR samples whose material is not that of the surface at HR; None where all agree."""
-    held = hold_samples(lr, hr, scale)
+    held = held or hold_samples(lr, hr, scale)
     centred = _lies_on_centres(lr, scale)
     tolerance = TOLERANCE if centred else FAR
     brighter = held.told & _exceeds(held.material, held.placed, tolerance)
@@ -329,9 +361,8 @@ def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     # the pixels at their places tell all of most frames
     if not bool((brighter | darker).any()):
         return None
-    means = average_blocks(hr, scale)
-    if is_filtered(held, means):
-        explained = is_near(held.material, means, tolerance)
+    if is_filtered(held, held.means):
+        explained = is_near(held.material, held.means, tolerance)
         brighter, darker = brighter & ~explained, darker & ~explained
     strays = brighter | darker
     if centred and _are_few(strays, held.told):
@@ -339,7 +370,7 @@ def find_contradicting(lr: Frame, hr: Frame, scale: int) -> Mask | None:
     elif _is_biased(held):
         found = strays & (_share_around(strays) > LEAST_BIASED - 1e-6)
     else:
-        found = _find_groups(keep_own_surface(held), brighter, darker)
+        found = _find_groups(held.of_own_surface, held.bare, brighter, darker)
     return found if bool(found.any()) else None
 
 
@@ -357,8 +388,14 @@ def hold_samples(lr: Frame, hr: Frame, scale: int) -> HeldSamples:
 
 def average_blocks(hr: Frame, scale: int) -> Color:
     """What a filter of a pixel's width leaves of HR material: sky has none."""
-    material = hr.gbuffer[Buffer.MATERIAL] * (hr.gbuffer[Buffer.SKY] < 0.5)
-    return F.avg_pool2d(material, scale)
+    material, surface = hr.gbuffer[Buffer.MATERIAL], hr.gbuffer[Buffer.SKY] < 0.5
+    rows = (~surface.flatten(0, 2).all(1)).nonzero()[:, 0] // scale
+    if not len(rows):
+        return F.avg_pool2d(material, scale)
+    first, last = int(rows[0]) * scale, (int(rows[-1]) + 1) * scale
+    parts = [material[:, :, :first], material[:, :, first:last], material[:, :, last:]]
+    parts[1] = parts[1] * surface[:, :, first:last]
+    return torch.cat([F.avg_pool2d(part, scale) for part in parts if part.shape[2]], 2)
 
 
 def find_mixed(hr: Frame, scale: int, tolerance: float) -> Mask:
@@ -418,17 +455,16 @@ def is_alike(one: Tensor, other: Tensor, apart: float) -> Mask:
     return ((facing > FACING) | unfaced) & near
 
 
-def _find_groups(held: HeldSamples, brighter: Mask, darker: Mask) -> Mask:
+def _find_groups(held: HeldSamples, bare: tuple[Mask, Mask], brighter: Mask, darker: Mask) -> Mask:
     """True at samples that stray in groups, whichever size's material is the darker one."""
-    bare_lr, bare_hr = is_colourless(held.lr.gbuffer), is_colourless(held.hr.gbuffer)
-    bare_there = held.place(bare_hr)
+    bare_lr, bare_there = bare[0], held.place(bare[1])
     sides = (
         (held.material, held.placed, brighter, bare_there & ~bare_lr),
         (held.placed, held.material, darker, bare_lr & ~bare_there),
     )
     found = torch.zeros_like(brighter)
-    for one, other, strays, bare in sides:
-        found |= _find_group(held, one, other, strays & held.told, bare)
+    for one, other, strays, gone in sides:
+        found |= _find_group(held, one, other, strays & held.told, gone)
     return found
 
 
@@ -438,7 +474,8 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     passes = _hold_against_surroundings(held, (bright, dim), strays, picked)
     wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
     begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
-    begins[begins.clone()] = ~has_like(held, picked[begins], LIKE)
+    if bool(begins.any()):
+        begins[begins.clone()] = ~has_like(held, picked[begins], LIKE)
     if not bool(begins.any()):
         return torch.zeros_like(strays)
     groups = strays & _spread(_mark(picked[begins], strays), REACH)

@@ -35,11 +35,11 @@ from rtsr_cli.core.pairs.alike_material import LEVEL, hold_all
 from rtsr_cli.core.pairs.material_agreement import (
     LIKE,
     HeldSamples,
-    average_blocks,
     count_around,
     find_mixed,
     gather_around,
     has_like,
+    hold_samples,
     is_alike,
     is_filtered,
     keep_own_surface,
@@ -89,7 +89,9 @@ class Fit(NamedTuple):
     alone: Tensor
 
 
-def leave_scaled(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
+def leave_scaled(
+    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+) -> tuple[Frame, Frame]:
     """Take material out of both frames where it differs by a factor, and lighting with it.
 
     Args:
@@ -97,30 +99,28 @@ def leave_scaled(lr: Frame, hr: Frame, scale: int) -> tuple[Frame, Frame]:
             where they are there.
         hr: with sky and material; normal and depth where they are there.
         scale: S.
+        held: what `hold_samples` finds of these frames, if that is known.
 
     Returns:
         The frames; the very ones where there is no factor.
     """
-    held = hold_all(lr, hr, scale)
-    scaled = _find_scaled(held)
+    held = held or hold_samples(lr, hr, scale)
+    scaled = find_scaled(lr, hr, scale, held)
     if scaled is None:
         return lr, hr
     lost = mark_surfaces(lr, hr, held.placed, scaled, scale)
     return leave_undivided(lr, scaled), leave_bare(lr, hr, lost, scale)
 
 
-def find_scaled(lr: Frame, hr: Frame, scale: int) -> Mask | None:
+def find_scaled(lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None) -> Mask | None:
     """True at LR samples whose surface has another material at HR; None where none has."""
-    return _find_scaled(hold_all(lr, hr, scale))
-
-
-def _find_scaled(held: HeldSamples) -> Mask | None:
+    held = hold_all(held or hold_samples(lr, hr, scale))
     picked = _pick_groups(held)
     # the pixels at their places tell all of most frames
     if not bool(picked.any()):
         return None
     held = keep_own_surface(held)
-    means = average_blocks(held.hr, held.scale).clamp(min=LEVEL)
+    means = held.means.clamp(min=LEVEL)
     filtered = is_filtered(held, means)
     if filtered:
         held = replace(held, told=held.told & ~find_mixed(held.hr, held.scale, FACTOR))
