@@ -59,7 +59,7 @@ LEAST = 4
 """Samples of a surface that tell a factor."""
 
 LEAST_WIDE = 2 * REACH + 2
-"""Of the 5 x 5 around, those that have a factor: more than one line along an edge."""
+"""The same of what is more than a line: slats and edges of right things stray in lines."""
 
 LEAST_OF_HEIGHT = 0.2
 """Samples that count at least, as a share of the frame's height: strips that no pixel shows lie
@@ -168,7 +168,8 @@ def _fit(held: HeldSamples, means: Color, picked: Tensor, least: int) -> Fit:
     alike = found.log().abs().amax(1).div(2.0).exp().clamp(max=LIKE).view(-1, 1, 1)
     alone = certain.any(1) & ~_has_like_beside(own, placed, surface, alike)
     alone[alone.clone()] = ~has_like(held, picked[alone], alike[alone])
-    return Fit(found, certain.any(1), alone)
+    wide = surface.sum((1, 2)) >= LEAST_WIDE
+    return Fit(found, certain.any(1) & (wide | alone), alone)
 
 
 def _fit_factors(
