@@ -13,6 +13,7 @@ import math
 from dataclasses import replace
 from itertools import product
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 
@@ -112,10 +113,11 @@ def _find_pixels(held: HeldSamples, hr: Frame, found: Mask, agrees: Mask, scale:
 
 
 def _is_near_some(image: Image, where: Mask, known: Image, found: Mask) -> Mask:
-    """True, of where that is asked, where an image is as near to `known` of some found sample as
-    materials of one surface are: within a ratio in every channel."""
+    """True, of where that is asked, where `known` of a found sample is as materials of one surface:
+    within a ratio in every channel."""
     step = math.log(TOLERANCE)
-    values = (known[0][:, found[0, 0]].log().T * (2.0 / step)).round().unique(dim=0) / 2.0
+    values = (known[0][:, found[0, 0]].log().T * (2.0 / step)).round()
+    values = torch.from_numpy(np.unique(values.numpy(), axis=0)) / 2.0
     rows, columns = where[0, 0].nonzero().T
     own = image[0][:, rows, columns].log().div(step).T
     near = torch.zeros_like(rows, dtype=torch.bool)

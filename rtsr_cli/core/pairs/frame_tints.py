@@ -64,9 +64,7 @@ def measure_tint(image: Image, seen: Image, told: Mask, scale: int) -> tuple[flo
     low = -F.max_pool2d(-seen.double(), scale + 2, scale, padding=1)
     flat = known & (high <= low * (1.0 + FLAT))
     channels = range(small.shape[1])
-    factors = tuple(
-        _settle(small[0, c], mean[0, c], known[0, c], flat[0, c]) for c in channels
-    )
+    factors = tuple(_settle(small[0, c], mean[0, c], known[0, c], flat[0, c]) for c in channels)
     return None if all(factor == 1.0 for factor in factors) else factors
 
 

@@ -311,7 +311,8 @@ class RealPairs:
                 (left.hr, set(_list_guides(reads.hr))),
             )
         )
-        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=left.doubted)
+        pair = replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)
+        return replace(pair, doubted=left.doubted, colours=left.colours)
 
 
 def open_real_pairs(

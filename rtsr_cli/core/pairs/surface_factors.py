@@ -71,9 +71,6 @@ APART = 0.02
 AT_ONCE = 1 << 14
 """Samples whose surroundings are held in memory."""
 
-SCALED = "material differs by a factor between LR and HR (base colour changed at one size?)"
-"""What is said of those samples."""
-
 
 class Fit(NamedTuple):
     """What the samples around each of some tell.
@@ -114,13 +111,14 @@ def leave_scaled(
 
 def find_scaled(lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None) -> Mask | None:
     """True at LR samples whose surface has another material at HR; None where none has."""
-    held = hold_all(held or hold_samples(lr, hr, scale))
+    samples = held or hold_samples(lr, hr, scale)
+    held = hold_all(samples)
     picked = _pick_groups(held)
     # the pixels at their places tell all of most frames
     if not bool(picked.any()):
         return None
     held = keep_own_surface(held)
-    means = held.means.clamp(min=LEVEL)
+    means = samples.means.clamp(min=LEVEL)
     filtered = is_filtered(held, means)
     if filtered:
         held = replace(held, told=held.told & ~find_mixed(held.hr, held.scale, FACTOR))
@@ -152,7 +150,7 @@ def _pick_groups(held: HeldSamples) -> Mask:
 
 
 def _fit(held: HeldSamples, means: Color, picked: Tensor, least: int) -> Fit:
-    """Fit the surface of each picked sample (rows and columns, k 2), of so many samples at least."""
+    """Fit the surface of each picked sample (rows and columns, k 2), of so many at least."""
     own, placed, mean = (
         gather_around(image, picked, REACH, 1) for image in (held.material, held.placed, means)
     )
@@ -193,7 +191,7 @@ def _fit_factors(
 def _fit_ratios(
     own: Tensor, known: tuple[Tensor, Tensor], surface: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """exp(mean l) of each channel, and whether that is sure, beside both that right samples have."""
+    """exp(mean l) of each channel, and whether it is sure, beside both that right samples have."""
     count = surface.sum(2)
     middles, sure = [], []
     for image in known:

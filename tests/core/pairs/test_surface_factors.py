@@ -12,7 +12,8 @@ from torch import Tensor
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
-from rtsr_cli.core.pairs.surface_factors import SCALED, find_scaled, leave_scaled
+from rtsr_cli.core.pairs.material_agreement import DIFFERS
+from rtsr_cli.core.pairs.surface_factors import find_scaled, leave_scaled
 from tests.core.pairs.test_material_agreement import (
     PART,
     SCALE,
@@ -57,7 +58,7 @@ def test_the_thing_loses_its_division_and_the_wall_behind_does_not() -> None:
     assert torch.equal(gone, PART)
     taken = (left.gbuffer[Buffer.MATERIAL] == 0.0).all(1, keepdim=True)
     assert torch.equal(taken, decimate(PART, SCALE, (2, 2)))
-    assert list(leave_doubted(lr, hr, SCALE, divided=False).doubted) == [SCALED]
+    assert list(leave_doubted(lr, hr, SCALE, divided=False).doubted) == [DIFFERS]
 
 
 def test_textures_that_are_sampled_elsewhere_are_right() -> None:
