@@ -64,15 +64,20 @@ def measure_tint(image: Image, seen: Image, told: Mask, scale: int) -> tuple[flo
     low = -F.max_pool2d(-seen.double(), scale + 2, scale, padding=1)
     flat = known & (high <= low * (1.0 + FLAT))
     channels = range(small.shape[1])
-    factors = tuple(_settle(small[0, c], mean[0, c], known[0, c], flat[0, c]) for c in channels)
-    return None if all(factor == 1.0 for factor in factors) else factors
+    found = [_settle(small[0, c], mean[0, c], known[0, c], flat[0, c]) for c in channels]
+    telling = [factor for factor in found if factor is not None]
+    if all(factor == 1.0 for factor in telling):
+        return None
+    # a channel that is dark, or has hardly any colour, is as the others, if those are alike
+    alike = max(telling) <= min(telling) * (1.0 + FLAT)
+    return tuple((telling[0] if alike else 1.0) if f is None else f for f in found)
 
 
-def _settle(small: Tensor, mean: Tensor, known: Tensor, flat: Tensor) -> float:
-    """The factor of a channel; 1 where there is none for sure."""
+def _settle(small: Tensor, mean: Tensor, known: Tensor, flat: Tensor) -> float | None:
+    """The factor of a channel; 1 where there is none for sure, None where nothing tells."""
     count = int(known.sum())
     if count < LEAST_SAMPLES:
-        return 1.0
+        return None
     logs = (mean / small).log()
     middle, error = _find_middle(logs[known])
     least = max(LEAST_OF_TEXTURES, SURE * error)
@@ -82,10 +87,10 @@ def _settle(small: Tensor, mean: Tensor, known: Tensor, flat: Tensor) -> float:
         if agreeing < MOST or abs(exact - middle) > ALIKE + SURE * error:
             return 1.0
         middle, least = exact, LEAST_TINT
-    apart = float((mean - small)[known].abs().median())
-    if abs(middle) <= least or apart <= LEAST_APART or not _is_everywhere(logs, known, middle):
+    if abs(middle) <= least or not _is_everywhere(logs, known, middle):
         return 1.0
-    return math.exp(middle)
+    apart = float((mean - small)[known].abs().median())
+    return math.exp(middle) if apart > LEAST_APART else None
 
 
 def _find_middle(values: Tensor) -> tuple[float, float]:

@@ -182,8 +182,8 @@ class RealPairs:
             return ""
         remedy = f"{found.remedy}{_suggest_factor(found, self.lr, self.hr)}"
         seen = (
-            f": as it is, {found.strays:.1%} of the LR samples of frame {found.frame} are unlike all "
-            "HR pixels around them"
+            f": as it is, {found.strays:.1%} of the LR samples of frame {found.frame} are unlike "
+            "all HR pixels around them"
             if found.strays > FEW_STRAYS or not found.factors
             else ""
         )
