@@ -2,9 +2,9 @@
 
 Samples at edges of a thing lie in HR pixels of what is behind it, and tell nothing by themselves;
 of leaves and wires a few tell, and most do not. So samples go with those found that are not as HR
-is at their places, are of their material, and lie near them, or in pixels that are of theirs. HR
-pixels go with them that are of their pixels' material, and have no sample beside that is as HR is
-there, and like them.
+is at their places, are of their material, and lie near them, or in pixels that are of theirs, or
+where no HR pixel around is of it. HR pixels go with them that are of their pixels' material, and
+have no sample beside that is as HR is there, and like them.
 """
 
 from __future__ import annotations
@@ -22,13 +22,16 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.pairs.material_agreement import (
     REACH,
     TOLERANCE,
+    LIKE,
     HeldSamples,
+    has_like,
     is_filtered,
     is_near,
+    keep_own_surface,
     leave_bare,
     leave_undivided,
 )
-from rtsr_cli.core.pairs.surface_reach import LOST_REACH
+from rtsr_cli.core.pairs.surface_reach import LOST_REACH, mark_surfaces
 from rtsr_cli.core.shapes import Color, Image, Mask
 
 LEVEL = 1.0 / 255.0
@@ -55,10 +58,13 @@ def leave_alike(
     if is_filtered(held, held.means):
         return left, bare, found
     differs = find_differing(held.material, held.placed, TOLERANCE)
-    like = _find_samples(held, found, differs)
-    lost = _find_pixels(held, bare, found, ~differs & held.told & ~like, scale)
+    like, known = _find_samples(held, found, differs)
+    agrees = held.told & ~find_differing(held.material, held.placed, LIKE) & ~like
     if bool((like & ~found).any()):
         left = leave_undivided(left, like & ~found)
+    lost = _find_pixels(held, bare, known, agrees, scale)
+    if bool((known & ~found).any()):
+        lost |= mark_surfaces(left, held.hr, held.placed, known & ~found, scale)
     if bool(lost.any()):
         bare = leave_bare(left, bare, lost, scale)
     return left, bare, found | like
@@ -81,16 +87,27 @@ def find_differing(one: Color, other: Color, ratio: float) -> Mask:
     return ~is_near(one, other, ratio)
 
 
-def _find_samples(held: HeldSamples, found: Mask, differs: Mask) -> Mask:
-    """Samples of found ones' material that are not as HR is at their places, or in their blocks."""
+def _find_samples(held: HeldSamples, found: Mask, differs: Mask) -> tuple[Mask, Mask]:
+    """Samples of found ones' material that are not as HR is at their places, or in their blocks.
+
+    And those among them whose pixels are of their thing: at edges they are of what is behind it.
+    """
     lr, own, placed = held.lr.gbuffer, held.material, held.placed
     strays = differs & find_differing(own, held.means, TOLERANCE)
     strays |= held.place(held.hr.gbuffer[Buffer.SKY]) > 0.5
     strays &= (lr[Buffer.SKY] < 0.5) & ~found
-    near = strays & _spread(found, LOST_REACH)
-    like = _is_near_some(own, near, own, found)
+    if Buffer.LIGHTING_MASK in lr:
+        # the material of what is not divided is 1
+        strays &= lr[Buffer.LIGHTING_MASK] > 0.5
+    like = _is_near_some(own, strays, own, found)
     both = torch.cat([own, placed], 1)
-    return found | like | _is_near_some(both, strays & ~like, both, found)
+    near = _spread(found, LOST_REACH)
+    alone = _is_near_some(both, like, both, found)
+    # and what is so nowhere around at HR
+    picked = (like & ~alone)[0, 0].nonzero()
+    rows, columns = picked[~has_like(held, picked, TOLERANCE)].T if len(picked) else picked.T
+    alone[0, 0, rows, columns] = True
+    return found | (like & near) | alone, found | (alone & keep_own_surface(held).told)
 
 
 def _find_pixels(held: HeldSamples, hr: Frame, found: Mask, agrees: Mask, scale: int) -> Mask:
@@ -113,8 +130,8 @@ def _find_pixels(held: HeldSamples, hr: Frame, found: Mask, agrees: Mask, scale:
 
 
 def _is_near_some(image: Image, where: Mask, known: Image, found: Mask) -> Mask:
-    """True, of where that is asked, where `known` of a found sample is as materials of one surface:
-    within a ratio in every channel."""
+    """True, of where that is asked, where `known` of found samples is as materials of one surface
+    are: within a ratio in every channel."""
     step = math.log(TOLERANCE)
     values = (known[0][:, found[0, 0]].log().T * (2.0 / step)).round()
     values = torch.from_numpy(np.unique(values.numpy(), axis=0)) / 2.0
