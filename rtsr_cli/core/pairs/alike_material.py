@@ -20,9 +20,9 @@ import torch.nn.functional as F
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.pairs.material_agreement import (
+    LIKE,
     REACH,
     TOLERANCE,
-    LIKE,
     HeldSamples,
     has_like,
     is_filtered,
