@@ -80,7 +80,7 @@ def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
         taken = find_taken(pair.lr, left)
         pair = pair.leave(left, bare, {name_darker(pair.lr, pair.hr, scale, taken): taken})
         held = hold_samples(pair.lr, pair.hr, scale)
-    left, bare = leave_scaled(pair.lr, pair.hr, scale, held)
+    left, bare = leave_scaled(pair.lr, pair.hr, scale, held, lines=held is not first)
     if left is not pair.lr:
         pair = pair.leave(left, bare, {DIFFERS: find_taken(pair.lr, left)})
     if pair.taken is not None:

@@ -79,15 +79,22 @@ class Fit(NamedTuple):
         factors: of their surface, k x 3.
         sure: whether it has one.
         alone: and no sample is like its HR pixels, no pixel like it: things that are thin have few.
+        wide: whether its samples are more than a line.
     """
 
     factors: Tensor
     sure: Tensor
     alone: Tensor
+    wide: Tensor
 
 
 def leave_scaled(
-    lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None
+    lr: Frame,
+    hr: Frame,
+    scale: int,
+    held: HeldSamples | None = None,
+    *,
+    lines: bool = False,
 ) -> tuple[Frame, Frame]:
     """Take material out of both frames where it differs by a factor, and lighting with it.
 
@@ -97,19 +104,27 @@ def leave_scaled(
         hr: with sky and material; normal and depth where they are there.
         scale: S.
         held: what `hold_samples` finds of these frames, if that is known.
+        lines: whether lines of samples tell by themselves: where something else contradicts.
 
     Returns:
         The frames; the very ones where there is no factor.
     """
     held = held or hold_samples(lr, hr, scale)
-    scaled = find_scaled(lr, hr, scale, held)
+    scaled = find_scaled(lr, hr, scale, held, lines=lines)
     if scaled is None:
         return lr, hr
     lost = mark_surfaces(lr, hr, held.placed, scaled, scale)
     return leave_undivided(lr, scaled), leave_bare(lr, hr, lost, scale)
 
 
-def find_scaled(lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = None) -> Mask | None:
+def find_scaled(
+    lr: Frame,
+    hr: Frame,
+    scale: int,
+    held: HeldSamples | None = None,
+    *,
+    lines: bool = False,
+) -> Mask | None:
     """True at LR samples whose surface has another material at HR; None where none has."""
     samples = held or hold_samples(lr, hr, scale)
     held = hold_all(samples)
@@ -122,16 +137,20 @@ def find_scaled(lr: Frame, hr: Frame, scale: int, held: HeldSamples | None = Non
     filtered = is_filtered(held, means)
     if filtered:
         held = replace(held, told=held.told & ~find_mixed(held.hr, held.scale, FACTOR))
-    found, alone = torch.zeros_like(held.told), torch.zeros_like(held.told)
+    found, alone, wide = (torch.zeros_like(held.told) for _ in range(3))
     factors = torch.ones_like(held.placed)
     where = (picked & held.told)[0, 0].nonzero()
     for some in torch.split(where, AT_ONCE):
         fit = _fit(held, means, some, LEAST_WIDE if filtered else LEAST)
         rows, columns = some.T
         found[0, 0, rows, columns] = fit.sure
+        wide[0, 0, rows, columns] = fit.wide
         alone[0, 0, rows, columns] = fit.alone
         factors[0, :, rows, columns] = fit.factors.T
-    found &= alone | (count_around(found, REACH) >= LEAST_WIDE)
+    if not lines:
+        found &= alone | wide
+    least = LEAST if lines else LEAST_WIDE
+    found &= alone | (count_around(found, REACH) >= least)
     if int(found.sum()) < LEAST_OF_HEIGHT * found.shape[-2]:
         return None
     return _follow(held, found, factors)
@@ -167,7 +186,7 @@ def _fit(held: HeldSamples, means: Color, picked: Tensor, least: int) -> Fit:
     alone = certain.any(1) & ~_has_like_beside(own, placed, surface, alike)
     alone[alone.clone()] = ~has_like(held, picked[alone], alike[alone])
     wide = surface.sum((1, 2)) >= LEAST_WIDE
-    return Fit(found, certain.any(1) & (wide | alone), alone)
+    return Fit(found, certain.any(1), alone, wide)
 
 
 def _fit_factors(
