@@ -243,6 +243,39 @@ def test_base_colour_of_one_size_alone_is_never_worse_than_bicubic(
     assert ours <= 1.001 * plain
 
 
+@pytest.mark.parametrize("size", ["lr", "hr"])
+def test_another_hue_of_one_size_is_never_worse_than_bicubic(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, load_rgb: Load, size: str
+) -> None:
+    """What it is at both sizes is said."""
+
+    def change_hue(planes: dict[str, Plane], number: int) -> None:
+        del number
+        for name, value in zip(COLOUR, (0.02, 0.5, 0.9), strict=True):
+            planes[name][:, : planes[name].shape[1] // 2] = value
+
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot, shot)
+    shutil.rmtree(shot / size)
+    changed(small_shot / size, change_hue).rename(shot / size)
+    outs = {name: tmp_path / name for name in ("bicubic", "demod-guided")}
+    for name, out in outs.items():
+        result = rtsr("upscale", shot, out, "--system", name, "--frames", "2")
+        assert result.exit_code == 0, result.output
+    said = " ".join(result.output.split())
+    assert "an object's material differs between LR and HR" in said
+    assert "base colour about " in said
+    assert ("about 0.02, 0.5, 0.9 at LR" in said) == (size == "lr")
+    assert ("HR has 0.02, 0.5, 0.9" in said) == (size == "hr")
+    wanted = load_rgb(shot / "reference" / "frame.0002.exr")
+    side = wanted.shape[1] // 2
+    plain, ours = (
+        float(np.mean((load_rgb(out / "frame.0002.exr") - wanted)[:, :side] ** 2))
+        for out in outs.values()
+    )
+    assert ours <= 1.01 * plain
+
+
 @pytest.mark.parametrize("declared", ["", '[normal]\nspace = "world"\npacked = false'])
 def test_normals_that_the_sky_was_cleared_to_tell_no_space(
     rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path, declared: str

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 
 import torch
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
+from rtsr_cli.core.pairs.alike_material import hold_all, leave_alike
 from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
 from rtsr_cli.core.pairs.material_agreement import (
+    DIFFERS,
+    describe_difference,
     find_taken,
     hold_samples,
     leave_colourless,
     leave_contradicting,
     name_darker,
 )
-from rtsr_cli.core.pairs.surface_factors import SCALED, leave_scaled
+from rtsr_cli.core.pairs.surface_factors import leave_scaled
 from rtsr_cli.core.shapes import Mask
 
 
@@ -28,17 +31,19 @@ class DoubtedPair:
     Attributes:
         lr, hr: the frames.
         doubted: why LR samples were left undivided though their material is above 0 -> which.
+        colours: of some of these reasons -> what the material is at both sizes.
     """
 
     lr: Frame
     hr: Frame
     doubted: dict[str, Mask] = field(default_factory=dict)
+    colours: dict[str, str] = field(default_factory=dict)
 
     def leave(self, lr: Frame, hr: Frame, found: dict[str, Mask]) -> DoubtedPair:
         """The frames after a step, and what it found beside what is known."""
         known = self.doubted
         both = {name: known[name] | found[name] for name in known.keys() & found.keys()}
-        return DoubtedPair(lr, hr, known | found | both)
+        return replace(self, lr=lr, hr=hr, doubted=known | found | both)
 
     @property
     def taken(self) -> Mask | None:
@@ -69,14 +74,23 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
 
 def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
     """Leave what is one material at LR and another at HR."""
-    held = hold_samples(pair.lr, pair.hr, scale)
+    first = held = hold_samples(pair.lr, pair.hr, scale)
     left, bare = leave_contradicting(pair.lr, pair.hr, scale, held)
     if left is not pair.lr:
         taken = find_taken(pair.lr, left)
         pair = pair.leave(left, bare, {name_darker(pair.lr, pair.hr, scale, taken): taken})
         held = hold_samples(pair.lr, pair.hr, scale)
-    left, bare = leave_scaled(pair.lr, pair.hr, scale, held)
+    left, bare = leave_scaled(pair.lr, pair.hr, scale, held, lines=held is not first)
     if left is not pair.lr:
-        pair = pair.leave(left, bare, {SCALED: find_taken(pair.lr, left)})
+        pair = pair.leave(left, bare, {DIFFERS: find_taken(pair.lr, left)})
+    if pair.taken is not None:
+        left, bare, taken = leave_alike(hold_all(first), pair.lr, pair.hr, pair.taken, scale)
+        cause = max(pair.doubted, key=lambda name: int(pair.doubted[name].sum()))
+        colours = {
+            name: describe_difference(first, mask)
+            for name, mask in pair.doubted.items()
+            if name == DIFFERS
+        }
+        pair = replace(pair.leave(left, bare, {cause: taken}), colours=colours)
         held = hold_samples(pair.lr, pair.hr, scale)
     return pair.leave(*leave_colourless(pair.lr, pair.hr, scale, held))

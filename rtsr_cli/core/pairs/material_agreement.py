@@ -50,6 +50,12 @@ DARKER_AT_HR, DARKER_AT_LR = (
 )
 """What is said of samples that contradict."""
 
+DIFFERS = (
+    "an object's material differs between LR and HR (its picture is sound without its detail; to "
+    "get that, render both sizes with one material)"
+)
+"""The same where neither size lacks it."""
+
 UNSAID = ""
 """Cause of which nothing is said: nothing is wrong there."""
 
@@ -87,6 +93,9 @@ REACH, LEAST_BIASED = 2, 0.2
 FACING, APARTS, APART_THERE = 0.7, (0.02, 0.1), 0.02
 """Least cosine between normals of one surface, and differences of depth, as a share of it: between
 samples (a flat one, or one that is seen at a slant), and of a sample from its pixel."""
+
+MISSING = 0.2
+"""What is left of a material without its base colour, as a share of it at most, on the whole."""
 
 LIKE = 1.5
 """Ratio of materials, in every channel, up to which a pixel is like a sample."""
@@ -380,11 +389,30 @@ def find_taken(before: Frame, after: Frame) -> Mask:
 
 
 def name_darker(lr: Frame, hr: Frame, scale: int, contradicts: Mask) -> str:
-    """Say which size's material is the darker one where samples contradict."""
+    """Say which size's material is missing where samples contradict; that it differs if none is."""
     held = hold_samples(lr, hr, scale)
     where = held.told & contradicts
     at_lr, at_hr = (float((image * where).sum()) for image in (held.material, held.placed))
+    if min(at_lr, at_hr) > MISSING * max(at_lr, at_hr):
+        return DIFFERS
     return DARKER_AT_LR if at_lr < at_hr else DARKER_AT_HR
+
+
+def describe_difference(held: HeldSamples, where: Mask) -> str:
+    """Say what colours samples have at both sizes, in the middle."""
+    lr, hr = held.lr.gbuffer, held.hr.gbuffer
+    pairs = {"material": (held.material, held.placed)}
+    if Buffer.ALBEDO in lr and Buffer.ALBEDO in hr:
+        pairs = {"base colour": (lr[Buffer.ALBEDO], held.place(hr[Buffer.ALBEDO])), **pairs}
+    said = ""
+    for name, images in pairs.items():
+        own, there = (image[0][:, where[0, 0]].median(1).values for image in images)
+        at_lr, at_hr = (", ".join(f"{value:.2g}" for value in values) for values in (own, there))
+        said = f"{name} about {at_lr} at LR where HR has {at_hr}"
+        # of one base colour metallic or roughness differs
+        if not bool(is_near(own.view(1, 3, 1, 1), there.view(1, 3, 1, 1), TOLERANCE)):
+            break
+    return said
 
 
 def find_contradicting(
@@ -571,7 +599,7 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     wide, gone = (mask[0, 0][picked[:, 0], picked[:, 1]] for mask in (keep_groups(strays), bare))
     begins = (passes(STRONG) & wide) | (passes(WEAK) & gone)
     if bool(begins.any()):
-        begins[begins.clone()] = ~_has_like(held, picked[begins])
+        begins[begins.clone()] = ~has_like(held, picked[begins], LIKE)
     if not bool(begins.any()):
         return torch.zeros_like(strays)
     groups = strays & _spread(_mark(picked[begins], strays), REACH)
@@ -632,7 +660,7 @@ def _hold_against_surroundings(
     return passes
 
 
-def _has_like(held: HeldSamples, picked: Tensor) -> Tensor:
+def has_like(held: HeldSamples, picked: Tensor, ratio: float | Tensor) -> Tensor:
     """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
     parts = [_has_like_of(held, some) for some in torch.split(picked, AT_ONCE)]
     return torch.cat(parts)
@@ -641,7 +669,7 @@ def _has_like(held: HeldSamples, picked: Tensor) -> Tensor:
 def _has_like_of(held: HeldSamples, picked: Tensor) -> Tensor:
     seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
-    like = ((own <= seen * LIKE) & (seen <= own * LIKE)).all(1, keepdim=True)
+    like = ((own <= seen * ratio) & (seen <= own * ratio)).all(1, keepdim=True)
     if held.guides is not None:
         depth = gather_around(held.hr.gbuffer[Buffer.DEPTH], picked, 1, held.scale)
         normal = torch.zeros_like(depth).expand(-1, 3, -1)
@@ -655,10 +683,14 @@ def _has_like_of(held: HeldSamples, picked: Tensor) -> Tensor:
 
 def gather_around(image: Image, picked: Tensor, reach: int, scale: int) -> Tensor:
     """The blocks up to `reach` from those of the picked samples, k c n; 0 beyond the borders."""
-    side, border = (2 * reach + 1) * scale, reach * scale
-    padded = F.pad(image[0].float(), (border,) * 4)
-    windows = padded.unfold(1, side, scale).unfold(2, side, scale)
-    return windows[:, picked[:, 0], picked[:, 1]].flatten(2).movedim(0, 1)
+    steps = torch.arange(-reach * scale, (reach + 1) * scale)
+    (rows, row_there), (columns, column_there) = (
+        (at.clamp(0, size - 1), (at >= 0) & (at < size))
+        for at, size in zip((picked * scale).T[:, :, None] + steps, image.shape[-2:], strict=True)
+    )
+    values: Tensor = image[0].float()[:, rows[:, :, None], columns[:, None]]
+    values = values * (row_there[:, :, None] & column_there[:, None])
+    return values.flatten(2).movedim(0, 1)
 
 
 def _mark(picked: Tensor, like: Mask) -> Mask:
@@ -704,7 +736,9 @@ def _share_around(mask: Mask) -> Plane:
 
 def count_around(mask: Mask, reach: int) -> Plane:
     """How many pixels of the square around are marked."""
-    return F.avg_pool2d(mask.float(), 2 * reach + 1, 1, reach, divisor_override=1)
+    side = 2 * reach + 1
+    rows = F.avg_pool2d(mask.float(), (side, 1), 1, (reach, 0), divisor_override=1)
+    return F.avg_pool2d(rows, (1, side), 1, (0, reach), divisor_override=1)
 
 
 def _spread(mask: Mask, reach: int) -> Mask:

@@ -8,9 +8,9 @@ mean of the pixel it is, that holds of few samples. Strays are counted buffer by
 that are no sky, and the mean over the buffers is what counts.
 
 HR is refused only where another reading of it explains the strays: turned upside down, mirrored,
-both, colours of surfaces in another order, encoded or times a factor at one size alone, normals
-with axes negated, or another frame by its depth. Of a right pair none does, whatever noise,
-filters or differently made buffers it strays by.
+both, colours of surfaces in another order, encoded or times a factor at one size alone (of a few
+per cent: `frame_tints`), normals with axes negated, or another frame by its depth. Of a right pair
+none does, whatever noise, filters or differently made buffers it strays by.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.imaging.color import encode_srgb
+from rtsr_cli.core.pairs.frame_tints import measure_tint
 from rtsr_cli.core.shapes import Image, Mask
 
 COMPARED = (
@@ -288,6 +289,31 @@ def _find_reading(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit |
                 remedy=remedy.format(buffer=buffer),
                 buffer=buffer,
                 factors=factors.get(looks, ()),
+            )
+    return _find_tint(lr, hr, scale, number)
+
+
+def _find_tint(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit | None:
+    """Colours that are a few per cent apart in all of the picture."""
+    for buffer in COLOURS:
+        if buffer not in lr or buffer not in hr:
+            continue
+        told = torch.isfinite(lr[buffer]).all(1, keepdim=True)
+        if Buffer.DEPTH in lr:
+            told &= lr[Buffer.DEPTH] < SKY_DEPTH_M
+        factors = measure_tint(lr[buffer], hr[buffer], told, scale)
+        if factors is not None:
+            alike = max(factors) <= min(factors) * (1.0 + RELATIVE)
+            text = ", ".join(f"{factor:.3g}" for factor in factors)
+            return Misfit(
+                frame=number,
+                strays=measure_strays_of(buffer, lr[buffer], hr[buffer], lr, scale) or 0.0,
+                looks=FACTOR.format(factor=factors[0], buffer=buffer)
+                if alike
+                else TINT.format(factors=text, buffer=buffer),
+                remedy=COLOUR_REMEDY.format(buffer=buffer),
+                buffer=buffer,
+                factors=(factors[0],) * len(factors) if alike else factors,
             )
     return None
 

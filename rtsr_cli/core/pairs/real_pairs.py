@@ -28,6 +28,7 @@ from rtsr_cli.core.pairs.material_agreement import GUIDES
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.pair_agreement import (
     COMPARED,
+    FEW_STRAYS,
     Misfit,
     choose_witness,
     find_misfit,
@@ -181,10 +182,15 @@ class RealPairs:
         if self.hr is None or found is None or not found.looks:
             return ""
         remedy = f"{found.remedy}{_suggest_factor(found, self.lr, self.hr)}"
+        seen = (
+            f": as it is, {found.strays:.1%} of the LR samples of frame {found.frame} are unlike "
+            "all HR pixels around them"
+            if found.strays > FEW_STRAYS or not found.factors
+            else ""
+        )
         return (
             f"{self.hr.frames.root}: {found.where}: beside {self.lr.frames.root}, HR looks "
-            f"{found.looks}: as it is, {found.strays:.1%} of the LR samples of frame {found.frame} "
-            f"are unlike all HR pixels around them; {remedy}"
+            f"{found.looks}{seen}; {remedy}"
         )
 
     @property
@@ -310,7 +316,8 @@ class RealPairs:
                 (left.hr, set(_list_guides(reads.hr))),
             )
         )
-        return replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr, doubted=left.doubted)
+        pair = replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)
+        return replace(pair, doubted=left.doubted, colours=left.colours)
 
 
 def open_real_pairs(

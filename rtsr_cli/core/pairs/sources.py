@@ -73,6 +73,7 @@ class FramePair:
         negative: values of radiance below 0.
         covered: what the LR radiance was taken apart to, None where it is as stored.
         doubted: why LR samples were left undivided though their material is above 0 -> which.
+        colours: of some of these reasons -> what the material is at both sizes.
     """
 
     lr: Frame
@@ -81,6 +82,7 @@ class FramePair:
     negative: int = 0
     covered: CoveredColor | None = None
     doubted: Mapping[str, Mask] = field(default_factory=dict)
+    colours: Mapping[str, str] = field(default_factory=dict)
 
     def to(self, device: torch.device | str) -> FramePair:
         """Return the same pair on another device."""

@@ -45,7 +45,11 @@ def describe_lost(pair: FramePair, window: FrameWindow) -> dict[str, str]:
         empty = empty & (F.max_pool2d(mask.to(empty.device).float(), side, 1, LOST_REACH) < 0.5)
     masks |= {ZERO_AT_LR: unlit, ZERO_AT_HR: empty}
     masks.pop(UNSAID, None)
-    return {cause: describe_place(mask) for cause, mask in masks.items() if bool(mask.any())}
+    places = {cause: describe_place(mask) for cause, mask in masks.items() if bool(mask.any())}
+    return {
+        cause: f"{place}: {pair.colours[cause]}" if cause in pair.colours else place
+        for cause, place in places.items()
+    }
 
 
 def describe_place(mask: Mask) -> str:

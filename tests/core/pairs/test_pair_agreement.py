@@ -290,6 +290,20 @@ def test_a_factor_of_each_channel_is_named(tint: tuple[float, ...]) -> None:
     assert found.factors == pytest.approx(tint, rel=0.02)
 
 
+@pytest.mark.parametrize("tint", [(1.05, 1.05, 1.05), (1.0, 0.9, 1.1)])
+def test_a_few_per_cent_between_the_sizes_are_named(tint: tuple[float, ...]) -> None:
+    """So little that most samples are within the tolerance."""
+    small = render()
+    large = {b: t.repeat_interleave(4, 2).repeat_interleave(4, 3) for b, t in small.items()}
+    hr = small.with_buffers(large)
+    lr = keep(hr, 4, (1, 2))
+    changed = hr[Buffer.ALBEDO] * torch.tensor(tint).view(1, 3, 1, 1)
+    found = judge({1: lr}, {1: change(hr, albedo=changed)})
+    assert found is not None
+    assert "x LR in" in found.looks
+    assert found.factors == pytest.approx(tint, rel=0.01)
+
+
 def test_colours_that_no_factor_makes_alike_have_none() -> None:
     hr = render()
     lr = keep(hr, 4, (1, 2))

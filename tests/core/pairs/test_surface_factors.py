@@ -12,7 +12,8 @@ from torch import Tensor
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
-from rtsr_cli.core.pairs.surface_factors import SCALED, find_scaled, leave_scaled
+from rtsr_cli.core.pairs.material_agreement import DIFFERS
+from rtsr_cli.core.pairs.surface_factors import find_scaled, leave_scaled
 from tests.core.pairs.test_material_agreement import (
     PART,
     SCALE,
@@ -57,7 +58,7 @@ def test_the_thing_loses_its_division_and_the_wall_behind_does_not() -> None:
     assert torch.equal(gone, PART)
     taken = (left.gbuffer[Buffer.MATERIAL] == 0.0).all(1, keepdim=True)
     assert torch.equal(taken, decimate(PART, SCALE, (2, 2)))
-    assert list(leave_doubted(lr, hr, SCALE, divided=False).doubted) == [SCALED]
+    assert list(leave_doubted(lr, hr, SCALE, divided=False).doubted) == [DIFFERS]
 
 
 def test_textures_that_are_sampled_elsewhere_are_right() -> None:
@@ -103,3 +104,47 @@ def test_a_few_samples_tell_no_factor() -> None:
         )
         found.append(find_scaled(lr, seen_from_front(frame(right), depth), SCALE) is not None)
     assert found == [False, True]
+
+
+HUES = [(0.2, 1.4, 1.4), (1.0, 1.0, 0.4), (0.02, 1.3, 2.0)]
+
+
+@pytest.mark.parametrize("hue", HUES)
+@pytest.mark.parametrize("thing", [PART, THIN], ids=["part", "thin"])
+@pytest.mark.parametrize("flat", [False, True])
+def test_another_hue_of_one_thing_is_found(
+    hue: tuple[float, ...], thing: Tensor, flat: bool
+) -> None:
+    """All channels together have nearly as much."""
+    right = torch.full((1, 3, *SIZE), 0.3) if flat else textured()
+    changed = torch.where(thing, torch.tensor(hue).view(1, 3, 1, 1) * right, right)
+    for sizes in ((right, changed), (changed, right)):
+        found = find_scaled(*make_pair(*sizes, thing), SCALE)
+        assert found is not None
+        assert torch.equal(found, decimate(thing, SCALE, (2, 2)))
+
+
+def test_a_colour_in_place_of_a_texture_is_found() -> None:
+    right, thing = textured(), PART
+    changed = torch.where(thing, torch.tensor([0.004, 0.5, 1.2]).view(1, 3, 1, 1), right)
+    for sizes in ((right, changed), (changed, right)):
+        found = find_scaled(*make_pair(*sizes, thing), SCALE)
+        assert found is not None
+        assert float(found.float().mean()) == pytest.approx(float(thing.float().mean()), rel=0.1)
+
+
+def test_a_line_of_samples_that_pixels_beside_are_like_tells_nothing() -> None:
+    """Slats and edges: a sample sees the one half of a pixel, and the pixel's middle the other."""
+    slat = region(0, SIZE[0], 60, 64)
+    right = torch.full((1, 3, *SIZE), 0.2).masked_fill(slat, 0.5)
+    depth = torch.full((1, 1, *SIZE), 3.2).masked_fill(slat, 3.0)
+    wall = torch.full((1, 3, *SIZE), 0.2)
+    lr = seen_from_front(
+        frame(decimate(wall, SCALE, (2, 2)), JITTER), decimate(depth, SCALE, (2, 2))
+    )
+    assert find_scaled(lr, seen_from_front(frame(right), depth), SCALE) is None
+    # of a colour that is nowhere at HR they do
+    lr = seen_from_front(
+        frame(decimate(right * 3.0, SCALE, (2, 2)), JITTER), decimate(depth, SCALE, (2, 2))
+    )
+    assert find_scaled(lr, seen_from_front(frame(right), depth), SCALE) is not None
