@@ -246,7 +246,7 @@ def _judge_frame(
     other = _find_reading(small, beside, scale, number)
     if other is not None:
         return other
-    others = _list_others(number, stored, looked_at)
+    others = list_around(number, stored, looked_at)
     moved = _find_moment((small, beside), (lr, hr), scale, number, others)
     return moved or Misfit(frame=number, strays=strays)
 
@@ -435,7 +435,7 @@ def find_other_moment(
         stored: numbers of frames that both sizes have.
     """
     try:
-        others = _list_others(number, stored)
+        others = list_around(number, stored)
         found = _find_moment(own, (lr, hr), scale, number, others)
         return found or _find_outside(own, (lr, hr), scale, number, others)
     except FrameFolderError:
@@ -486,9 +486,7 @@ def _find_outside(
     return Misfit(frame=number, strays=strays, looks=looks, remedy=OUTSIDE_REMEDY)
 
 
-def _list_others(
-    number: int, stored: Collection[int], looked_at: Collection[int] = ()
-) -> list[int]:
+def list_around(number: int, stored: Collection[int], looked_at: Collection[int] = ()) -> list[int]:
     """Frames that are tried in the place of one: those around it, and those looked at."""
     around = sorted(stored, key=lambda n: (abs(n - number), n))[: MOST_OTHERS + 1]
     return [n for n in dict.fromkeys((*around, *looked_at)) if n in stored and n != number]
