@@ -1,38 +1,38 @@
 """Whether every buffer of a pair's frame is of that frame: files of one buffer may be exchanged.
 
-A buffer b of LR frame k strays from HR frame k where `pair_agreement` says so, and strays for sure
-where all HR pixels around are alike. It is another frame's, n, where
+A buffer b is another frame's, n, than its own, k, where
 
     strays(b_lr(k), b_hr(n)) or strays(b_lr(n), b_hr(k))  <  strays(b_lr(k), b_hr(k)) / 3
 
 by more than counting samples leaves to chance, and another buffer tells k from n: of cameras that
 stand still all frames are alike, and nothing is said. Which size holds the wrong one is told by the
 outlines that it follows. Radiance is there at LR alone, and is another frame's by these only.
+
+Frames beside are read only where samples stray from the own frame about as they do from a frame
+that was read just before: textures that are finer than HR pixels stray, too.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-
-import torch
-from torch import Tensor
+from typing import TypeVar
 
 from rtsr_cli.core.errors import FrameFolderError
-from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer, GBuffer
+from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.pairs.outlines import STEPS, Outlines, draw_outlines, hold_against
-from rtsr_cli.core.pairs.pair_agreement import (
-    ABSOLUTE,
-    ENOUGH_SAMPLES,
-    FAR_BETTER,
-    FEW_SHIFTED,
-    FEW_STRAYS,
-    LEAST_SAMPLES,
-    RELATIVE,
+from rtsr_cli.core.pairs.pair_agreement import FEW_SHIFTED, FEW_STRAYS
+from rtsr_cli.core.pairs.stray_samples import (
+    CutBlocks,
+    PickedSamples,
+    Strays,
+    count_picked,
+    count_strays,
+    cut_blocks,
+    pick_samples,
 )
-from rtsr_cli.core.shapes import Image
 from rtsr_cli.core.wording import join_names, say_verb
 
 HELD = (
@@ -52,44 +52,11 @@ HELD = (
 GLANCE_SAMPLES = 1 << 11
 """Samples of a first look, which tells whether more are looked at."""
 
-FLAT = 0.1
-"""What HR pixels around a sample differ by at most where they are alike; of depth, of itself."""
+MOST_RECENT = 8
+"""Frames of which is kept what was seen of them."""
 
-FEW_FLAT = 0.001
-"""Share of samples that stray from HR pixels that are alike, up to which nothing is doubted: right
-pairs have 0.0005 at most."""
-
-SURE = 4.0
-"""Standard deviations of counts by which strays of the own frame are more than those of others."""
-
-
-MOST_RECENT = 16
-"""Frames whose outlines are kept."""
-
-
-@dataclass(frozen=True)
-class Strays:
-    """How many of the samples that were looked at stray, and how many of them for sure."""
-
-    counted: int
-    strays: int
-    flat: int
-
-    @property
-    def share(self) -> float:
-        """Of those that stray."""
-        return self.strays / self.counted
-
-    @property
-    def doubtful(self) -> bool:
-        """Tell whether more stray than what right pairs have."""
-        flat = self.flat > FEW_FLAT * self.counted and self.flat >= SURE
-        return flat or self.share > FEW_STRAYS
-
-    def is_far_above(self, other: Strays) -> bool:
-        """Tell whether another frame fits far better, beyond chance."""
-        samples = self.counted / other.counted
-        return self.strays - FAR_BETTER * samples * other.strays > SURE * math.sqrt(self.strays)
+NEAREST = 4
+"""Frames around one of which any is as good as the one before it, to compare with."""
 
 
 @dataclass(frozen=True)
@@ -118,273 +85,229 @@ class ForeignBuffer:
 Read = Callable[[int, Collection[Buffer]], GBuffer]
 """Number, buffers -> those of them."""
 
+Glance = Mapping[Buffer, tuple[PickedSamples, CutBlocks]]
+"""Few samples of a frame at both sizes."""
 
-def find_foreign(
-    own: tuple[GBuffer, GBuffer],
-    reads: tuple[Read, Read],
-    number: int,
-    scale: int,
-    others: Sequence[int],
-) -> ForeignBuffer | None:
-    """Find buffers of a frame that fit another frame at the other size, and not their own.
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
-    None where nothing says so, or other frames cannot be read.
+Fit = tuple[int | None, int | None]
+"""LR frame, HR frame; None for the one in question."""
+
+
+class BufferMoments:
+    """Finds buffers of frames that are another frame's.
 
     Args:
-        own: buffers of the frame, of LR and of HR.
-        reads: read the same buffers of other frames.
-        number: of the frame.
+        lr, hr: read buffers of other frames, of either size.
         scale: S.
-        others: numbers of those that are tried.
     """
-    held = [b for b in HELD if b in own[0] and b in own[1]]
-    doubted = list(_list_doubted(own, held, scale))
-    if not doubted:
-        return None
-    try:
-        found = [_find_frame(b, own, reads, scale, others) for b in doubted]
-        alike = [(b, fit) for b, fit in zip(doubted, found, strict=True) if fit is not None]
+
+    def __init__(self, lr: Read, hr: Read, scale: int) -> None:
+        """Have seen no frame yet."""
+        self._reads = lr, hr
+        self._scale = scale
+        self._glances: dict[tuple[int, frozenset[Buffer]], Glance] = {}
+        self._outlines: dict[tuple[int, frozenset[Buffer]], Outlines | None] = {}
+
+    def find(
+        self, number: int, lr: GBuffer, hr: GBuffer, others: Sequence[int]
+    ) -> ForeignBuffer | None:
+        """Find buffers of a frame that are another frame's; None where nothing says so.
+
+        Args:
+            number: of the frame.
+            lr, hr: its buffers, as stored.
+            others: numbers of the frames that are tried, the nearest first.
+        """
+        try:
+            found = self._find_stored((lr, hr), number, others)
+            return found or self._find_radiance(lr, number, others)
+        except FrameFolderError:
+            # whoever reads that frame next says why
+            return None
+
+    def _find_stored(
+        self, own: tuple[GBuffer, GBuffer], number: int, others: Sequence[int]
+    ) -> ForeignBuffer | None:
+        held = [b for b in HELD if b in own[0] and b in own[1]]
+        glance = self._glance(number, own, frozenset(held))
+        doubted = [b for b in held if self._doubts(b, own, glance, others)]
+        if not doubted:
+            return None
+        beside = {n: tuple(read(n, held) for read in self._reads) for n in others}
+        pairs: dict[Fit, tuple[GBuffer, GBuffer]] = {}
+        for n, (small, large) in beside.items():
+            pairs[None, n], pairs[n, None] = (own[0], large), (small, own[1])
+        found = {b: self._choose_fit(b, own, pairs) for b in doubted}
+        alike = {b: fit for b, fit in found.items() if fit is not None}
         if not alike:
             return None
-        lr, hr, share = alike[0][1]
-        other = lr if hr is None else hr
-        assert other is not None
-        buffers = tuple(b for b, fit in alike if fit[:2] == (lr, hr))
-        told_by = _tell_apart(own, reads, other, scale, [b for b in held if b not in doubted])
-        if told_by is None and not _differs(doubted[0], own[0], reads[0], other):
+        first = next(iter(alike))
+        fit, share = alike[first]
+        other = next(n for n in fit if n is not None)
+        told_by = self._tell_apart(own, beside[other][1], [b for b in held if b not in doubted])
+        if told_by is None and len(held) > len(doubted):
             return None
-        size = _name_size(buffers[0], own, reads, number, other)
-    except FrameFolderError:
-        return None
-    return ForeignBuffer(
-        buffers=buffers,
-        number=number,
-        other=other,
-        fits=(number if lr is None else lr, number if hr is None else hr),
-        size=size,
-        share=share,
-        told_by=told_by or "",
-    )
+        if told_by is None and not _differs(first, own[0], beside[other][0]):
+            return None
+        return ForeignBuffer(
+            buffers=tuple(b for b, (same, _) in alike.items() if same == fit),
+            number=number,
+            other=other,
+            fits=(number if fit[0] is None else fit[0], number if fit[1] is None else fit[1]),
+            size=_name_size(first, own, beside[other]),
+            share=share,
+            told_by=told_by or "",
+        )
 
-
-def _list_doubted(
-    own: tuple[GBuffer, GBuffer], held: Sequence[Buffer], scale: int
-) -> Iterator[Buffer]:
-    for buffer in held:
-        found = count_strays(buffer, *own, scale, GLANCE_SAMPLES)
+    def _doubts(
+        self,
+        buffer: Buffer,
+        own: tuple[GBuffer, GBuffer],
+        glance: Glance,
+        others: Sequence[int],
+    ) -> bool:
+        """Tell whether samples stray, and about as many from a frame beside."""
+        found = count_picked(*glance[buffer])
         if found is None or not (found.flat or found.share > FEW_STRAYS / 2):
-            continue
-        found = count_strays(buffer, *own, scale)
-        if found is not None and found.doubtful:
-            yield buffer
+            return False
+        if others and _is_own(buffer, found, glance, self._glance_beside(others, glance)):
+            return False
+        found = count_strays(buffer, *own, self._scale)
+        return found is not None and found.doubtful
 
-
-Fit = tuple[int | None, int | None, float]
-"""LR frame, HR frame, None for the frame itself; share that strays as it is."""
-
-
-def _find_frame(
-    buffer: Buffer,
-    own: tuple[GBuffer, GBuffer],
-    reads: tuple[Read, Read],
-    scale: int,
-    others: Sequence[int],
-) -> Fit | None:
-    """The frame which the buffer of one size fits, and not that of its own."""
-    # what is sky is told by depth
-    kept = {buffer, Buffer.DEPTH}
-    small, large = (gbuffer.only(kept & gbuffer.keys()) for gbuffer in own)
-    tried: dict[tuple[int | None, int | None], tuple[GBuffer, GBuffer]] = {}
-    for other in others:
-        tried[None, other] = small, reads[1](other, large.keys())
-        tried[other, None] = reads[0](other, small.keys()), large
-    for dark in (False, True) if buffer is Buffer.EMISSION else (False,):
-        strays = count_strays(buffer, small, large, scale, dark_sky=dark)
-        counted = {
-            n: count_strays(buffer, *pair, scale, dark_sky=dark) for n, pair in tried.items()
+    def _glance(self, number: int, own: tuple[GBuffer, GBuffer], held: frozenset[Buffer]) -> Glance:
+        glance = {
+            b: (
+                pick_samples(b, own[0], GLANCE_SAMPLES),
+                cut_blocks(b, own[1], self._scale, GLANCE_SAMPLES),
+            )
+            for b in HELD
+            if b in held
         }
-        best = _choose({n: found for n, found in counted.items() if found is not None})
-        if strays is not None and best is not None and strays.is_far_above(best[1]):
-            return (*best[0], strays.share)
-    return None
+        self._glances = _keep(self._glances, (number, held), glance)
+        return glance
 
+    def _glance_beside(self, others: Sequence[int], glance: Glance) -> Glance:
+        """What was seen of a frame around, read if there is none."""
+        held = frozenset(glance)
+        known = self._glances
+        for number in others[:NEAREST]:
+            if (number, held) in known:
+                return known[number, held]
+        small, large = (read(others[0], held) for read in self._reads)
+        return self._glance(others[0], (small, large), held)
 
-def _choose(
-    found: dict[tuple[int | None, int | None], Strays],
-) -> tuple[tuple[int | None, int | None], Strays] | None:
-    """The pair that fits best: of two files that are exchanged both do, with the other's."""
+    def _choose_fit(
+        self,
+        buffer: Buffer,
+        own: tuple[GBuffer, GBuffer],
+        pairs: Mapping[Fit, tuple[GBuffer, GBuffer]],
+    ) -> tuple[Fit, float] | None:
+        """The pair of files that fit where those of the frame do not; share of these."""
+        for dark in (False, True) if buffer is Buffer.EMISSION else (False,):
+            count = partial(count_strays, buffer, scale=self._scale, dark_sky=dark)
+            strays = count(*own)
+            counted = {fit: count(*pair) for fit, pair in pairs.items()}
+            known = {fit: found for fit, found in counted.items() if found is not None}
+            if strays is None or not known:
+                continue
+            best = min(known, key=partial(_rate, known))
+            if strays.is_far_above(known[best]):
+                return best, strays.share
+        return None
 
-    def rate(frames: tuple[int | None, int | None]) -> tuple[float, float]:
-        back = found.get(frames[::-1])
-        return found[frames].share, 1.0 if back is None else back.share
+    def _tell_apart(
+        self, own: tuple[GBuffer, GBuffer], beside: GBuffer, fitting: Sequence[Buffer]
+    ) -> Buffer | None:
+        """The first buffer which fits its own HR frame, and not the other one."""
+        for buffer in fitting:
+            strays = count_strays(buffer, *own, self._scale)
+            found = count_strays(buffer, own[0], beside, self._scale)
+            if strays is None or found is None or found.share <= FEW_SHIFTED:
+                continue
+            if found.is_far_above(strays):
+                return buffer
+        return None
 
-    best = min(found, key=rate, default=None)
-    return None if best is None else (best, found[best])
-
-
-def _tell_apart(
-    own: tuple[GBuffer, GBuffer],
-    reads: tuple[Read, Read],
-    other: int,
-    scale: int,
-    fitting: Sequence[Buffer],
-) -> Buffer | None:
-    """The first buffer which fits its own frame, and not the other one."""
-    for buffer in fitting:
-        strays = count_strays(buffer, *own, scale)
-        beside = count_strays(buffer, own[0], reads[1](other, (buffer,)), scale)
-        if strays is None or beside is None or beside.share <= FEW_SHIFTED:
-            continue
-        if beside.is_far_above(strays):
-            return buffer
-    return None
-
-
-def _differs(buffer: Buffer, lr: GBuffer, read: Read, other: int) -> bool:
-    """Tell whether a buffer of LR is not the same in another frame: it moves."""
-    beside = count_strays(buffer, lr, read(other, (buffer,)), 1)
-    return beside is not None and beside.share > FEW_SHIFTED
-
-
-def _name_size(
-    buffer: Buffer,
-    own: tuple[GBuffer, GBuffer],
-    reads: tuple[Read, Read],
-    number: int,
-    other: int,
-) -> str:
-    """The size whose buffer follows the outlines of another frame; empty where none tells."""
-    found = []
-    for size, gbuffer, read in zip(("LR", "HR"), own, reads, strict=True):
-        around = draw_outlines(gbuffer.only(gbuffer.keys() & {*HELD}), buffer)
-        beside = draw_outlines(read(other, gbuffer.keys() & {*HELD}), buffer)
-        follows = None if around is None or beside is None else hold_against(around, beside)
-        if follows is not None and follows.of_other:
-            found.append(size)
-    return found[0] if len(found) == 1 else ""
-
-
-def find_foreign_radiance(
-    read: Callable[[int], Outlines | None], number: int, others: Sequence[int]
-) -> ForeignBuffer | None:
-    """Find a frame whose outlines LR radiance follows, and not those of its own.
-
-    Args:
-        read: outlines of LR frames, whose jumps are those of radiance.
-        number: of the frame.
-        others: numbers of those that are tried, the nearest first.
-    """
-    try:
-        own = read(number)
+    def _find_radiance(
+        self, lr: GBuffer, number: int, others: Sequence[int]
+    ) -> ForeignBuffer | None:
+        """A frame whose outlines LR radiance follows, and not those of its own."""
+        drawn = frozenset(lr.keys() & {Buffer.COLOR, *STEPS})
+        own = draw_outlines(lr.only(drawn), Buffer.COLOR)
+        self._outlines = _keep(self._outlines, (number, drawn), own)
         if own is None:
             return None
+        known = self._outlines
+        nearest = sorted(others[:NEAREST], key=lambda n: (n, drawn) not in known)
         followed: dict[int, float] = {}
-        for other in others:
-            beside = read(other)
+        for other in (*nearest, *others[NEAREST:]):
+            beside = self._draw(other, drawn)
             found = None if beside is None else hold_against(own, beside)
             if found is not None and found.of_own and not followed:
                 return None
             if found is not None and found.of_other:
                 followed[other] = found.share
-    except FrameFolderError:
-        return None
-    if not followed:
-        return None
-    other = min(followed, key=followed.__getitem__)
-    return ForeignBuffer(buffers=(Buffer.COLOR,), number=number, other=other, size="LR")
+        if not followed:
+            return None
+        other = min(followed, key=followed.__getitem__)
+        return ForeignBuffer(buffers=(Buffer.COLOR,), number=number, other=other, size="LR")
+
+    def _draw(self, number: int, drawn: frozenset[Buffer]) -> Outlines | None:
+        if (number, drawn) not in self._outlines:
+            outlines = draw_outlines(self._reads[0](number, drawn), Buffer.COLOR)
+            self._outlines = _keep(self._outlines, (number, drawn), outlines)
+            return outlines
+        return self._outlines[number, drawn]
 
 
-def count_strays(
-    buffer: Buffer,
-    lr: GBuffer,
-    hr: GBuffer,
-    scale: int,
-    enough: int = ENOUGH_SAMPLES,
-    *,
-    dark_sky: bool = False,
-) -> Strays | None:
-    """Count LR samples that stray in one buffer; None where too few tell.
-
-    Args:
-        buffer: of `HELD`.
-        lr: buffers of LR samples; their depth, if it is there, tells sky.
-        hr: of HR pixels.
-        scale: S.
-        enough: samples of which more are not looked at.
-        dark_sky: whether HR pixels of sky may be 0, too: the sky's emission may be a pass of its
-            own, and of another frame than the lamps'.
-    """
-    height, width = lr.size
-    every = max(1, math.isqrt(height * width // enough))
-    rows, columns = (slice(1, side - 1, every) for side in (height, width))
-    image = _make_comparable(buffer, lr[buffer][..., rows, columns])
-    counted = torch.isfinite(image).all(1)
-    if Buffer.DEPTH in lr:
-        counted &= (lr[Buffer.DEPTH][..., rows, columns] < SKY_DEPTH_M)[:, 0]
-    size = (counted.shape[-2], counted.shape[-1])
-    known = int(counted.sum())
-    if known < LEAST_SAMPLES:
-        return None
-    blocks = _cut_blocks(hr[buffer], scale, every, size)
-    if buffer is Buffer.OBJECT_ID:
-        strays = (blocks != image[..., None]).all(-1).any(1)
-        flat = (blocks == blocks[..., :1]).all(-1).all(1)
-    else:
-        blocks = _make_comparable(buffer, blocks)
-        high, low = blocks.amax(-1), blocks.amin(-1)
-        if dark_sky and Buffer.DEPTH in hr:
-            sky = (_cut_blocks(hr[Buffer.DEPTH], scale, every, size) >= SKY_DEPTH_M).any(-1)
-            low = low.masked_fill(sky, 0.0)
-        off = RELATIVE * image.abs() if buffer is Buffer.DEPTH else ABSOLUTE
-        strays = ((image < low - off) | (image > high + off)).any(1)
-        most = FLAT * low.abs() if buffer is Buffer.DEPTH else FLAT
-        flat = (high - low <= most).all(1)
-    strays &= counted
-    return Strays(known, int(strays.sum()), int((strays & flat).sum()))
+def _keep(known: dict[Key, Value], key: Key, value: Value) -> dict[Key, Value]:
+    """What is known of the last frames, and of one more; the same dictionary is never changed."""
+    return dict([*known.items(), (key, value)][-MOST_RECENT:])
 
 
-def _cut_blocks(image: Image, scale: int, every: int, size: tuple[int, int]) -> Tensor:
-    """HR pixels of every so many blocks, and one further to each side, in the last dimension."""
-    inner = image[..., scale - 1 :, scale - 1 :]
-    blocks = inner.unfold(-2, scale + 2, scale * every).unfold(-2, scale + 2, scale * every)
-    return blocks[..., : size[0], : size[1], :, :].flatten(-2)
+def _is_own(buffer: Buffer, found: Strays, glance: Glance, beside: Glance) -> bool:
+    """Tell whether a buffer fits its own frame better than one beside, or all of both is alike."""
+    counted = {
+        b: [
+            count_picked(one, other)
+            for one, other in ((glance[b][0], beside[b][1]), (beside[b][0], glance[b][1]))
+        ]
+        for b in glance
+    }
+    known = {b: [strays for strays in pair if strays is not None] for b, pair in counted.items()}
+    moved = [b for b, pair in known.items() if any(each.share > FEW_SHIFTED for each in pair)]
+    if not moved:
+        return True
+    return bool(known[buffer]) and all(each.is_above(found) for each in known[buffer])
 
 
-def _make_comparable(buffer: Buffer, image: Image) -> Image:
-    """Radiance by its logarithm-like curve x / (1 + x), so that one step suits all of it."""
-    if buffer is Buffer.OBJECT_ID:
-        return image
-    image = image.float()
-    return image / (1.0 + image.abs()) if buffer is Buffer.EMISSION else image
+def _rate(found: Mapping[Fit, Strays], fit: Fit) -> tuple[float, float]:
+    """The less, the better; files of two frames that are exchanged fit both ways."""
+    back = found.get(fit[::-1])
+    return found[fit].share, 1.0 if back is None else back.share
 
 
-class RecentOutlines:
-    """Outlines of the LR frames that were read last, with the jumps of radiance.
+def _differs(buffer: Buffer, lr: GBuffer, beside: GBuffer) -> bool:
+    """Tell whether a buffer of LR is not the same in another frame: it moves."""
+    found = count_strays(buffer, lr, beside, 1)
+    return found is not None and found.share > FEW_SHIFTED
 
-    Args:
-        read: reads buffers of LR frames.
-    """
 
-    def __init__(self, read: Read) -> None:
-        """Know none yet."""
-        self._read = read
-        self._known: dict[tuple[int, frozenset[Buffer]], Outlines | None] = {}
-
-    def keep(self, number: int, gbuffer: GBuffer) -> frozenset[Buffer]:
-        """Draw those of a frame that is read already; return what they are drawn of."""
-        drawn = frozenset(gbuffer.keys() & {Buffer.COLOR, *STEPS})
-        self._put((number, drawn), draw_outlines(gbuffer.only(drawn), Buffer.COLOR))
-        return drawn
-
-    def draw(self, number: int, drawn: frozenset[Buffer]) -> Outlines | None:
-        """Draw those of any frame."""
-        key = (number, drawn)
-        if key not in self._known:
-            self._put(key, draw_outlines(self._read(number, drawn), Buffer.COLOR))
-        return self._known[key]
-
-    def _put(self, key: tuple[int, frozenset[Buffer]], outlines: Outlines | None) -> None:
-        self._known = dict([*self._known.items(), (key, outlines)][-MOST_RECENT:])
+def _name_size(buffer: Buffer, own: tuple[GBuffer, GBuffer], beside: tuple[GBuffer, ...]) -> str:
+    """The size whose buffer follows the outlines of another frame; empty where none tells."""
+    found = []
+    for size, one, other in zip(("LR", "HR"), own, beside, strict=True):
+        known = {*HELD} & one.keys() & other.keys()
+        outlines = [draw_outlines(gbuffer.only(known), buffer) for gbuffer in (one, other)]
+        if outlines[0] is None or outlines[1] is None:
+            continue
+        follows = hold_against(outlines[0], outlines[1])
+        if follows is not None and follows.of_other:
+            found.append(size)
+    return found[0] if len(found) == 1 else ""
 
 
 def describe_foreign(found: ForeignBuffer, lr_root: Path, hr_root: Path) -> str:

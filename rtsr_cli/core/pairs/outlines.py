@@ -39,7 +39,7 @@ HDR = (Buffer.COLOR, Buffer.EMISSION)
 DARK = 0.01
 """Radiance below which ratios tell less, as a share of the mean."""
 
-MOST_PAIRS = 1 << 16
+MOST_PAIRS = 1 << 14
 """Neighbours of one direction that are looked at: of more, every second, third ... row is."""
 
 LEAST_EDGES = 32

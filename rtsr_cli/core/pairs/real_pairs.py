@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -24,11 +24,8 @@ from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.imaging.derivation import CAMERA
 from rtsr_cli.core.pairs import pixel_filter
 from rtsr_cli.core.pairs.buffer_moments import (
-    ForeignBuffer,
-    RecentOutlines,
+    BufferMoments,
     describe_foreign,
-    find_foreign,
-    find_foreign_radiance,
 )
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
 from rtsr_cli.core.pairs.material_agreement import GUIDES
@@ -294,36 +291,19 @@ class RealPairs:
             )
         if found is not None:
             raise FrameFolderError(self._describe(found))
-        foreign = self._find_foreign(number, lr, hr, list_around(number, stored))
+        foreign = self._moments.find(number, lr, hr, list_around(number, stored))
         if foreign is not None:
             raise FrameFolderError(describe_foreign(foreign, small.frames.root, large.frames.root))
 
-    def _find_foreign(
-        self, number: int, lr: GBuffer, hr: GBuffer, others: Sequence[int]
-    ) -> ForeignBuffer | None:
-        """A buffer of a frame that is another frame's."""
-        small, large = self.lr, self.hr
-        assert large is not None
-        found = find_foreign(
-            (lr, hr),
-            (
-                lambda other, buffers: small.read(other, tuple(buffers)).gbuffer,
-                lambda other, buffers: large.read(other, tuple(buffers)).gbuffer,
-            ),
-            number,
-            self.scale,
-            others,
-        )
-        if found is not None or Buffer.COLOR not in lr:
-            return found
-        drawn = self._outlines.keep(number, lr)
-        return find_foreign_radiance(
-            lambda other: self._outlines.draw(other, drawn), number, others
-        )
-
     @cached_property
-    def _outlines(self) -> RecentOutlines:
-        return RecentOutlines(lambda number, buffers: self.lr.read(number, buffers).gbuffer)
+    def _moments(self) -> BufferMoments:
+        lr, hr = self.lr, self.hr
+        assert hr is not None
+        return BufferMoments(
+            lambda number, buffers: lr.read(number, buffers).gbuffer,
+            lambda number, buffers: hr.read(number, buffers).gbuffer,
+            self.scale,
+        )
 
     def _read(self, number: int, inputs: PairInputs, *, own_moment: bool = False) -> FramePair:
         """Read both frames, whatever filter went over radiance."""
