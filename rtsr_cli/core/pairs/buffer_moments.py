@@ -172,7 +172,9 @@ class BufferMoments:
         found = count_picked(*glance[buffer])
         if found is None or not (found.flat or found.share > FEW_STRAYS / 2):
             return False
-        if others and _is_own(buffer, found, glance, self._glance_beside(others, glance)):
+        # the sky's emission may be its own frame's where that of lamps is not
+        compared = others and buffer is not Buffer.EMISSION
+        if compared and _is_own(buffer, found, glance, self._glance_beside(others, glance)):
             return False
         found = count_strays(buffer, *own, self._scale)
         return found is not None and found.doubtful
