@@ -278,6 +278,16 @@ def test_a_factor_on_the_colours_of_one_size_is_named(factor: float, name: str) 
     assert found.factors == pytest.approx((factor,) * 3, rel=0.02)
 
 
+@pytest.mark.parametrize("factor", [100.0, 0.01, 1000.0, 1 / 0.0254])
+def test_depth_of_one_size_in_another_unit_is_named(factor: float) -> None:
+    depth = render()[Buffer.DEPTH]
+    hr = change(render(), depth=torch.where(depth < SKY_DEPTH_M, 1.003 * factor * depth, depth))
+    found = judge({1: keep(render(), 4, (1, 2))}, {1: hr})
+    assert found is not None
+    assert f"about {factor:.3g} x LR in depth" in found.looks
+    assert (found.buffer, found.factors) == (Buffer.DEPTH, pytest.approx((factor,)))
+
+
 @pytest.mark.parametrize("tint", [(1.0, 2.0, 2.0), (1.0, 1.0, 0.4), (3.0, 0.5, 1.5)])
 def test_a_factor_of_each_channel_is_named(tint: tuple[float, ...]) -> None:
     colour = render()[Buffer.ALBEDO]
