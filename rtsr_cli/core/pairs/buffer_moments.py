@@ -216,7 +216,7 @@ class BufferMoments:
             if strays is None or not known:
                 continue
             best = min(known, key=partial(_rate, known))
-            if strays.is_far_above(known[best]):
+            if strays.is_far_above(known[best]) and _fits_alone(best, known, strays):
                 return best, strays.share
         return None
 
@@ -290,6 +290,15 @@ def _rate(found: Mapping[Fit, Strays], fit: Fit) -> tuple[float, float]:
     """The less, the better; files of two frames that are exchanged fit both ways."""
     back = found.get(fit[::-1])
     return found[fit].share, 1.0 if back is None else back.share
+
+
+def _fits_alone(best: Fit, found: Mapping[Fit, Strays], own: Strays) -> bool:
+    """Tell whether other frames than the best one fit no better than the own one, most of them.
+
+    Of a frame that fits none beside it, for what it shows itself, many fit better.
+    """
+    rest = sorted(strays.share for fit, strays in found.items() if fit not in (best, best[::-1]))
+    return not rest or 2.0 * rest[len(rest) // 2] >= own.share
 
 
 def _differs(buffer: Buffer, lr: GBuffer, beside: GBuffer) -> bool:

@@ -179,7 +179,7 @@ class Misfit:
         others = format_ranges(self.looked_at)
         if frames == self.looked_at:
             return f"all frames looked at ({others})"
-        return f"{say_frames(frames)} of those looked at ({others})"
+        return f"{say_frames(frames)} (only frames {others} were looked at)"
 
     def is_like(self, other: Misfit) -> bool:
         """Tell whether another frame misfits in the same way."""

@@ -29,6 +29,12 @@ FEW_FLAT = 0.001
 """Share of samples that stray from HR pixels that are alike, up to which nothing is doubted: of
 right pairs more do where textures are finer than HR pixels."""
 
+SPARSE = (Buffer.EMISSION, Buffer.METALLIC)
+"""Buffers that are 0 on most surfaces, which tell nothing."""
+
+LEAST_LIT = 32
+"""Samples that are not, of which fewer tell nothing."""
+
 SURE = 4.0
 """Standard deviations of counts by which strays of one frame are more than those of another."""
 
@@ -166,8 +172,13 @@ def _flat_of(buffer: Buffer) -> float:
 def count_picked(samples: PickedSamples, blocks: CutBlocks) -> Strays | None:
     """Count samples that stray; None where too few tell."""
     image, counted = samples.image, samples.counted
+    least = LEAST_SAMPLES
+    if samples.buffer in SPARSE:
+        # a frame that shows none of it fits any other
+        counted = counted & ((image > ABSOLUTE) | (blocks.high > ABSOLUTE)).any(1)
+        least = LEAST_LIT
     known = int(counted.sum())
-    if known < LEAST_SAMPLES:
+    if known < least:
         return None
     if samples.buffer is Buffer.OBJECT_ID:
         strays = (blocks.low != image[..., None]).all(-1).any(1)

@@ -369,11 +369,11 @@ def test_frames_that_misfit_alike_are_named_among_those_looked_at() -> None:
     some = judge(lr, {n: flip(image, dims) if n in (3, 5) else image for n, image in hr.items()})
     assert some is not None
     assert some.frames == (3, 5)
-    assert some.where == "frames 3, 5 of those looked at (1, 3, 5)"
+    assert some.where == "frames 3, 5 (only frames 1, 3, 5 were looked at)"
     mixed = {n: flip(image, dims if n == 3 else (-1,)) for n, image in hr.items()}
     one = judge(lr, mixed)
     assert one is not None
-    assert one.where == "frame 3 of those looked at (1, 3, 5)"
+    assert one.where == "frame 3 (only frames 1, 3, 5 were looked at)"
     alone = judge({3: lr[3]}, {3: flip(hr[3], dims)})
     assert alone is not None
     assert alone.where == "frame 3"
