@@ -12,6 +12,7 @@ from torch import nn
 
 from rtsr_cli.core.errors import ConfigError
 from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.lighting.lighting_history import CarriedLighting, EnlargedLighting, enlarge_frame
 from rtsr_cli.core.system import FrameWindow, Prediction, Tensors
 from rtsr_cli.models import load_system
 from rtsr_cli.models.gather.config import GatherConfig
@@ -106,8 +107,6 @@ def test_where_samples_agree_on_a_change_belief_may_be_taken(
 
 
 def test_channels_are_those_of_the_table(make_windows: MakeWindows) -> None:
-    from rtsr_cli.core.lighting.lighting_history import enlarge_frame
-
     window = make_windows(SYSTEM, 4, optional=True)[0]
     learning = SYSTEM.learning
     assert learning is not None
@@ -135,12 +134,15 @@ def test_corrections_of_strips_are_those_of_the_graph(
     monkeypatch.setattr("rtsr_cli.models.gather.network.STRIP_PIXELS", 1)
     torch.manual_seed(5)
     one, three, two = (torch.rand(1, c, 6 * scale, 5 * scale) for c in (1, 3, 2))
-    images = {
+    inputs = {
         **{"mask": torch.ones(1, 1, 6, 5), "depth": 1.0 + one, "roughness": one, "motion": two},
         **{"normal": nn.functional.normalize(three - 0.5, dim=1), "material": three},
-        **{"history": three.flip(2), "worth": one, "own": three, "fit": one, "seen": one},
-        "change": three - 0.5,
+        "shift": torch.zeros(1, 2, 1, 1),
     }
+    frame = EnlargedLighting(
+        encoded=three, fit=one, change=three - 0.5, seen=one, agreement=torch.zeros_like(one)
+    )
+    images = list_seen(inputs, CarriedLighting(encoded=three.flip(2), worth=one), frame)
     samples, network = torch.rand(1, LR_CHANNELS, 6, 5), build(moved=0.3)
     # what a block's mean takes from beyond a strip is a small part of what is seen
     with torch.no_grad():
@@ -232,29 +234,44 @@ def test_weights_out_of_range_are_refused() -> None:
         GatherConfig(age=1.5)
 
 
-def test_pixels_are_described_as_the_table_has_it() -> None:
+def test_pixels_are_described_as_the_table_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each channel of one pixel, by hand."""
     rows, columns, scale = 4, 6, 2
 
     def fill(*values: float) -> torch.Tensor:
         return torch.tensor(values).view(1, -1, 1, 1).repeat(1, 1, rows, columns)
 
-    images = {
+    inputs = {
         "mask": torch.ones(1, 1, rows // scale, columns // scale),
-        **{"fit": fill(0.4), "worth": fill(3.0), "seen": fill(0.7), "depth": fill(4.0)},
-        **{"own": fill(0.3, 0.6, 0.9), "history": fill(0.5, 0.2, 0.8), "roughness": fill(0.35)},
-        **{"change": fill(0.3, -0.6, 0.0), "material": fill(0.1, 0.2, 0.3)},
-        **{"normal": fill(0.0, 0.0, 1.0), "motion": fill(-2.25, 1.5)},
+        **{"normal": fill(0.0, 0.0, 1.0), "depth": fill(4.0), "roughness": fill(0.35)},
+        **{"material": fill(0.1, 0.2, 0.3), "motion": fill(-2.25, 1.5)},
+        "shift": torch.zeros(1, 2, 1, 1),
     }
+    # the row below, and the column beside, are turned: bumps of three rows and three columns
+    inputs["normal"][:, :, 2:, 3:] = fill(0.6, 0.0, 0.8)[:, :, 2:, 3:]
+    carried = CarriedLighting(encoded=fill(0.5, 0.2, 0.8), worth=fill(3.0))
+    frame = EnlargedLighting(
+        encoded=fill(0.3, 0.6, 0.9),
+        fit=fill(0.4),
+        change=fill(0.3, -0.6, 0.0),
+        seen=fill(0.7),
+        agreement=fill(0.0),
+    )
+    monkeypatch.setattr("rtsr_cli.models.gather.inputs.BUMP_ROWS", 1)
+    images = list_seen(inputs, carried, frame)
     expected = {
         **{0: 0.4, 1: math.log(0.401) / 4, 2: math.log(4.0) / 2, 3: 1.0},
         **{4: -0.1, 5: math.sqrt((0.09 + 0.36) / 3), 6: -0.1, 7: 0.4, 8: 0.6, 9: 0.5},
-        **{10: 0.0, 11: 0.35, 12: math.log(0.21) / 4, 13: 0.2, 14: 2.25 / 8},
+        **{11: 0.35, 12: math.log(0.21) / 4, 13: 0.2, 14: 2.25 / 8},
         **{15: 2 * (0.75 * 0.25 + 0.25), 16: 0.7},
     }
     seen = describe_pixels(images)
     for channel, value in expected.items():
         torch.testing.assert_close(seen[0, channel], torch.full((rows, columns), value))
+    # so many of the nine normals around a pixel are turned by 37 degrees
+    for (row, column), turned in {(0, 0): 0, (1, 2): 1, (1, 4): 3, (2, 2): 2, (2, 4): 6}.items():
+        size = math.hypot(0.6 * turned, 9 - 0.2 * turned) / 9
+        assert float(seen[0, 10, row, column]) == pytest.approx(10 * (1 - size), abs=1e-5)
     assert seen[0, 17, 0].tolist() == [-0.5, 0.0] * 3
     assert seen[0, 18, :, 0].tolist() == [-0.5, 0.0] * 2
     unknown = describe_pixels(images | {"worth": fill(0.0)})

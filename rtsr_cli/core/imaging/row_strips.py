@@ -64,27 +64,40 @@ def run_in_strips(
 
 
 def fill_in_strips(
-    run: Callable[[Mapping[str, Tensor]], Tensor],
+    run: Callable[[Mapping[str, Tensor], slice], Tensor],
     images: Mapping[str, Tensor],
     out: Image,
     *,
     rows: int,
-    halo: int,
+    halo: int = 0,
 ) -> None:
-    """`run_in_strips` of what costs memory traffic more than arithmetic: a strip a thread.
+    """Fill an image, a strip a thread: for what costs memory traffic more than arithmetic.
+
+    A halo is counted in the rows of the largest images, so that little is computed twice.
 
     Args:
-        run: named images -> an image; an output row depends on `halo` rows to each side.
-        images: n c H w each; heights are whole multiples of the smallest, that of LR.
+        run: named images, and which rows of the largest are asked for -> what `out` has there.
+        images: n c H w each; the largest come with their halo, others without; heights are whole
+            multiples of the smallest, that of LR.
         out: where the result goes, n c S*h w.
         rows: LR rows of a strip, without its halo.
-        halo: LR rows.
+        halo: rows of the largest images that an output row depends on to each side.
     """
-    height = min(image.shape[2] for image in images.values())
+    heights = [image.shape[2] for image in images.values()]
+    height, largest = min(heights), max(heights)
+    scale = largest // height
 
     def fill_strip(inner: range) -> None:
-        strip = _run_strip(run, images, height=height, inner=inner, halo=halo)
-        _crop_rows(out, height, inner.start, inner.stop).copy_(strip)
+        first, last = inner.start * scale, inner.stop * scale
+        top, bottom = max(0, first - halo), min(largest, last + halo)
+        strip = {
+            name: image[:, :, top:bottom]
+            if image.shape[2] == largest
+            else _crop_rows(image, height, inner.start, inner.stop)
+            for name, image in images.items()
+        }
+        given = run(strip, slice(first - top, last - top))
+        _crop_rows(out, height, inner.start, inner.stop).copy_(given)
 
     share_among_threads(fill_strip, cut_rows(height, rows))
 

@@ -121,9 +121,9 @@ def _axis_taps(
     return [((start + k).clamp(0, last), weight) for k, weight in enumerate(weights)]
 
 
-def _nearest_index(motion_px: Tensor, axis: int, first: int = 0) -> Tensor:
+def _nearest_index(motion_px: Tensor, axis: int) -> Tensor:
     """Index of the pixel that holds the position, along one axis, not clamped."""
-    return whole_pixels(motion_px[:, axis : axis + 1] + 0.5) + own_index(motion_px, axis, first)
+    return whole_pixels(motion_px[:, axis : axis + 1] + 0.5) + own_index(motion_px, axis)
 
 
 def _place(rows: Tensor, columns: Tensor, width: int) -> Tensor:
@@ -153,12 +153,12 @@ def inside_frame(motion_px: MotionPx, rows: range | None = None) -> Mask:
     """
     height, width = motion_px.shape[2:]
     top, bottom = (0, height) if rows is None else (rows.start, rows.stop)
-    motion = motion_px[:, :, top:bottom]
-    finite = bound_motion(motion, limit_px=height + width)
-    inside = ~motion.sum(dim=1, keepdim=True).isnan()
+    # of the pixel's left and upper edge; no comparison holds for NaN
+    edges = motion_px[:, :, top:bottom] + 0.5
+    inside = torch.ones_like(edges[:, :1], dtype=torch.bool)
     for axis, (extent, first) in enumerate(((width, 0), (height, top))):
-        index = _nearest_index(finite, axis, first)
-        inside = inside & (index >= 0) & (index < extent)
+        edge, own = edges[:, axis : axis + 1], own_index(edges, axis, first).to(edges)
+        inside &= (edge >= -own) & (edge < extent - own)
     return inside.to(motion_px.dtype)
 
 

@@ -34,7 +34,7 @@ from rtsr_cli.core.lighting.lighting_history import (
     move_grid,
     sample_change,
 )
-from rtsr_cli.core.shapes import Image, Plane
+from rtsr_cli.core.shapes import Image, Plane, Vector3
 from rtsr_cli.core.system import FrameWindow, Tensors
 from rtsr_cli.models.gather.config import GatherConfig
 
@@ -48,6 +48,9 @@ FASTEST_PX = 8.0
 
 STRIP_ROWS = 8
 """LR rows that a thread describes at once, so that what it reads and writes stays in its cache."""
+
+BUMP_ROWS = 32
+"""HR rows that a thread measures the bumps of at once."""
 
 LEAST_SHOWN_WORTH = 1e-4
 """Samples that history has to be worth for the network to see it."""
@@ -97,10 +100,12 @@ def list_seen(
     history, worth = own, torch.zeros_like(fit)
     if carried is not None:
         history, worth = carried.encoded, carried.worth
+    across, down = _find_places(inputs)
     return {
-        **{name: inputs[name] for name in ("mask", "normal", "depth", "roughness", "material")},
+        **{name: inputs[name] for name in ("mask", "depth", "roughness", "material")},
         **{"motion": move_grid(inputs["motion"], inputs), "history": history, "worth": worth},
         **{"own": own, "fit": fit, "change": frame.change, "seen": frame.seen},
+        **{"bump": _measure_bumps(inputs["normal"]), "across": across, "down": down},
     }
 
 
@@ -108,7 +113,7 @@ def see_pixels(images: Tensors) -> Image:
     """The HR channels of `list_seen`, made in strips."""
     fit = images["fit"]
     seen = fit.new_empty(len(fit), HR_CHANNELS, *fit.shape[2:])
-    fill_in_strips(describe_pixels, images, seen, rows=STRIP_ROWS, halo=1)
+    fill_in_strips(lambda strip, _: describe_pixels(strip), images, seen, rows=STRIP_ROWS)
     return seen
 
 
@@ -136,7 +141,7 @@ def _list_planes(images: Tensors) -> Iterator[Plane]:
     yield difference.abs_().amax(1, keepdim=True)
     yield _average(own)
     yield _average(images["history"]).mul_(there)
-    yield _average(mean_3x3(images["normal"]).square_()).mul_(3.0).sqrt_().sub_(1.0).mul_(-10.0)
+    yield images["bump"]
     yield images["roughness"]
     yield _average(images["material"]).add_(1e-2).log_().div_(4.0)
     yield inverse_depth(images["depth"])
@@ -151,7 +156,8 @@ def _list_planes(images: Tensors) -> Iterator[Plane]:
         .nan_to_num_()
     )
     yield images["seen"]
-    yield from _find_places(images)
+    yield images["across"]
+    yield images["down"]
 
 
 def _average(image: Image) -> Plane:
@@ -159,11 +165,23 @@ def _average(image: Image) -> Plane:
     return image.sum(1, keepdim=True).div_(image.shape[1])
 
 
-def _find_places(images: Tensors) -> tuple[Plane, Plane]:
-    """x (a row) and y (a column) of pixels minus those of their blocks' samples, LR pixels."""
-    depth = images["depth"]
+def _measure_bumps(normal: Vector3) -> Plane:
+    """10 (1 - |mean of 3 x 3 normals|)."""
+    bumps = torch.empty_like(normal[:, :1])
+
+    def measure(strip: Tensors, inner: slice) -> Plane:
+        mean = mean_3x3(strip["normal"])[:, :, inner]
+        return _average(mean.square_()).mul_(3.0).sqrt_().sub_(1.0).mul_(-10.0)
+
+    fill_in_strips(measure, {"normal": normal}, bumps, rows=BUMP_ROWS, halo=1)
+    return bumps
+
+
+def _find_places(inputs: Tensors) -> tuple[Plane, Plane]:
+    """x and y of pixels minus those of their blocks' samples, LR pixels."""
+    depth = inputs["depth"]
     height, width = depth.shape[2:]
-    scale = height // images["mask"].shape[2]
+    scale = height // inputs["mask"].shape[2]
     inside = (torch.arange(scale).to(depth) - scale // 2) / scale
     x, y = (inside.expand(side // scale, scale).reshape(side) for side in (width, height))
-    return x.view(1, 1, 1, width), y.view(1, 1, height, 1)
+    return x.view(1, 1, 1, width).expand_as(depth), y.view(1, 1, height, 1).expand_as(depth)

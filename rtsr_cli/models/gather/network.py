@@ -82,6 +82,8 @@ MOST_WORTH = 16.0
 MOST_KEPT = 0.95
 """z, share of history's worth that a frame leaves of it at most."""
 
+ALL_ROWS = slice(None)
+
 STRIP_PIXELS = 3 << 14
 """HR pixels that a thread describes, and the head sees, at once: they stay in its cache."""
 
@@ -115,13 +117,14 @@ class Head(nn.Module):
         nn.init.zeros_(self.last.weight)
         nn.init.zeros_(cast(Tensor, self.last.bias))
 
-    def forward(self, pixels: Image, features: Image) -> Image:
-        """Run the layers."""
+    def forward(self, pixels: Image, features: Image, rows: slice = ALL_ROWS) -> Image:
+        """Run the layers for some rows of the pixels, whose features these are."""
+        hidden = self.first(pixels)[:, :, rows]
         # a number, whatever stands for the sizes while a graph is traced
-        scale = int(pixels.shape[2] // features.shape[2])
+        scale = int(hidden.shape[2] // features.shape[2])
         said = F.interpolate(features, scale_factor=scale, mode="nearest")
         # in place: memory that is asked for anew costs more than the arithmetic
-        hidden = self.first(pixels).add_(said).relu_()
+        hidden = hidden.add_(said).relu_()
         hidden = self.second(hidden).add_(hidden).relu_()
         given: Image = self.last(hidden)
         return given
@@ -179,16 +182,15 @@ class GatherNetwork(nn.Module):
         size = images["fit"].shape[2:]
         rows = max(2, STRIP_PIXELS * height // size.numel())
         fill_in_strips(
-            lambda strip: average_blocks(describe_pixels(strip), strip["mask"]),
+            lambda strip, _: average_blocks(describe_pixels(strip), strip["mask"]),
             images,
             small,
             rows=rows,
-            halo=1,
         )
         seen = {**images, "features": self.trunk(torch.cat([samples, small], dim=1))}
         given = samples.new_empty(count, self.head.channels, *size)
         fill_in_strips(
-            lambda strip: self._run_head(describe_pixels(strip), strip["features"]),
+            lambda strip, inner: self._run_head(describe_pixels(strip), strip["features"], inner),
             seen,
             given,
             rows=rows,
@@ -203,8 +205,8 @@ class GatherNetwork(nn.Module):
         features = self.trunk(torch.cat([samples, small], dim=1))
         return {"corrections": self._run_head(pixels, features)}
 
-    def _run_head(self, pixels: Image, features: Image) -> Image:
-        given: Image = self.head(pixels, features)
+    def _run_head(self, pixels: Image, features: Image, rows: slice = ALL_ROWS) -> Image:
+        given: Image = self.head(pixels, features, rows)
         return given
 
     def _gather(
@@ -226,7 +228,7 @@ class GatherNetwork(nn.Module):
             blended = self._blend(images)
         else:
             blended = given.new_empty(len(given), 4, *given.shape[2:])
-            fill_in_strips(self._blend, images, blended, rows=BLENDED_ROWS, halo=0)
+            fill_in_strips(lambda strip, _: self._blend(strip), images, blended, rows=BLENDED_ROWS)
         return blended[:, :3], blended[:, 3:]
 
     def _blend(self, images: Tensors) -> Image:
