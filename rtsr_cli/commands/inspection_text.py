@@ -269,7 +269,7 @@ def _describe_proof(settled: MeasuredReader | None) -> str:
     found = None if settled is None else settled.measured.camera
     if found is None or not found.proofs:
         return "unverified"
-    but = f"; not told from {found.likenesses}" if found.undecided else ""
+    but = f"; these frames cannot rule out {found.likenesses}" if found.undecided else ""
     apart = "; single frames are in doubt, see the warning below" if found.strays else ""
     unread = settled is not None and bool(settled.reader.motion_undecided)
     how = f" ({ANY_READING})" if unread and any("motion" in name for name in found.proofs) else ""

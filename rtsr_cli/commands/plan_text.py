@@ -136,7 +136,7 @@ def log_pixel_findings(done: RunDone) -> None:
     for shot, shares in done.no_material.items():
         LOG.info(
             "%s: %s of the pixels of %s are surfaces whose material does not explain their "
-            "radiance, which is enlarged as it is%s",
+            "radiance, which is enlarged as it is: sound, but softer than the rest%s",
             shot if shot != "." else done.folder,
             _name_share(shares.values()),
             say_frames(shares),

@@ -210,7 +210,7 @@ def test_a_width_that_cannot_be_told_is_said(
         "rtsr_cli.core.pairs.pixel_filter.measure_first", lambda read, numbers, scale: None
     )
     run = rtsr("upscale", pair, tmp_path / "out", "--system", "demod-guided", "--dry-run")
-    assert "no measured width fits" in run.output
+    assert "no filter width that was tried fits it" in run.output
     assert "filter_width_px" in run.output
 
 

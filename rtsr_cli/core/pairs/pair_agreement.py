@@ -100,8 +100,9 @@ FACTOR = "to be about {factor:.3g} x LR in {buffer}"
 TINT = "to be about {factors} x LR in the R, G, B of {buffer}"
 """The same, each channel by itself."""
 
-LEAST_FACTOR, MOST_FACTOR = 1.2, 300.0
-"""Ratios to either side of 1 that are called a factor: from what no rounding makes to 0..255."""
+LEAST_FACTOR, MOST_FACTOR = 1.2, 2000.0
+"""Ratios to either side of 1 that are called a factor: from what no rounding makes to 0..255, and
+to depth in millimetres."""
 
 NEGATED = "negated in {axes} of {buffer}"
 """How vectors of HR may look beside LR's."""
@@ -113,6 +114,16 @@ COLOUR_REMEDY = "write {buffer} alike at both sizes: linear, its channels in the
 VECTOR_REMEDY = (
     "write {buffer} alike at both sizes: in one space, with the same handedness and direction"
 )
+
+UNIT_RATIOS = tuple(
+    one / other for one, other in permutations((1.0, 0.01, 0.001, 0.3048, 0.0254), 2)
+)
+"""Metres, centimetres, millimetres, feet and inches in each other."""
+
+UNIT_ERROR = 0.02
+"""Relative: what different samples leave of such a ratio."""
+
+UNIT_REMEDY = "write {buffer} in one unit at both sizes"
 
 NUMBER_REMEDY = "number the files of both sizes alike, each by its moment"
 
@@ -169,7 +180,7 @@ class Misfit:
         others = format_ranges(self.looked_at)
         if frames == self.looked_at:
             return f"all frames looked at ({others})"
-        return f"{say_frames(frames)} of those looked at ({others})"
+        return f"{say_frames(frames)} (only frames {others} were looked at)"
 
     def is_like(self, other: Misfit) -> bool:
         """Tell whether another frame misfits in the same way."""
@@ -247,7 +258,7 @@ def _judge_frame(
     other = _find_reading(small, beside, scale, number)
     if other is not None:
         return other
-    others = _list_others(number, stored, looked_at)
+    others = list_around(number, stored, looked_at)
     moved = _find_moment((small, beside), (lr, hr), scale, number, others)
     return moved or Misfit(frame=number, strays=strays)
 
@@ -265,15 +276,18 @@ def _find_turn(lr: GBuffer, hr: GBuffer, scale: int, strays: float) -> str:
 
 def _find_reading(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit | None:
     """A buffer that fits if it is read otherwise at one size; None where all fit, or none does."""
-    for buffer in (*COLOURS, *VECTORS):
+    for buffer in (Buffer.DEPTH, *COLOURS, *VECTORS):
         if buffer not in lr or buffer not in hr:
             continue
         strays = measure_strays_of(buffer, lr[buffer], hr[buffer], lr, scale) or 0.0
         if strays <= FEW_STRAYS:
             continue
-        found = measure_readings(buffer, lr, hr, scale)
+        scaled = buffer is Buffer.DEPTH
+        found = {} if scaled else measure_readings(buffer, lr, hr, scale)
         factors = _list_factors(buffer, lr, hr, scale)
         found |= _measure_factors(buffer, lr, hr, scale, factors)
+        if not found:
+            continue
         looks = min(found, key=found.__getitem__)
         if found[looks] * FAR_BETTER >= strays and buffer in COLOURS:
             # three numbers fit more than one does: only where nothing simpler explains it
@@ -281,7 +295,8 @@ def _find_reading(lr: GBuffer, hr: GBuffer, scale: int, number: int) -> Misfit |
             found |= _measure_factors(buffer, lr, hr, scale, factors)
             looks = min(found, key=found.__getitem__)
         if found[looks] * FAR_BETTER < strays:
-            remedy = COLOUR_REMEDY if buffer in COLOURS else VECTOR_REMEDY
+            remedy = UNIT_REMEDY if scaled else VECTOR_REMEDY
+            remedy = COLOUR_REMEDY if buffer in COLOURS else remedy
             return Misfit(
                 frame=number,
                 strays=strays,
@@ -338,9 +353,24 @@ def _measure_factors(
 
 def _list_factors(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> Factors:
     """Factors that HR's colours may have, by how they look: the round one first."""
-    factor = measure_factor(lr[buffer], hr[buffer], scale) if buffer in COLOURS else None
-    known = [] if factor is None else [_round_factor(factor, 2), factor]
-    return {FACTOR.format(factor=f, buffer=buffer): (f, f, f) for f in known}
+    if buffer is Buffer.DEPTH:
+        factor = measure_factor(_leave_sky(lr[buffer]), _leave_sky(hr[buffer]), scale)
+        known = [] if factor is None else [_round_unit(factor)]
+    else:
+        factor = measure_factor(lr[buffer], hr[buffer], scale) if buffer in COLOURS else None
+        known = [] if factor is None else [_round_factor(factor, 2), factor]
+    channels = lr[buffer].shape[1]
+    return {FACTOR.format(factor=f, buffer=buffer): (f,) * channels for f in known}
+
+
+def _round_unit(factor: float) -> float:
+    """How many of one unit another is, if that is it."""
+    near = min(UNIT_RATIOS, key=lambda ratio: abs(math.log(factor / ratio)))
+    return near if abs(factor / near - 1.0) <= UNIT_ERROR else factor
+
+
+def _leave_sky(depth: Image) -> Image:
+    return torch.where(depth < SKY_DEPTH_M, depth.double(), torch.nan)
 
 
 def _list_tints(buffer: Buffer, lr: GBuffer, hr: GBuffer, scale: int) -> Factors:
@@ -461,7 +491,7 @@ def find_other_moment(
         stored: numbers of frames that both sizes have.
     """
     try:
-        others = _list_others(number, stored)
+        others = list_around(number, stored)
         found = _find_moment(own, (lr, hr), scale, number, others)
         return found or _find_outside(own, (lr, hr), scale, number, others)
     except FrameFolderError:
@@ -512,9 +542,7 @@ def _find_outside(
     return Misfit(frame=number, strays=strays, looks=looks, remedy=OUTSIDE_REMEDY)
 
 
-def _list_others(
-    number: int, stored: Collection[int], looked_at: Collection[int] = ()
-) -> list[int]:
+def list_around(number: int, stored: Collection[int], looked_at: Collection[int] = ()) -> list[int]:
     """Frames that are tried in the place of one: those around it, and those looked at."""
     around = sorted(stored, key=lambda n: (abs(n - number), n))[: MOST_OTHERS + 1]
     return [n for n in dict.fromkeys((*around, *looked_at)) if n in stored and n != number]

@@ -23,6 +23,10 @@ from rtsr_cli.core.frames.camera import CameraMetadata
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.imaging.derivation import CAMERA, derive_material
 from rtsr_cli.core.pairs import pixel_filter
+from rtsr_cli.core.pairs.buffer_moments import (
+    BufferMoments,
+    describe_foreign,
+)
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
 from rtsr_cli.core.pairs.material_agreement import GUIDES
 from rtsr_cli.core.pairs.nonfinite import apply_policy
@@ -33,6 +37,7 @@ from rtsr_cli.core.pairs.pair_agreement import (
     choose_witness,
     find_misfit,
     find_other_moment,
+    list_around,
 )
 from rtsr_cli.core.pairs.saturated_material import divide_saturated
 from rtsr_cli.core.pairs.sources import (
@@ -267,26 +272,45 @@ class RealPairs:
     def _check_moment(self, number: int, lr: GBuffer, hr: GBuffer) -> None:
         """Refuse a frame one of whose files is another frame's: few are looked at before a run.
 
+        Args:
+            number: of the frame.
+            lr, hr: what was read of it.
+
         Raises:
-            FrameFolderError: its depth says so, or else its object ids or normals.
+            FrameFolderError: what both sizes hold says so, or what LR radiance shows.
         """
-        witness = choose_witness(lr, hr)
-        if witness is None or self.hr is None:
+        if self.hr is None:
             return
         small, large = self.lr, self.hr
         stored = set(small.numbers) & set(large.numbers) - set(small.held) - set(large.held)
         if number not in stored:
             return
-        found = find_other_moment(
-            lambda other: small.read(other, (witness,)).gbuffer,
-            lambda other: large.read(other, (witness,)).gbuffer,
-            number,
-            self.scale,
-            own=(lr, hr),
-            stored=stored,
-        )
+        witness = choose_witness(lr, hr)
+        found = None
+        if witness is not None:
+            found = find_other_moment(
+                lambda other: small.read(other, (witness,)).gbuffer,
+                lambda other: large.read(other, (witness,)).gbuffer,
+                number,
+                self.scale,
+                own=(lr, hr),
+                stored=stored,
+            )
         if found is not None:
             raise FrameFolderError(self._describe(found))
+        foreign = self._moments.find(number, lr, hr, list_around(number, stored))
+        if foreign is not None:
+            raise FrameFolderError(describe_foreign(foreign, small.frames.root, large.frames.root))
+
+    @cached_property
+    def _moments(self) -> BufferMoments:
+        lr, hr = self.lr, self.hr
+        assert hr is not None
+        return BufferMoments(
+            lambda number, buffers: lr.read(number, buffers).gbuffer,
+            lambda number, buffers: hr.read(number, buffers).gbuffer,
+            self.scale,
+        )
 
     def _read(self, number: int, inputs: PairInputs, *, own_moment: bool = False) -> FramePair:
         """Read both frames, whatever filter went over radiance."""
@@ -301,9 +325,9 @@ class RealPairs:
         stored = reads.hr.stored - RADIANCE_BUFFERS
         hr = self.hr.read(self.lr.held.get(number, number), stored)
         hr, fixed_hr = apply_policy(hr, inputs.on_nonfinite)
-        hr = build_hr(hr, _keep_guides(reads.hr), inputs.derivation)
         if own_moment:
-            self._check_moment(number, lr.gbuffer, hr.gbuffer)
+            self._check_moment(number, checked.frame.gbuffer, hr.gbuffer)
+        hr = build_hr(hr, _keep_guides(reads.hr), inputs.derivation)
         if divides:
             lr, hr = divide_saturated(
                 lr, hr, lambda: derive_material(checked.frame, inputs.derivation), self.scale

@@ -142,8 +142,9 @@ def describe_filter_width(source: PairSource, inputs: PairInputs) -> str:
     width = source.filter_width_px if inputs.filter_known else 0.0
     if width is None and not is_point_sampled(source):
         return (
-            "LR radiance went through a pixel filter that no measured width fits: it is taken for "
-            "point samples; declare filter_width_px in capture.toml"
+            "LR radiance went through a pixel filter, and no filter width that was tried fits it: "
+            "it is taken for point samples; declare filter_width_px in capture.toml (its standard "
+            "deviation in LR pixels), or render LR without a pixel filter"
         )
     if not width:
         return ""

@@ -278,6 +278,16 @@ def test_a_factor_on_the_colours_of_one_size_is_named(factor: float, name: str) 
     assert found.factors == pytest.approx((factor,) * 3, rel=0.02)
 
 
+@pytest.mark.parametrize("factor", [100.0, 0.01, 1000.0, 1 / 0.0254])
+def test_depth_of_one_size_in_another_unit_is_named(factor: float) -> None:
+    depth = render()[Buffer.DEPTH]
+    hr = change(render(), depth=torch.where(depth < SKY_DEPTH_M, 1.003 * factor * depth, depth))
+    found = judge({1: keep(render(), 4, (1, 2))}, {1: hr})
+    assert found is not None
+    assert f"about {factor:.3g} x LR in depth" in found.looks
+    assert (found.buffer, found.factors) == (Buffer.DEPTH, pytest.approx((factor,)))
+
+
 @pytest.mark.parametrize("tint", [(1.0, 2.0, 2.0), (1.0, 1.0, 0.4), (3.0, 0.5, 1.5)])
 def test_a_factor_of_each_channel_is_named(tint: tuple[float, ...]) -> None:
     colour = render()[Buffer.ALBEDO]
@@ -373,11 +383,11 @@ def test_frames_that_misfit_alike_are_named_among_those_looked_at() -> None:
     some = judge(lr, {n: flip(image, dims) if n in (3, 5) else image for n, image in hr.items()})
     assert some is not None
     assert some.frames == (3, 5)
-    assert some.where == "frames 3, 5 of those looked at (1, 3, 5)"
+    assert some.where == "frames 3, 5 (only frames 1, 3, 5 were looked at)"
     mixed = {n: flip(image, dims if n == 3 else (-1,)) for n, image in hr.items()}
     one = judge(lr, mixed)
     assert one is not None
-    assert one.where == "frame 3 of those looked at (1, 3, 5)"
+    assert one.where == "frame 3 (only frames 1, 3, 5 were looked at)"
     alone = judge({3: lr[3]}, {3: flip(hr[3], dims)})
     assert alone is not None
     assert alone.where == "frame 3"

@@ -489,13 +489,15 @@ def _describe_doubt(
             f"{UNVERIFIED}: what the frames show does not agree with them"
             f"{f' ({listed})' if listed else ''}."
         )
-        # one says it: what tells most
-        yield from [_describe_beside(name, found) for name, found in beside.items()][:1]
         if resting and any(t.evidence.tells_step for t in apart):
+            # other frames' cameras are beside it, and that is no error of its own
             yield (
                 "They are the same in all frames, though what is seen moves: one frame's matrices "
                 "in every frame? Write each frame's own."
             )
+        else:
+            # one says it: what tells most
+            yield from [_describe_beside(name, found) for name, found in beside.items()][:1]
     elif trials:
         yield f"{UNVERIFIED}: nothing in these frames moves or turns so that it could tell."
     elif silent:

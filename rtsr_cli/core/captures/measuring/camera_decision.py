@@ -136,7 +136,7 @@ def _describe_dispute(lr: FrameReader, hr: FrameReader) -> Iterator[str]:
     if hr.camera_doubt and not lr.camera_doubt:
         yield hr.camera_doubt
         why = (
-            "agree with theirs, in which an error of that size may be too small to be seen"
+            "agree with theirs, but have too few pixels for such an error to be seen"
             if lr.camera_certain
             else "do not tell"
         )

@@ -95,7 +95,10 @@ class Beside:
         """Say what the matrices as given look like, and by what."""
         parts = " and ".join(_list_parts(self.numbers, self.distance))
         left = 0.0 if self.left < LEAST_SAID else self.left
-        return f"{parts} ({self.own:.2g} {self.unit} as given, {left:.2g} without that)"
+        return (
+            f"{parts} (off by {self.own:.2g} {self.unit} with the matrices as given, "
+            f"by {left:.2g} with that camera)"
+        )
 
 
 def move_camera(given: CameraMatrices, numbers: Numbers, distance: float) -> CameraMatrices:

@@ -256,7 +256,8 @@ def _decide_motion(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
                 f"({proof}); the declaration is obeyed. Correct it, or check with 'rtsr inspect'"
             )
             return add_warning(settled, text)
-        note = f"motion measured: {chosen} (not as presumed: {presumed})"
+        source = "capture.toml and the layout have" if declared else "the layout has"
+        note = f"motion measured: {chosen} ({source} it as {presumed})"
         return take_measurement(settled, "motion", note, motion=chosen)
     if agreed or not _is_unproven(settled, capture):
         doubt = "" if agreed else _describe_doubt(against, best, capture)
@@ -293,7 +294,8 @@ def _check_repeats(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     settled = add_warning(
         settled,
         f"{_say_repeated(measured.repeated)}, though the motion vectors there say that things "
-        "move (animation on twos?); render motion of zero there, or leave such frames out",
+        "move: were files copied, or are pictures held for several frames? Render motion of zero "
+        "there, or leave such frames out",
     )
     finding = measured.motion
     best = None if finding is None else finding.best
@@ -319,8 +321,8 @@ def _add_resting(settled: MeasuredReader) -> MeasuredReader:
         return settled
     return add_warning(
         settled,
-        f"{_say_repeated(measured.resting)} (animation on twos?), so that little of the motion "
-        "can be measured",
+        f"{_say_repeated(measured.resting)} (were files copied, or are pictures held for "
+        "several frames?), so that little of the motion can be measured",
     )
 
 
