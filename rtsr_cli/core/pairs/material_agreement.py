@@ -565,7 +565,7 @@ def _find_thin_of(
     strays = strays & held.told
     where = picked[0, 0].nonzero()
     where = where[_hold_against_surroundings(held, materials, strays, where)(THIN)]
-    where = where[~_has_like(held, where)] if len(where) else where
+    where = where[~has_like(held, where, LIKE)] if len(where) else where
     if len(where) < count_least(strays):
         return torch.zeros_like(strays)
     found = _mark(where, strays)
@@ -611,7 +611,7 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     like = strays & _is_within(bright, groups) & _is_within(dim, groups)
     groups |= like & _spread(groups, LOST_REACH)
     # of a texture that both sizes have most samples are like pixels around, though few are not
-    alone = ~_has_like(held, groups[0, 0].nonzero())
+    alone = ~has_like(held, groups[0, 0].nonzero(), LIKE)
     return groups if 2 * int(alone.sum()) > len(alone) else torch.zeros_like(groups)
 
 
@@ -662,11 +662,12 @@ def _hold_against_surroundings(
 
 def has_like(held: HeldSamples, picked: Tensor, ratio: float | Tensor) -> Tensor:
     """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
-    parts = [_has_like_of(held, some) for some in torch.split(picked, AT_ONCE)]
-    return torch.cat(parts)
+    ratios = torch.as_tensor(ratio, dtype=held.material.dtype).expand(len(picked), 1, 1)
+    chunks = zip(torch.split(picked, AT_ONCE), torch.split(ratios, AT_ONCE), strict=True)
+    return torch.cat([_has_like_of(held, some, ratio) for some, ratio in chunks])
 
 
-def _has_like_of(held: HeldSamples, picked: Tensor) -> Tensor:
+def _has_like_of(held: HeldSamples, picked: Tensor, ratio: Tensor) -> Tensor:
     seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
     like = ((own <= seen * ratio) & (seen <= own * ratio)).all(1, keepdim=True)
