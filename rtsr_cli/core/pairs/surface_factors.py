@@ -7,14 +7,19 @@ Around a sample, over those of its surface in the 5 x 5, a factor is fitted in e
 with m_hr(q) of the HR pixel in which q lies. There is one where rho is further from 1 than storage
 and textures of two sizes make it, and explains the difference:
 
-    n (sum (m_lr - m)^2 - left) > SURE left,    left = sum (m_lr - rho m_hr)^2
+    n (sum (m_lr - m)^2 - left) > sure(n) left,    left = sum (m_lr - rho m_hr)^2
 
 for both m that right samples have: m_hr, and the mean of the pixels of their block, which a filter
 leaves. The quotient is that of F tests, of one parameter: noise of textures, sampled elsewhere,
 is as good as never so. Where one size has another texture, or none, no factor explains much, but
 the ratio's logarithm l is far from 0 beside what it varies by:
 
-    |mean l| > log FACTOR,    n (mean l)^2 > SURE (mean l^2 - (mean l)^2)
+    |mean l| > log FACTOR,    n (mean l)^2 > sure(n) (mean l^2 - (mean l)^2)
+
+Both quotients are squares of Student's t, whose tail beyond x of n - 1 degrees of freedom is about
+(1 + x^2 / (n - 1))^(-(n - 1) / 2): few samples of a fine texture agree on a factor by chance.
+
+    sure(n) = max(SURE, (n - 1) (CHANCE^(-2 / (n - 1)) - 1))
 
 Where LR material is filtered samples of mixed blocks tell nothing: it is no mean of material, but
 material of means.
@@ -54,6 +59,9 @@ FACTOR = 1.21
 
 SURE = 100.0
 """The quotient's bound: 10 standard errors of rho, or of the mean of l."""
+
+CHANCE = 1e-5
+"""Of such an agreement, at most."""
 
 LEAST = 4
 """Samples of a surface that tell a factor."""
@@ -204,7 +212,8 @@ def _fit_factors(
     # sums tell what is so of all of them, not of the brightest
     bias = add_up(own) / add_up(placed)
     far = (torch.minimum(rho, bias) > FACTOR) | (torch.maximum(rho, bias) * FACTOR < 1.0)
-    return rho, far & (surface.sum(2) * (least - left) > SURE * left)
+    count = surface.sum(2)
+    return rho, far & (count * (least - left) > _bound_quotients(count) * left)
 
 
 def _fit_ratios(
@@ -218,9 +227,16 @@ def _fit_ratios(
         middle = log.sum(2) / count
         spread = (log**2).sum(2) / count - middle**2
         middles.append(middle)
-        sure.append((middle.abs() > math.log(FACTOR)) & (count * middle**2 > SURE * spread))
+        far = middle.abs() > math.log(FACTOR)
+        sure.append(far & (count * middle**2 > _bound_quotients(count) * spread))
     one_way = middles[0] * middles[1] > 0.0
     return middles[0].exp(), one_way & sure[0] & sure[1]
+
+
+def _bound_quotients(count: Tensor) -> Tensor:
+    """sure(n)."""
+    freedom = (count - 1).clamp(min=1).double()
+    return (freedom * (CHANCE ** (-2.0 / freedom) - 1.0)).clamp(min=SURE).float()
 
 
 def _has_like_beside(own: Tensor, placed: Tensor, surface: Tensor, ratio: Tensor) -> Tensor:
