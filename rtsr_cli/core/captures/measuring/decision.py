@@ -32,8 +32,9 @@ from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, Mot
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, MissingBufferError, RtsrError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.camera import GIVE_CAMERAS
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import (
     SKY_MARKERS,
@@ -96,6 +97,7 @@ def measure_and_decide(
         check_depth_size,
         _decide_sky,
         check_position,
+        _check_ray_positions,
         _decide_normal,
         _check_normal_axes,
         _check_roughness,
@@ -552,6 +554,29 @@ def check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         )
     note = f"position measured: {unit:g} m a unit"
     return take_measurement(settled, "position", note, position_unit_m=unit)
+
+
+def _check_ray_positions(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Leave ray distances unread that world positions should make planar, and do in no frame."""
+    del capture
+    reader, numbers = settled.reader, settled.measured.frames
+    if not reader.has_rays_by_positions or not numbers:
+        return settled
+    for number in numbers:
+        try:
+            reader.read(number, (Buffer.DEPTH,))
+        except MissingBufferError:
+            continue
+        except RtsrError:
+            pass
+        return settled
+    text = (
+        f"depth is not read: it is ray distance, no frame has camera matrices ({GIVE_CAMERAS}), "
+        f"and the world positions of {say_frames(numbers)}, which could tell the camera, do not "
+        "lie at these distances from any point: are both in the units that are declared ([depth] "
+        "unit, [position] unit), and is depth measured along the ray?"
+    )
+    return _leave_unread(settled, Buffer.DEPTH, text)
 
 
 def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
