@@ -29,7 +29,7 @@ from rtsr_cli.core.captures.measuring.motion_choices import (
     describe_unfit,
 )
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
-from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
+from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL, ClearedDepth
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import FrameFolderError, MissingBufferError, RtsrError
@@ -496,12 +496,33 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
             f"if that is the sky, declare it (capture.toml: [depth] sky = {value:g}); it is read "
             'as surfaces (sky = "far" says that it is some)',
         )
+    if finding.cleared is not None:
+        settled = add_warning(settled, _describe_cleared(finding.cleared))
     if finding.sky is None or presumed.depth.kind is DepthKind.DEVICE:
         return settled
     depth = replace(presumed.depth, sky=finding.sky)
     rule = finding.rule.removesuffix(", measured")
     note = f"sky measured: {rule} ({finding.share:.1%} of the pixels)"
     return take_measurement(settled, "sky", note, depth=depth)
+
+
+def _describe_cleared(cleared: ClearedDepth) -> str:
+    """Say what looks like a sky among the surfaces' depths, and which line declares it."""
+    if cleared.normal is not None:
+        vector = ", ".join(f"{part:.4g}" for part in cleared.normal)
+        line = f"[normal] sky = [{vector}]"
+    else:
+        line = f"[depth] sky = {cleared.value:g}"
+        if cleared.beyond:
+            line += (
+                f", which takes the {cleared.beyond:.1%} of the pixels that lie farther for sky, "
+                "too: better let the renderer write sky as 0, or farther than every surface"
+            )
+    return (
+        f"{cleared.share:.1%} of the pixels have exactly one depth, {cleared.value:g}, and no "
+        "material, as a sky has, while surfaces lie before and behind: they are read as "
+        f"surfaces; if that is the sky, declare it (capture.toml: {line})"
+    )
 
 
 POOR_FIT = {MOTION: 0.02, POSITION: 0.005}
