@@ -13,6 +13,7 @@ from dataclasses import replace
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import Layout, OpenMotion
 from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
+from rtsr_cli.core.captures.measuring.camera_evidence import NormalEvidence, PositionEvidence
 from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
 from rtsr_cli.core.captures.measuring.geometry_finder import MOTION, POSITION, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
@@ -29,6 +30,7 @@ from rtsr_cli.core.captures.measuring.motion_choices import (
     describe_unfit,
 )
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
+from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes, describe_axes
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL, ClearedDepth
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
@@ -619,6 +621,9 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     text = f"{measured.space} space{', packed' if measured.packed else ''}"
     given = capture.normal.declared()
     against = {key for key, value in vars(measured).items() if given.get(key, value) != value}
+    if axes is not None and against <= {"space"} and axes.is_nearly(measured.space):
+        settled = add_warning(settled, _describe_nearly(settled, axes, measured.space))
+        return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
     if against == {"space"} and axes is not None:
         # one line declares both sizes, so that none could say what one of them holds
         settled = add_warning(
@@ -640,6 +645,33 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
 
 
+def _describe_nearly(settled: MeasuredReader, axes: NormalAxes, space: NormalSpace) -> str:
+    """Say of normals in other axes than the matrices' world that a space is what comes near it."""
+    told = "mirrored" if axes.is_mirrored else "turned"
+    return (
+        f"normals and camera matrices contradict each other: on the surfaces that depth shows "
+        f"normals stand as those of a world {told} beside the matrices' (its axes are "
+        f"{describe_axes(axes.axes)}). They are read as {space} space, which is "
+        f"{axes.lean[space]:.0f} degrees from that: {_list_remedies(settled, axes)}"
+    )
+
+
+def _list_remedies(settled: MeasuredReader, axes: NormalAxes) -> str:
+    """What to do about normals that are in other axes than the matrices' world."""
+    remedy = "write them in the world that the camera matrices are of"
+    if axes.lines:
+        line = f"{axes.buffer} = [{', '.join(axes.lines)}]"
+        remedy += f", or, if both sizes are so, declare [buffers] {line}"
+    camera = settled.measured.camera
+    open_ = camera is None or PositionEvidence.name not in camera.proofs
+    if axes.is_mirrored and open_:
+        remedy += (
+            "; or, if it is the matrices that are of a mirrored world, write those of the world "
+            "that normals are in (without world positions it cannot be told which of both is wrong)"
+        )
+    return remedy
+
+
 def _check_normal_axes(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
     """Leave normals unread that stand on their surfaces in other axes alone."""
     del capture
@@ -653,15 +685,18 @@ def _check_normal_axes(settled: MeasuredReader, capture: CaptureDeclaration) -> 
             remedy = f'write them in {space} space, or declare [normal] space = "{other}"'
         else:
             where, best = "a world of other axes (swapped or negated)", axes.turned
-            remedy = "write them in the world that the camera matrices are of"
-            if axes.lines:
-                line = f"{axes.buffer} = [{', '.join(axes.lines)}]"
-                remedy += f", or, if both sizes are so, declare [buffers] {line}"
-        text = (
-            f"{axes.buffer} as {space} space does not stand on {axes.apart[space]:.0f}% of the "
-            f"surfaces that depth shows, and in {where} not on {best:.0f}%: it is not read; "
-            f"{remedy}"
+            remedy = _list_remedies(settled, axes)
+        own = axes.apart[space]
+        seen = (
+            f"does not stand on {own:.0f}% of the surfaces that depth shows, and in {where} not on "
+            f"{best:.0f}%"
         )
+        if isinstance(other, NormalSpace) and own < best + NormalEvidence.slack:
+            seen = (
+                f"leans {axes.lean[space]:.1f} degrees from the surfaces that depth shows, and in "
+                f"{where} {axes.lean[other]:.1f}"
+            )
+        text = f"{axes.buffer} as {space} space {seen}: it is not read; {remedy}"
         settled = _leave_unread(settled, axes.buffer, text)
     return settled
 
