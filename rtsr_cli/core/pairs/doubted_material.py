@@ -6,7 +6,9 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 
 import torch
+import torch.nn.functional as F
 
+from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.pairs.alike_material import hold_all, leave_alike
@@ -32,12 +34,14 @@ class DoubtedPair:
         lr, hr: the frames.
         doubted: why LR samples were left undivided though their material is above 0 -> which.
         colours: of some of these reasons -> what the material is at both sizes.
+        bare: as in `FramePair`.
     """
 
     lr: Frame
     hr: Frame
     doubted: dict[str, Mask] = field(default_factory=dict)
     colours: dict[str, str] = field(default_factory=dict)
+    bare: Mask | None = None
 
     def leave(self, lr: Frame, hr: Frame, found: dict[str, Mask]) -> DoubtedPair:
         """The frames after a step, and what it found beside what is known."""
@@ -65,11 +69,17 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
         return pair
     if Buffer.MATERIAL in lr.gbuffer:
         pair = _leave_disagreeing(pair, scale)
-    if not divided:
-        return pair
-    left, bare = leave_outshining(pair.lr, pair.hr, scale, pair.taken)
-    found = {} if left is pair.lr else {TOO_BRIGHT: find_taken(pair.lr, left)}
-    return pair.leave(left, bare, found)
+    if divided:
+        left, bare = leave_outshining(pair.lr, pair.hr, scale, pair.taken)
+        found = {} if left is pair.lr else {TOO_BRIGHT: find_taken(pair.lr, left)}
+        pair = pair.leave(left, bare, found)
+    return replace(pair, bare=_find_bare(hr, scale)) if pair.doubted else pair
+
+
+def _find_bare(hr: Frame, scale: int) -> Mask:
+    """True at LR samples in whose blocks HR has no material."""
+    bare = (hr.gbuffer[Buffer.MATERIAL] <= MATERIAL_EPSILON).any(1, keepdim=True)
+    return F.max_pool2d(bare.float(), scale) > 0.5
 
 
 def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:

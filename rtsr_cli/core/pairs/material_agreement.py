@@ -51,8 +51,8 @@ DARKER_AT_HR, DARKER_AT_LR = (
 """What is said of samples that contradict."""
 
 DIFFERS = (
-    "an object's material differs between LR and HR (its picture is sound without its detail; to "
-    "get that, render both sizes with one material)"
+    "an object's material differs between LR and HR (its detail comes back if both sizes are "
+    "rendered with one material)"
 )
 """The same where neither size lacks it."""
 

@@ -341,7 +341,7 @@ class RealPairs:
             )
         )
         pair = replace(pair, lr=lr, hr=hr, fixed=pair.fixed + fixed_hr)
-        return replace(pair, doubted=left.doubted, colours=left.colours)
+        return replace(pair, doubted=left.doubted, colours=left.colours, bare=left.bare)
 
 
 def open_real_pairs(

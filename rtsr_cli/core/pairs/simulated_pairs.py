@@ -13,10 +13,7 @@ from rtsr_cli.core.captures.regions import OutputWindows, place_output
 from rtsr_cli.core.choices import JitterMode
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
-from rtsr_cli.core.frames.buffers import Buffer
-from rtsr_cli.core.imaging.derivation import derive_material
 from rtsr_cli.core.pairs.nonfinite import apply_policy
-from rtsr_cli.core.pairs.saturated_material import divide_saturated
 from rtsr_cli.core.pairs.simulation import Simulation, decimate_frame
 from rtsr_cli.core.pairs.sources import (
     FramePair,
@@ -142,11 +139,6 @@ class SimulatedPairs:
             return pair
         hr, fixed_hr = apply_policy(select_hr(full, reads.hr), inputs.on_nonfinite)
         hr = build_hr(hr, reads.hr, derivation, self.simulation.samples_per_pixel)
-        if Buffer.LIGHTING in reads.lr.used and Buffer.MATERIAL in reads.hr.used:
-            lr, hr = divide_saturated(
-                lr, hr, lambda: derive_material(checked.frame, derivation), self.scale
-            )
-            pair = replace(pair, lr=lr)
         return replace(pair, hr=hr, fixed=pair.fixed + fixed_hr)
 
 

@@ -74,6 +74,7 @@ class FramePair:
         covered: what the LR radiance was taken apart to, None where it is as stored.
         doubted: why LR samples were left undivided though their material is above 0 -> which.
         colours: of some of these reasons -> what the material is at both sizes.
+        bare: LR samples in whose blocks HR has no material of its own; None where none was doubted.
     """
 
     lr: Frame
@@ -83,6 +84,7 @@ class FramePair:
     covered: CoveredColor | None = None
     doubted: Mapping[str, Mask] = field(default_factory=dict)
     colours: Mapping[str, str] = field(default_factory=dict)
+    bare: Mask | None = None
 
     def to(self, device: torch.device | str) -> FramePair:
         """Return the same pair on another device."""

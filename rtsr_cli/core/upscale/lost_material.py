@@ -39,6 +39,8 @@ def describe_lost(pair: FramePair, window: FrameWindow) -> dict[str, str]:
     unlit &= ~find_explained(window)
     bare = undivided & (hr.gbuffer[Buffer.MATERIAL] <= MATERIAL_EPSILON).any(1, keepdim=True)
     empty = F.max_pool2d(bare.float(), scale) > 0.5
+    if pair.bare is not None:
+        empty &= pair.bare.to(empty.device)
     for mask in pair.doubted.values():
         unlit = unlit & ~mask.to(unlit.device)
         side = 2 * LOST_REACH + 1
