@@ -399,7 +399,7 @@ def _explain_reading(
 
 def _describe_depth_proof(settled: MeasuredReader) -> str:
     depth = settled.measured.depth
-    if settled.reader.has_rays_by_positions:
+    if settled.reader.has_rays_by_positions and Buffer.DEPTH in settled.reader.readable:
         return ", made planar by the world positions (no camera is there)"
     if depth.best is None:
         return " (not measured: that needs camera matrices and a camera that travels)"

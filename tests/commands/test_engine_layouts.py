@@ -238,3 +238,18 @@ def test_of_a_layout_that_nothing_proves_radiance_is_read(rtsr: Run, tmp_path: P
     facts = json.loads(rtsr("inspect", shot, "--json").stdout)
     assert facts["systems"]["bicubic"]["ready"]
     assert facts["systems"]["taau"]["missing"] == ["a named layout"]
+
+
+def test_positions_that_do_not_lie_at_the_distances_are_said_once_and_before(
+    rtsr: Run, made: Path, tmp_path: Path
+) -> None:
+    shot = tmp_path / "in"
+    write_engine_shot("mitsuba-positions", made, shot)
+    declared = '[buffers]\nmaterial = "albedo.RGB"\n[position]\nunit = "cm"\n'
+    (shot / "capture.toml").write_text(declared)
+    planned = rtsr("upscale", shot, tmp_path / "out", "--system", "demod-guided", "--dry-run")
+    assert planned.exit_code == 3
+    assert planned.output.count("do not lie at these distances") == 1
+    done = rtsr("upscale", shot, tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "Failed" not in done.output

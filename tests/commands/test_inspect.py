@@ -600,6 +600,22 @@ def test_a_truncated_hr_frame_is_no_hole_that_could_be_skipped(
     assert said.exit_code == 3
     assert f"{cut}: cannot be read" in " ".join(said.output.split())
     assert "--on-missing skip" not in said.output
+    # what is not there is named beside it, and the file that is there not as missing
+    beside = shot / "hr" / "frame.0003.exr"
+    kept = beside.read_bytes()
+    beside.unlink()
+    said = " ".join(rtsr("inspect", shot).output.split())
+    assert f"{cut}: cannot be read" in said
+    assert "HR lacks frame 3 that LR has" in said
+    refused = " ".join(rtsr("upscale", shot, tmp_path / "out").output.split())
+    for text in (f"{cut}: cannot be read", "'frame' lacks 3"):
+        assert text in refused
+    beside.write_bytes(kept)
+    (shot / "lr" / "frame.0002.exr").unlink()
+    refused = " ".join(rtsr("upscale", shot, tmp_path / "out").output.split())
+    for text in (f"{cut}: cannot be read", "'frame' lacks 2"):
+        assert text in refused
+    shutil.copy(small_shot / "lr" / "frame.0002.exr", shot / "lr")
     cut.unlink()
     assert "--on-missing skip" in rtsr("inspect", shot).output
 

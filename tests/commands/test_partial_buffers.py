@@ -205,6 +205,16 @@ def test_with_hold_the_frame_before_stands_in_as_for_one_without_a_file(
         assert (one == two).all()
 
 
+def test_a_last_frame_that_is_held_is_not_predicted_and_fails_by_its_own_name(
+    rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
+) -> None:
+    folder = changed(small_capture, drop("normal", 4))
+    done = rtsr("extrapolate", folder, tmp_path / "out", "--on-missing", "hold")
+    (failed,) = (line for line in done.output.splitlines() if line.startswith("Failed"))
+    assert f"{folder}, frame 4: it counts as missing, and frame 3 stands in" in failed
+    assert "0003.exr" not in failed
+
+
 def test_with_hold_a_first_frame_is_left_out(
     rtsr: Run, small_capture: Path, changed: Copy, tmp_path: Path
 ) -> None:

@@ -93,7 +93,7 @@ def read_headers(
     """
     for wrong in list_misnamed(frames).values():
         raise FrameFolderError(wrong)
-    headers, errors = read_readable(_narrow_frames(frames, numbers), files)
+    headers, errors = read_readable(frames, files, numbers)
     for error in errors:
         raise error
     return headers
@@ -111,8 +111,17 @@ def _narrow_frames(frames: FrameSet, numbers: Collection[int] | None) -> FrameSe
     return replace(frames, streams=streams)
 
 
-def read_readable(frames: FrameSet, files: HeaderFiles) -> tuple[Headers, list[RtsrError]]:
-    """Read the header of every file that can be read; say what is wrong with the others."""
+def read_readable(
+    frames: FrameSet, files: HeaderFiles, numbers: Collection[int] | None = None
+) -> tuple[Headers, list[RtsrError]]:
+    """Read the header of every file that can be read; say what is wrong with the others.
+
+    Args:
+        frames: the files.
+        files: what is read of them already.
+        numbers: of the frames that are of interest, as in `read_headers`.
+    """
+    frames = _narrow_frames(frames, numbers)
     headers: dict[str, dict[int, ExrHeader]] = {}
     errors: list[RtsrError] = []
     for key, stream in frames.streams.items():

@@ -45,7 +45,7 @@ class Extrapolation:
             debug: an EXR of what the system saw and decided.
         """
         self._predictor, self._system = Predictor(run), run.system
-        self._past = past
+        self._past, self._reader = past, source.reader
         self._colorspace = source.reader.conventions.colorspace
         self._tag = name_color_space(source.reader.conventions)
         self._previews, self._debug = previews, debug
@@ -64,12 +64,24 @@ class Extrapolation:
             made = Prediction(image=buffers[Buffer.COLOR] if covered is None else covered.stored)
             return self._write(moment, made, buffers.get(Buffer.ALPHA), predicted=False)
         if not any(Buffer.COLOR in past.gbuffer for past in moment.window.lr[1:]):
-            raise FrameFolderError(
+            raise FrameFolderError(self._describe_no_past(moment))
+        made = cover_prediction(self._predictor.predict(moment), moment.window, self._covered)
+        return self._write(moment, made, carry_alpha(moment.window), predicted=True)
+
+    def _describe_no_past(self, moment: FrameInTurn) -> str:
+        """Say of a frame why nothing lies before it; one that is stood in for by its own number."""
+        stand_in = self._reader.held.get(moment.number)
+        if stand_in is None:
+            return (
                 f"{moment.source}: no rendered frame of the same shot lies before it (it is at the "
                 "start, after a cut or after a gap); render it, and name it with --rendered"
             )
-        made = cover_prediction(self._predictor.predict(moment), moment.window, self._covered)
-        return self._write(moment, made, carry_alpha(moment.window), predicted=True)
+        return (
+            f"{self._reader.frames.root}, frame {moment.number}: it counts as missing, and frame "
+            f"{stand_in} stands in for its buffers (--on-missing hold); no past is carried over a "
+            f"missing frame, so there is nothing to predict it from; render frame {moment.number} "
+            "again with all its buffers, or leave it out: --on-missing skip"
+        )
 
     def _write(
         self, moment: FrameInTurn, made: Prediction, alpha: Image | None, *, predicted: bool

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from rtsr_cli.core.captures.reader import FrameReader
@@ -80,19 +80,27 @@ Sources = Sequence[tuple[str, PairSource]]
 
 
 def match_resolutions(
-    main: FrameReader, hr: FrameReader, scale: int | None
+    main: FrameReader, hr: FrameReader, scale: int | None, there: Collection[int] = ()
 ) -> tuple[Sources, list[ShotProblem]]:
-    """Match LR and HR as `upscale` does; say what does not match."""
+    """Match LR and HR as `upscale` does; say what does not match.
+
+    Args:
+        main, hr: the readable frames.
+        scale: as declared.
+        there: HR frames with files, readable or not: those are no holes that a command skips.
+    """
+    problems = []
     try:
-        return [("", open_real_pairs(main, hr, scale))], []
+        every = replace(hr, numbers=tuple(sorted({*hr.numbers, *there})))
+        open_real_pairs(main, every, scale)
     except RtsrError as error:
-        text = str(error)
+        problems = [ShotProblem(text=str(error), gravity=Severity.HOLES)]
     try:
         source = open_real_pairs(main, hr, scale, skip_missing=True)
     except RtsrError as error:
         lacks = "HR frames that match"
         return [], [ShotProblem(text=str(error), gravity=Severity.REFUSED, lacks=lacks)]
-    return [("", source)], [ShotProblem(text=text, gravity=Severity.HOLES)]
+    return [("", source)], problems
 
 
 def list_single_sources(main: FrameReader, scale: int | None) -> Sources:

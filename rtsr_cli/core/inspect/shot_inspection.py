@@ -217,10 +217,7 @@ def inspect_shot(
     if main.reader is not None and hr is None:
         sources = list_single_sources(main.reader, capture.scale)
     elif main.reader is not None and hr is not None and hr.reader is not None:
-        sources, apart = match_resolutions(main.reader, hr.reader, capture.scale)
-        if set(main.reader.numbers) - set(hr.reader.numbers) <= set(hr.numbers):
-            # files that are there and cannot be read are no holes: no command skips them
-            apart = [problem for problem in apart if problem.gravity is not Severity.HOLES]
+        sources, apart = match_resolutions(main.reader, hr.reader, capture.scale, hr.numbers)
         hr = replace(hr, problems=_drop_repeats((*hr.problems, *apart)))
     inspection = ShotInspection(
         name=shot.name, root=shot.root, main=main, hr=hr, commands={}, capture=capture

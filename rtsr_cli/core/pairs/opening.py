@@ -13,12 +13,18 @@ from pathlib import Path
 
 from rtsr_cli.core.captures.channel_matching import Streams
 from rtsr_cli.core.captures.declarations import DeclarationFiles, Declarations, list_folder_patterns
-from rtsr_cli.core.captures.header_files import HeaderFiles, Headers, read_headers
+from rtsr_cli.core.captures.header_files import (
+    HeaderFiles,
+    Headers,
+    read_headers,
+    read_readable,
+)
 from rtsr_cli.core.captures.layers import join_layer, list_plain_names
 from rtsr_cli.core.captures.layout_files import check_declared, list_absent
 from rtsr_cli.core.captures.lent_motion import lend_motion
 from rtsr_cli.core.captures.measuring.decision import measure_and_decide, require_decision
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
+from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.shots import (
     HR_FOLDER,
@@ -37,7 +43,13 @@ from rtsr_cli.core.files.folders import is_folder
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import Selection
-from rtsr_cli.core.pairs.real_pairs import RealPairs, open_real_pairs, settle_cameras
+from rtsr_cli.core.pairs.file_faults import naming_every_fault
+from rtsr_cli.core.pairs.real_pairs import (
+    RealPairs,
+    describe_unpaired,
+    open_real_pairs,
+    settle_cameras,
+)
 from rtsr_cli.core.pairs.simulated_pairs import open_simulated_pairs
 from rtsr_cli.core.pairs.simulation import Simulation
 from rtsr_cli.core.pairs.sources import PairSource
@@ -205,10 +217,9 @@ def open_set(
     Raises:
         RtsrError: a file or declaration is wrong, or nothing decides how motion is stored.
     """
-    return require_decision(
-        measure_set(frames, opened, jittered=jittered, vectors=vectors, beside=beside),
-        sharded=opened.options.sharded,
-    )
+    with naming_every_fault(lambda: _list_file_faults(opened, [frames])):
+        measured = measure_set(frames, opened, jittered=jittered, vectors=vectors, beside=beside)
+    return require_decision(measured, sharded=opened.options.sharded)
 
 
 def measure_set(
@@ -253,8 +264,7 @@ def survey_set(
     """
     known = opened.declarations
     if headers is None:
-        needed = list_needed(frames.numbers, opened.options.selection, known.capture.frame_step)
-        headers = read_headers(frames, opened.headers, needed)
+        headers = read_headers(frames, opened.headers, _list_needed(frames, opened))
     open_those = partial(
         open_frames,
         files=opened.headers,
@@ -278,6 +288,41 @@ def survey_set(
     return replace(
         reader, warnings=(*reader.warnings, *_say_left_out(lacking, reader.held, opened.options))
     )
+
+
+def _list_needed(frames: FrameSet, opened: OpenedShot) -> Collection[int]:
+    """Frames that a run may read."""
+    step = opened.declarations.capture.frame_step
+    return list_needed(frames.numbers, opened.options.selection, step)
+
+
+def _list_file_faults(opened: OpenedShot, sets: Sequence[FrameSet]) -> Iterator[str]:
+    """Say what is wrong with all files of a shot: misnamed, not readable, or not there.
+
+    Args:
+        opened: the shot.
+        sets: those of its frames, LR before HR.
+    """
+    holes = False
+    for frames in sets:
+        yield from list_misnamed(frames).values()
+        headers, errors = read_readable(frames, opened.headers, _list_needed(frames, opened))
+        yield from map(str, errors)
+        if not all(headers.values()):
+            continue
+        try:
+            # files that are there and cannot be read are no holes
+            survey_set(frames, opened, jittered=False, headers=headers)
+        except FrameFolderError as error:
+            holes = True
+            yield str(error)
+    if len(sets) == 1 or holes or opened.options.on_missing is not MissingPolicy.ERROR:
+        return
+    lr, hr = sets
+    wanted = opened.options.selection.frames or lr.numbers
+    lacking = {n for n in lr.numbers if min(wanted) <= n <= max(wanted)} - set(hr.numbers)
+    if lacking:
+        yield describe_unpaired(lacking, lr.root, hr.root)
 
 
 def _survey_needed(
@@ -429,19 +474,25 @@ def open_pair(
     shot = opened.shot
     if simulation is not None:
         return open_simulated_pairs(open_capture(opened), simulation)
-    measured = measure_set(shot.frames, opened, jittered=True)
+    sets = [shot.frames] if hr is None else [shot.frames, hr]
+    with naming_every_fault(lambda: _list_file_faults(opened, sets)):
+        return settle_cameras(_open_sizes(opened, hr, scale))
+
+
+def _open_sizes(opened: OpenedShot, hr: FrameSet | None, scale: int | None) -> RealPairs:
+    """Survey the frames of a shot and the HR ones beside them."""
+    measured = measure_set(opened.shot.frames, opened, jittered=True)
     lr = require_decision(measured, sharded=opened.options.sharded)
     target = None
     if hr is not None:
         target = open_set(hr, opened, jittered=False, vectors=False, beside=measured)
-    pairs = open_real_pairs(
+    return open_real_pairs(
         lr,
         target,
         scale or opened.declarations.capture.scale,
         skip_missing=opened.options.on_missing is MissingPolicy.SKIP,
         wanted=opened.options.selection.frames,
     )
-    return settle_cameras(pairs)
 
 
 def open_capture(opened: OpenedShot) -> FrameReader:

@@ -387,14 +387,18 @@ def open_real_pairs(
     lacking = sorted(set(lr.numbers) - set(hr.numbers))
     refused = [n for n in lacking if not wanted or min(wanted) <= n <= max(wanted)]
     if refused and not skip_missing:
-        raise FrameFolderError(
-            f"{hr.frames.root}: HR lacks {say_frames(refused)} that LR has in "
-            f"{lr.frames.root}; render {'it' if len(refused) == 1 else 'them'}, or use "
-            "--on-missing skip"
-        )
+        raise FrameFolderError(describe_unpaired(refused, lr.frames.root, hr.frames.root))
     lr = replace(lr, numbers=tuple(n for n in lr.numbers if n not in set(lacking)))
     lr = _hold_pairs(lr, hr)
     return RealPairs(lr=_take_sky_rule(lr, hr), hr=_take_sky_rule(hr, lr), scale=ratio)
+
+
+def describe_unpaired(numbers: Collection[int], lr: Path, hr: Path) -> str:
+    """Say which frames of a folder have no HR frames beside them, and what to do."""
+    return (
+        f"{hr}: HR lacks {say_frames(sorted(numbers))} that LR has in {lr}; render "
+        f"{'it' if len(numbers) == 1 else 'them'}, or use --on-missing skip"
+    )
 
 
 def settle_cameras(pairs: RealPairs) -> RealPairs:

@@ -54,6 +54,9 @@ MOST_PIXELS = 1 << 12
 MOST_SURFACE_PIXELS = 1 << 14
 """Pixels of a frame whose depths are compared with those beside them."""
 
+LEAST_TOLD = 1e-3
+"""Share of what the best told axis of a rotation is told by, up to which another is not told."""
+
 ALIKE = math.cos(math.radians(12.0))
 """Cosine of a normal and the surface that it stands on; bumps lean it."""
 
@@ -680,6 +683,35 @@ class NormalEvidence:
             trials += [torch.stack(found).mean(0)] if found else []
         return torch.stack(trials).min(0).values if trials else None
 
+    def measure_lean(self, cameras: Cameras, axes: Tensor) -> Tensor | None:
+        """How far normals lean from their surfaces as a whole, degrees, w of them.
+
+        The rotation w that is left between normals n and those of surfaces g, by least squares:
+        w x n = g - n, so sum(1 - n n') w = sum(n x g). Bumps and noise lean to all sides, so that
+        readings a few degrees apart are told from each other, as shares of pixels do not.
+
+        Args:
+            cameras, axes: as for `measure_axes`.
+        """
+        found: dict[float, Tensor] = {}
+        for depth in self.depths:
+            leans, apart = [], []
+            for number in self.frames.keys() & cameras.keys():
+                surfaces = self._find_surfaces(number, cameras[number], depth)
+                if surfaces is None:
+                    continue
+                normal, own = (keep_rows(part).double() for part in surfaces)
+                turn = normalize_vectors(torch.tensor(cameras[number].view[:3, :3]))
+                turns = torch.cat([axes[:-1] @ turn, axes[-1:]])
+                turned = torch.einsum("ni,wij->wnj", normalize_vectors(normal), turns)
+                # of any reading: none chooses the pixels that it is judged by
+                alike = ((turned * own).sum(-1) >= ALIKE).any(0)
+                apart.append(1.0 - float(alike.double().mean()))
+                leans.append(_find_rotation(turned[:, alike], own[alike]))
+            if leans:
+                found.setdefault(mean_error(apart), torch.stack(leans).mean(0))
+        return found[min(found)] if found else None
+
     def _measure_share(
         self,
         number: int,
@@ -705,6 +737,17 @@ class NormalEvidence:
             frame = replace(frame, camera=bind_camera(frame.camera, camera))
             self.known[key] = _pair_normals(frame, self.normals[number], depth)
         return self.known[key]
+
+
+def _find_rotation(normals: Tensor, surfaces: Tensor) -> Tensor:
+    """The angle of the rotation from normals, w x n x 3, to those of surfaces, n x 3, degrees."""
+    square = torch.einsum("wni,wnj->wij", normals, normals)
+    count = torch.eye(3, dtype=normals.dtype) * normals.shape[1]
+    moment = torch.linalg.cross(normals, surfaces.expand_as(normals)).sum(1)
+    # what turns about all normals at once no normal tells: the shortest rotation
+    inverse = torch.linalg.pinv(count - square, rtol=LEAST_TOLD, hermitian=True)
+    rotation = torch.einsum("wij,wj->wi", inverse, moment)
+    return vector_length(rotation)[:, 0] * (180.0 / math.pi)
 
 
 def _pair_normals(

@@ -13,6 +13,7 @@ from dataclasses import replace
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import Layout, OpenMotion
 from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
+from rtsr_cli.core.captures.measuring.camera_evidence import NormalEvidence, PositionEvidence
 from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
 from rtsr_cli.core.captures.measuring.geometry_finder import MOTION, POSITION, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
@@ -29,11 +30,13 @@ from rtsr_cli.core.captures.measuring.motion_choices import (
     describe_unfit,
 )
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
-from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL
+from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes, describe_axes
+from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL, ClearedDepth
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, MissingBufferError, RtsrError
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
+from rtsr_cli.core.frames.camera import GIVE_CAMERAS
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import (
     SKY_MARKERS,
@@ -96,6 +99,7 @@ def measure_and_decide(
         check_depth_size,
         _decide_sky,
         check_position,
+        _check_ray_positions,
         _decide_normal,
         _check_normal_axes,
         _check_roughness,
@@ -494,12 +498,33 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
             f"if that is the sky, declare it (capture.toml: [depth] sky = {value:g}); it is read "
             'as surfaces (sky = "far" says that it is some)',
         )
+    if finding.cleared is not None:
+        settled = add_warning(settled, _describe_cleared(finding.cleared))
     if finding.sky is None or presumed.depth.kind is DepthKind.DEVICE:
         return settled
     depth = replace(presumed.depth, sky=finding.sky)
     rule = finding.rule.removesuffix(", measured")
     note = f"sky measured: {rule} ({finding.share:.1%} of the pixels)"
     return take_measurement(settled, "sky", note, depth=depth)
+
+
+def _describe_cleared(cleared: ClearedDepth) -> str:
+    """Say what looks like a sky among the surfaces' depths, and which line declares it."""
+    if cleared.normal is not None:
+        vector = ", ".join(f"{part:.4g}" for part in cleared.normal)
+        line = f"[normal] sky = [{vector}]"
+    else:
+        line = f"[depth] sky = {cleared.value:g}"
+        if cleared.beyond:
+            line += (
+                f", which takes the {cleared.beyond:.1%} of the pixels that lie farther for sky, "
+                "too: better let the renderer write sky as 0, or farther than every surface"
+            )
+    return (
+        f"{cleared.share:.1%} of the pixels have exactly one depth, {cleared.value:g}, and no "
+        "material, as a sky has, while surfaces lie before and behind: they are read as "
+        f"surfaces; if that is the sky, declare it (capture.toml: {line})"
+    )
 
 
 POOR_FIT = {MOTION: 0.02, POSITION: 0.005}
@@ -554,6 +579,29 @@ def check_position(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     return take_measurement(settled, "position", note, position_unit_m=unit)
 
 
+def _check_ray_positions(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
+    """Leave ray distances unread that world positions should make planar, and do in no frame."""
+    del capture
+    reader, numbers = settled.reader, settled.measured.frames
+    if not reader.has_rays_by_positions or not numbers:
+        return settled
+    for number in numbers:
+        try:
+            reader.read(number, (Buffer.DEPTH,))
+        except MissingBufferError:
+            continue
+        except RtsrError:
+            pass
+        return settled
+    text = (
+        f"depth is not read: it is ray distance, no frame has camera matrices ({GIVE_CAMERAS}), "
+        f"and the world positions of {say_frames(numbers)}, which could tell the camera, do not "
+        "lie at these distances from any point: are both in the units that are declared ([depth] "
+        "unit, [position] unit), and is depth measured along the ray?"
+    )
+    return _leave_unread(settled, Buffer.DEPTH, text)
+
+
 def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
     finding = settled.measured.normal
     presumed = settled.reader.conventions.normal
@@ -573,6 +621,9 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     text = f"{measured.space} space{', packed' if measured.packed else ''}"
     given = capture.normal.declared()
     against = {key for key, value in vars(measured).items() if given.get(key, value) != value}
+    if axes is not None and against <= {"space"} and axes.is_nearly(measured.space):
+        settled = add_warning(settled, _describe_nearly(settled, axes, measured.space))
+        return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
     if against == {"space"} and axes is not None:
         # one line declares both sizes, so that none could say what one of them holds
         settled = add_warning(
@@ -594,6 +645,33 @@ def _decide_normal(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
     return take_measurement(settled, "normal", f"normals measured: {text}", normal=measured)
 
 
+def _describe_nearly(settled: MeasuredReader, axes: NormalAxes, space: NormalSpace) -> str:
+    """Say of normals in other axes than the matrices' world that a space is what comes near it."""
+    told = "mirrored" if axes.is_mirrored else "turned"
+    return (
+        f"normals and camera matrices contradict each other: on the surfaces that depth shows "
+        f"normals stand as those of a world {told} beside the matrices' (its axes are "
+        f"{describe_axes(axes.axes)}). They are read as {space} space, which is "
+        f"{axes.lean[space]:.0f} degrees from that: {_list_remedies(settled, axes)}"
+    )
+
+
+def _list_remedies(settled: MeasuredReader, axes: NormalAxes) -> str:
+    """What to do about normals that are in other axes than the matrices' world."""
+    remedy = "write them in the world that the camera matrices are of"
+    if axes.lines:
+        line = f"{axes.buffer} = [{', '.join(axes.lines)}]"
+        remedy += f", or, if both sizes are so, declare [buffers] {line}"
+    camera = settled.measured.camera
+    open_ = camera is None or PositionEvidence.name not in camera.proofs
+    if axes.is_mirrored and open_:
+        remedy += (
+            "; or, if it is the matrices that are of a mirrored world, write those of the world "
+            "that normals are in (without world positions it cannot be told which of both is wrong)"
+        )
+    return remedy
+
+
 def _check_normal_axes(settled: MeasuredReader, capture: CaptureDeclaration) -> MeasuredReader:
     """Leave normals unread that stand on their surfaces in other axes alone."""
     del capture
@@ -607,15 +685,18 @@ def _check_normal_axes(settled: MeasuredReader, capture: CaptureDeclaration) -> 
             remedy = f'write them in {space} space, or declare [normal] space = "{other}"'
         else:
             where, best = "a world of other axes (swapped or negated)", axes.turned
-            remedy = "write them in the world that the camera matrices are of"
-            if axes.lines:
-                line = f"{axes.buffer} = [{', '.join(axes.lines)}]"
-                remedy += f", or, if both sizes are so, declare [buffers] {line}"
-        text = (
-            f"{axes.buffer} as {space} space does not stand on {axes.apart[space]:.0f}% of the "
-            f"surfaces that depth shows, and in {where} not on {best:.0f}%: it is not read; "
-            f"{remedy}"
+            remedy = _list_remedies(settled, axes)
+        own = axes.apart[space]
+        seen = (
+            f"does not stand on {own:.0f}% of the surfaces that depth shows, and in {where} not on "
+            f"{best:.0f}%"
         )
+        if isinstance(other, NormalSpace) and own < best + NormalEvidence.slack:
+            seen = (
+                f"leans {axes.lean[space]:.1f} degrees from the surfaces that depth shows, and in "
+                f"{where} {axes.lean[other]:.1f}"
+            )
+        text = f"{axes.buffer} as {space} space {seen}: it is not read; {remedy}"
         settled = _leave_unread(settled, axes.buffer, text)
     return settled
 

@@ -94,7 +94,7 @@ def measure_storage(
             measured = candidate
         if not motion or _measure_movement(candidate) > LEAST_MOVING:
             break
-    if measured.sky is not None and not (measured.sky.share or measured.sky.impossible):
+    if measured.sky is not None and measured.sky.is_nothing:
         measured = replace(measured, sky=_look_elsewhere(reader, presumed) or measured.sky)
     if not motion and Buffer.MOTION in reader.stored and _could_motion_tell(measured.camera):
         # nobody reads these vectors; what they say of cameras is not left unsaid for that

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -51,14 +52,40 @@ LEAST_SHARE = 0.002
 BEYOND = 2.0
 """The far plane is so many times as far as the farthest surface where nothing marks it."""
 
+NEAR = 1.2
+"""Surfaces may lie beyond a sky in other frames that is at most so many times as far as theirs."""
+
 LARGE_SHARE = 0.02
 """Of pixels that share the largest depth and that nothing marks, from which they are said."""
 
 EVERYTHING = 0.95
 """A value of so many pixels is a pass that is not there, or depth of another sign."""
 
+DIGITS = 3
+"""Significant digits of a depth that somebody chose to clear to."""
+
+MOST_COUNTED = 65536
+"""Values among which the most common one is looked for."""
+
 DOUBTFUL = 0.01
 """Share of impossible values from which they are said."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClearedDepth:
+    """One depth of many pixels without material, in the midst of others: the sky's, it seems.
+
+    Attributes:
+        value: as stored.
+        share: of the pixels that have it.
+        beyond: share of the pixels that lie farther.
+        normal: what is stored as their normals and as nearly no others'; None if no such is.
+    """
+
+    value: float
+    share: float
+    beyond: float
+    normal: tuple[float, ...] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +100,7 @@ class SkyFinding:
         strewn: share of pixels that are taken for sky by their depth, and are surfaces by all else.
         unmarked: share and depth of pixels that look like the far plane's, though nothing else says
             so; None if there are none.
+        cleared: what looks like the sky's depth among the surfaces', though nothing marks it.
     """
 
     share: float
@@ -81,6 +109,12 @@ class SkyFinding:
     impossible: float = 0.0
     strewn: float = 0.0
     unmarked: tuple[float, float] | None = None
+    cleared: ClearedDepth | None = None
+
+    @property
+    def is_nothing(self) -> bool:
+        """Tell whether these frames show no sky, and nothing that may be one."""
+        return not (self.share or self.impossible or self.cleared)
 
 
 def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
@@ -101,7 +135,12 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
     known = _find_by_rule(frames, depths, convention)
     if convention.sky is not None or convention.kind is DepthKind.DEVICE:
         return known
-    return _measure_sky(frames, depths, convention) or _add_far_plane(known, depths, convention)
+    found = _measure_sky(frames, depths, convention)
+    if found is None or _is_near(found, depths):
+        within = _find_within(frames, depths, convention)
+        if within is not None and (found is None or within.sky is not None):
+            return within
+    return found or _add_far_plane(known, depths, convention)
 
 
 def _measure_sky(
@@ -130,6 +169,123 @@ def _measure_sky(
                 strewn=strewn,
             )
     return None
+
+
+def _find_within(
+    frames: Sequence[Stored], depths: Sequence[Plane], convention: DepthConvention
+) -> SkyFinding | None:
+    """Find a sky whose depth is one among the surfaces', by what else it has.
+
+    What marks it is the rule where marked pixels and pixels of the depth are the same ones.
+    """
+    surfaces = [(d > 0) & ~is_sky_depth(d, convention) for d in depths]
+    for rule, buffer in SKY_MARKERS.items():
+        if buffer not in frames[0] or (rule is SkyRule.NORMAL and _look_packed(frames, surfaces)):
+            continue
+        marked = [_is_zero(f[buffer]) & s for f, s in zip(frames, surfaces, strict=True)]
+        value = _find_shared_depth(marked, depths)
+        if value is None or _share(marked) > EVERYTHING:
+            continue
+        chosen = _select(depths, value)
+        if not _are_same(chosen, marked) or not _lack_all_else(chosen, frames, rule):
+            continue
+        by_mark = DepthConvention(kind=convention.kind, unit_m=convention.unit_m, sky=rule)
+        found = _find_by_rule(frames, depths, by_mark)
+        text = f"{found.rule}, all of them at a depth of {value:g} as stored, measured"
+        return replace(found, rule=text, sky=rule)
+    cleared = _find_cleared(frames, depths, surfaces)
+    if cleared is None:
+        return None
+    return replace(_find_by_rule(frames, depths, convention), cleared=cleared)
+
+
+def _find_cleared(
+    frames: Sequence[Stored], depths: Sequence[Plane], surfaces: Sequence[Mask]
+) -> ClearedDepth | None:
+    """Find a round depth of many pixels that have no material, one normal and one id."""
+    if Buffer.ALBEDO not in frames[0]:
+        return None
+    bare = [_is_zero(f[Buffer.ALBEDO]) & s for f, s in zip(frames, surfaces, strict=True)]
+    value = _find_shared_depth(bare, depths)
+    if value is None or value != float(torch.tensor(float(f"{value:.{DIGITS}g}"))):
+        return None
+    chosen = _select(depths, value)
+    one = [b for b in (Buffer.NORMAL, Buffer.OBJECT_ID) if b in frames[0]]
+    if (
+        not LARGE_SHARE <= _share(chosen) <= EVERYTHING
+        or _share_within(chosen, bare) < AGREES
+        or not all(_are_alike([f[b] for f in frames], chosen) for b in one)
+    ):
+        return None
+    beyond = [(d > value) & s for d, s in zip(depths, surfaces, strict=True)]
+    normals = [f[Buffer.NORMAL] for f in frames if Buffer.NORMAL in f]
+    marker = _find_marker(normals, chosen, surfaces) if normals else None
+    share = _share(chosen)
+    return ClearedDepth(value=value, share=share, beyond=_share(beyond), normal=marker)
+
+
+def _find_marker(
+    normals: Sequence[Tensor], masks: Sequence[Mask], surfaces: Sequence[Mask]
+) -> tuple[float, ...] | None:
+    """The normal of the pixels of a mask, if hardly any other pixel has it."""
+    usual = _find_usual(normals, masks)
+    alike = [
+        s & n.float().sub(usual).abs().lt(1e-3).all(1, keepdim=True)
+        for n, s in zip(normals, surfaces, strict=True)
+    ]
+    return tuple(usual.flatten().tolist()) if _share_within(alike, masks) >= AGREES else None
+
+
+def _find_shared_depth(masks: Sequence[Mask], depths: Sequence[Plane]) -> float | None:
+    """The depth that most pixels of the masks have; None where they are too few."""
+    values = torch.cat([d[m] for m, d in zip(masks, depths, strict=True)])
+    if values.numel() < LEAST_PIXELS or _share(masks) < LEAST_SHARE:
+        return None
+    few = values[:: -(-values.numel() // MOST_COUNTED)].numpy()
+    known, counts = np.unique(few, return_counts=True)
+    return float(known[counts.argmax()])
+
+
+def _are_same(masks: Sequence[Mask], others: Sequence[Mask]) -> bool:
+    """Tell whether two sets of pixels hardly differ."""
+    if min(_share(masks), _share(others)) < LEAST_SHARE:
+        return False
+    return min(_share_within(masks, others), _share_within(others, masks)) >= AGREES
+
+
+def _lack_all_else(masks: Sequence[Mask], frames: Sequence[Stored], rule: SkyRule) -> bool:
+    """Tell whether pixels have neither material nor id, and one normal, as far as those are there.
+
+    Ids of 0 alone are no mark: walls that face the camera have one depth, and no id if nobody gave
+    them one. Normals of 0 and coverage of 0 no surface has.
+    """
+    held = [b for b in (Buffer.ALBEDO, Buffer.NORMAL, Buffer.OBJECT_ID) if b in frames[0]]
+    zero = {b: [_is_zero(f[b]) for f in frames] for b in held}
+    # what is 0 nearly everywhere tells nothing: a pass that is not there
+    told = {b: _share_within(masks, z) for b, z in zero.items() if _share(z) <= EVERYTHING}
+    if rule is SkyRule.OBJECT_ID and told.get(Buffer.ALBEDO, told.get(Buffer.NORMAL, 0.0)) < AGREES:
+        return False
+    normal = told.pop(Buffer.NORMAL, 1.0)
+    if normal < AGREES and not _are_alike([f[Buffer.NORMAL] for f in frames], masks):
+        return False
+    return all(share >= AGREES for share in told.values())
+
+
+def _is_near(found: SkyFinding, depths: Sequence[Plane]) -> bool:
+    """Tell whether surfaces lie so near to the bound of the sky that in other frames some may pass.
+
+    Bounds that no surface has are none of these.
+    """
+    bound = found.sky
+    if not isinstance(bound, float) or bound <= 0:
+        return False
+    nearer = (float(torch.where(d < bound, d, 0.0).nan_to_num().amax()) for d in depths)
+    return max(nearer) * NEAR > bound
+
+
+def _look_packed(frames: Sequence[Stored], surfaces: Sequence[Mask]) -> bool:
+    """Tell whether no normal of a surface has a part below 0: a stored 0 is then no vector of 0."""
+    return float(_select_values([f[Buffer.NORMAL] for f in frames], surfaces).amin()) > -0.01
 
 
 def _add_far_plane(

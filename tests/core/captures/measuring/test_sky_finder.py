@@ -235,3 +235,69 @@ def test_objects_before_the_farthest_depth_are_no_sky() -> None:
     known = clear_to(scene(1000.0))
     known[Buffer.OBJECT_ID][..., :5, :] = 3.0
     assert find(known).sky is None
+
+
+WITHIN = 6.0
+"""A depth that the hills of `scene` lie before and behind."""
+
+
+def with_material(frame: dict[Buffer, Tensor]) -> dict[Buffer, Tensor]:
+    """Grey hills; what has no normal has no material."""
+    albedo = torch.full((1, 3, *SIZE), 0.5)
+    albedo[..., :10, :] = 0.0
+    return {**frame, Buffer.ALBEDO: albedo}
+
+
+@pytest.mark.parametrize("value", [WITHIN, 8.5])
+def test_a_depth_among_the_surfaces_is_skys_where_normals_of_0_have_it(value: float) -> None:
+    known = scene(value)
+    for frame in (known, with_material(known), {b: known[b] for b in known if b != "objectid"}):
+        finding = find(frame)
+        assert finding.sky is SkyRule.NORMAL
+        assert finding.share == pytest.approx(ABOVE)
+        assert f"a depth of {value:g}" in finding.rule
+
+
+def test_ids_of_0_mark_such_a_depth_where_nothing_else_is_there_either() -> None:
+    known = with_material(scene(WITHIN))
+    known[Buffer.NORMAL][..., :10, :] = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    assert find(known).sky is SkyRule.OBJECT_ID
+    # a wall that faces the camera, and has no id
+    known[Buffer.ALBEDO][..., :10, :] = 0.5
+    assert find(known).sky is None
+    assert find(known).cleared is None
+
+
+def test_without_a_mark_such_a_depth_is_said_with_the_line_that_declares_it() -> None:
+    known = with_material(scene(WITHIN))
+    del known[Buffer.OBJECT_ID]
+    known[Buffer.NORMAL][..., :10, :] = torch.tensor([0.0, 0.0, 1.0]).view(1, 3, 1, 1)
+    finding = find(known)
+    assert finding.sky is None
+    assert finding.cleared is not None
+    assert finding.cleared.normal == (0.0, 0.0, 1.0)
+    assert finding.cleared.share == pytest.approx(ABOVE)
+    del known[Buffer.NORMAL]
+    finding = find(known)
+    assert finding.cleared is not None
+    assert finding.cleared.normal is None
+    assert finding.cleared.beyond > 0.3
+
+
+def test_surfaces_without_normals_at_several_depths_are_no_sky() -> None:
+    known = with_material(scene(WITHIN))
+    known[Buffer.DEPTH][..., :10, :] = 5.0 + torch.rand(10, SIZE[1])
+    finding = find(known)
+    assert finding.sky is None
+    assert finding.cleared is None
+
+
+def test_packed_normals_of_0_are_no_vectors_of_0() -> None:
+    known = scene(WITHIN)
+    known[Buffer.NORMAL] = known[Buffer.NORMAL] * 0.5 + 0.5
+    known[Buffer.NORMAL][..., :10, :] = 0.0
+    del known[Buffer.OBJECT_ID]
+    finding = find(with_material(known))
+    assert finding.sky is None
+    assert finding.cleared is not None
+    assert finding.cleared.normal == (0.0, 0.0, 0.0)
