@@ -34,12 +34,13 @@ from rtsr_cli.core.imaging.demodulation import lighting_scale
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.pairs.material_agreement import (
+    HeldSamples,
     count_least,
     is_colourless,
     leave_bare,
     leave_undivided,
 )
-from rtsr_cli.core.pairs.surface_reach import APART
+from rtsr_cli.core.pairs.surface_reach import APART, mark_surfaces
 from rtsr_cli.core.shapes import Mask
 
 TOO_BRIGHT = "radiance is far too bright for its material (base colour or metal missing?)"
@@ -117,6 +118,38 @@ def leave_outshining(
             beside = upsample_nearest(_spread(samples, 1), scale)
             lost |= beside & (material.amin(1, keepdim=True) <= most)
     return leave_undivided(lr, doubted), leave_bare(lr, hr, lost, scale)
+
+
+def leave_colour_lost_at_lr(held: HeldSamples) -> tuple[Frame, Frame, Mask | None]:
+    """Take material out of both frames where LR alone lost a base colour, of thin things as well.
+
+    Its samples have none and are too bright for that, and HR pixels of their surface have one. Such
+    samples that lie in pixels of what is behind them are held to be of the same material.
+
+    Args:
+        held: samples, of LR frames whose radiance was divided.
+
+    Returns:
+        The frames, and True at those samples; the very frames and None where there are too few.
+    """
+    lr, hr = held.lr, held.hr
+    bare, bare_hr = held.bare
+    gone = bare & (lr.gbuffer[Buffer.SKY] < 0.5)
+    least = count_least(gone)
+    if int(gone.sum()) < least:
+        return lr, hr, None
+    bright = gone & _find_bright(lr, None)
+    gone = bright & held.place(~bare_hr & (hr.gbuffer[Buffer.SKY] < 0.5))
+    if Buffer.DEPTH in lr.gbuffer and Buffer.DEPTH in hr.gbuffer:
+        own, other = lr.gbuffer[Buffer.DEPTH], held.place(hr.gbuffer[Buffer.DEPTH])
+        gone &= (own - other).abs() <= APART * torch.minimum(own, other)
+    if int(gone.sum()) < least:
+        return lr, hr, None
+    left = leave_undivided(lr, bright)
+    of_pixels = held.placed[gone.expand_as(held.placed)].view(3, -1)
+    placed = torch.where(gone, held.placed, of_pixels.median(1).values.view(1, 3, 1, 1))
+    lost = mark_surfaces(left, hr, placed, bright, held.scale)
+    return left, leave_bare(left, hr, lost, held.scale), bright
 
 
 def find_outshining(lr: Frame, known: Mask | None = None) -> Mask | None:

@@ -12,8 +12,13 @@ from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.pairs.alike_material import hold_all, leave_alike
-from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT, leave_outshining
+from rtsr_cli.core.pairs.dark_material import (
+    TOO_BRIGHT,
+    leave_colour_lost_at_lr,
+    leave_outshining,
+)
 from rtsr_cli.core.pairs.material_agreement import (
+    DARKER_AT_LR,
     DIFFERS,
     describe_difference,
     find_taken,
@@ -68,7 +73,7 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
     if Buffer.MATERIAL not in hr.gbuffer:
         return pair
     if Buffer.MATERIAL in lr.gbuffer:
-        pair = _leave_disagreeing(pair, scale)
+        pair = _leave_disagreeing(pair, scale, divided=divided)
     if divided:
         left, bare = leave_outshining(pair.lr, pair.hr, scale, pair.taken)
         found = {} if left is pair.lr else {TOO_BRIGHT: find_taken(pair.lr, left)}
@@ -82,7 +87,7 @@ def _find_bare(hr: Frame, scale: int) -> Mask:
     return F.max_pool2d(bare.float(), scale) > 0.5
 
 
-def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
+def _leave_disagreeing(pair: DoubtedPair, scale: int, *, divided: bool) -> DoubtedPair:
     """Leave what is one material at LR and another at HR."""
     first = held = hold_samples(pair.lr, pair.hr, scale)
     left, bare = leave_contradicting(pair.lr, pair.hr, scale, held)
@@ -102,5 +107,11 @@ def _leave_disagreeing(pair: DoubtedPair, scale: int) -> DoubtedPair:
             if name == DIFFERS
         }
         pair = replace(pair.leave(left, bare, {cause: taken}), colours=colours)
+        held = hold_samples(pair.lr, pair.hr, scale)
+    gone = None
+    if divided:
+        left, bare, gone = leave_colour_lost_at_lr(held)
+    if gone is not None:
+        pair = pair.leave(left, bare, {DARKER_AT_LR: gone})
         held = hold_samples(pair.lr, pair.hr, scale)
     return pair.leave(*leave_colourless(pair.lr, pair.hr, scale, held))

@@ -176,7 +176,7 @@ class HeldSamples:
 
     def place(self, image: Image) -> Image:
         """Pixels of an HR image in which the samples lie."""
-        return _place(image, self.lr, self.scale)
+        return place_pixels(image, self.lr, self.scale)
 
 
 def leave_contradicting(
@@ -448,7 +448,7 @@ def hold_samples(lr: Frame, hr: Frame, scale: int) -> HeldSamples:
     if Buffer.LIGHTING_MASK in lr.gbuffer:
         # the material of what is not divided is 1
         divided &= lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5
-    placed, sky = (_place(hr.gbuffer[b], lr, scale) for b in (Buffer.MATERIAL, Buffer.SKY))
+    placed, sky = (place_pixels(hr.gbuffer[b], lr, scale) for b in (Buffer.MATERIAL, Buffer.SKY))
     told = divided & (sky < 0.5) & (placed > MATERIAL_EPSILON).all(1, keepdim=True)
     return HeldSamples(lr=lr, hr=hr, scale=scale, placed=placed, told=told, guides=None)
 
@@ -486,7 +486,8 @@ def is_near(one: Color, other: Color, tolerance: float) -> Mask:
     return ((one <= other * tolerance) & (other <= one * tolerance)).all(1, keepdim=True)
 
 
-def _place(image: Image, lr: Frame, scale: int) -> Image:
+def place_pixels(image: Image, lr: Frame, scale: int) -> Image:
+    """Pixels of an HR image in which LR samples lie."""
     shift = block_shift(lr.camera.jitter_px, scale)
     columns, rows = (
         (torch.arange(scale // 2, side, scale) + by).clamp_(0, side - 1)
@@ -610,8 +611,10 @@ def _find_group(held: HeldSamples, bright: Color, dim: Color, strays: Mask, bare
     # and single ones beside: what is seen of the surface between other things
     like = strays & _is_within(bright, groups) & _is_within(dim, groups)
     groups |= like & _spread(groups, LOST_REACH)
-    # of a texture that both sizes have most samples are like pixels around, though few are not
-    alone = ~has_like(held, groups[0, 0].nonzero(), LIKE)
+    # of a texture that both sizes have most samples are like pixels around, though few are not;
+    # where one size has no base colour it is no texture
+    where = groups[0, 0].nonzero()
+    alone = ~has_like(held, where, LIKE) | bare[0, 0][where[:, 0], where[:, 1]]
     return groups if 2 * int(alone.sum()) > len(alone) else torch.zeros_like(groups)
 
 

@@ -15,9 +15,11 @@ from rtsr_cli.core.imaging.demodulation import demodulate, lighting_scale
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs.dark_material import (
     find_outshining,
+    leave_colour_lost_at_lr,
     leave_glaring,
     leave_outshining,
 )
+from rtsr_cli.core.pairs.material_agreement import HeldSamples, hold_samples
 
 SCALE, SIZE = 4, (96, 128)
 BRIGHT = 0.6
@@ -258,3 +260,46 @@ def test_a_base_colour_missing_on_thin_things_is_voted_for_by_samples_of_them() 
     assert not bool(lost[black].any())
     undivided = left.gbuffer[Buffer.LIGHTING_MASK] < 0.5
     assert torch.equal(undivided, decimate(bars, SCALE, (2, 2)))
+
+
+def make_wires(left: float, radiance: float) -> HeldSamples:
+    """Wires of two pixels before a wall, whose base colour LR has as a share of HR's."""
+    column = torch.arange(SIZE[1]).remainder(16)
+    wires = (column >= 2) & (column < 4)
+    depth = torch.where(wires, 5.0, 10.0).expand(1, 1, *SIZE)
+    color = torch.where(wires, radiance, 0.5).expand(1, 3, *SIZE)
+    albedo = torch.full((1, 3, *SIZE), BRIGHT)
+    sky = torch.zeros(1, 1, *SIZE)
+
+    def make(colour: Tensor, planes: dict[Buffer, Tensor]) -> Frame:
+        gbuffer = GBuffer({Buffer.ALBEDO: colour, Buffer.MATERIAL: colour, **planes}, "a test")
+        return Frame(
+            number=1, gbuffer=gbuffer, camera=CameraMetadata(), view=View(display=gbuffer.size)
+        )
+
+    small = {b: decimate(t, SCALE, (2, 2)) for b, t in ((Buffer.SKY, sky), (Buffer.DEPTH, depth))}
+    lost = decimate(torch.where(wires, left * albedo, albedo), SCALE, (2, 2))
+    parts = demodulate(decimate(color, SCALE, (2, 2)), lost, sky=small[Buffer.SKY])
+    divided = {Buffer.LIGHTING: parts.lighting, Buffer.LIGHTING_MASK: parts.mask}
+    lr = replace(
+        make(lost, small | divided), lighting_scale=lighting_scale(parts.lighting, parts.mask)
+    )
+    return hold_samples(lr, make(albedo, {Buffer.SKY: sky, Buffer.DEPTH: depth}), SCALE)
+
+
+def test_thin_things_that_lost_their_base_colour_at_lr_lose_it_at_hr_too() -> None:
+    held = make_wires(left=0.0, radiance=0.5)
+    left, bare, gone = leave_colour_lost_at_lr(held)
+    wires = held.hr.gbuffer[Buffer.DEPTH] < 7.0
+    assert gone is not None
+    assert torch.equal(gone, held.lr.gbuffer[Buffer.DEPTH] < 7.0)
+    assert torch.equal(bare.gbuffer[Buffer.MATERIAL] == 0.0, wires.expand(-1, 3, -1, -1))
+    assert not left.gbuffer[Buffer.LIGHTING_MASK][gone].any()
+
+
+@pytest.mark.parametrize(("left", "radiance"), [(1.0, 0.5), (0.0, 0.0)])
+def test_wires_that_have_their_colour_or_are_dark_keep_their_material(
+    left: float, radiance: float
+) -> None:
+    held = make_wires(left, radiance)
+    assert leave_colour_lost_at_lr(held) == (held.lr, held.hr, None)
