@@ -566,9 +566,11 @@ def _find_thin_of(
     strays = strays & held.told
     where = picked[0, 0].nonzero()
     where = where[_hold_against_surroundings(held, materials, strays, where)(THIN)]
-    where = where[~has_like(held, where, LIKE)] if len(where) else where
-    if len(where) < count_least(strays):
+    alone = where[~has_like(held, where, LIKE)] if len(where) else where
+    # else it is a texture that both sizes have
+    if len(alone) < count_least(strays) or 2 * len(alone) <= len(where):
         return torch.zeros_like(strays)
+    where = alone
     found = _mark(where, strays)
     alike = reduce(torch.logical_and, (_is_within(m, found) for m in materials))
     found |= strays & alike & _spread(found, LOST_REACH)
