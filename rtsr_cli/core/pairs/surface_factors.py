@@ -213,7 +213,7 @@ def _fit_factors(
     bias = add_up(own) / add_up(placed)
     far = (torch.minimum(rho, bias) > FACTOR) | (torch.maximum(rho, bias) * FACTOR < 1.0)
     count = surface.sum(2)
-    return rho, far & (count * (least - left) > _bound_quotients(count) * left)
+    return rho, far & (count * (least - left) > bound_quotients(count) * left)
 
 
 def _fit_ratios(
@@ -228,12 +228,12 @@ def _fit_ratios(
         spread = (log**2).sum(2) / count - middle**2
         middles.append(middle)
         far = middle.abs() > math.log(FACTOR)
-        sure.append(far & (count * middle**2 > _bound_quotients(count) * spread))
+        sure.append(far & (count * middle**2 > bound_quotients(count) * spread))
     one_way = middles[0] * middles[1] > 0.0
     return middles[0].exp(), one_way & sure[0] & sure[1]
 
 
-def _bound_quotients(count: Tensor) -> Tensor:
+def bound_quotients(count: Tensor) -> Tensor:
     """sure(n)."""
     freedom = (count - 1).clamp(min=1).double()
     return (freedom * (CHANCE ** (-2.0 / freedom) - 1.0)).clamp(min=SURE).float()

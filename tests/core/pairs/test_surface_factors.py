@@ -13,7 +13,7 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
 from rtsr_cli.core.pairs.material_agreement import DIFFERS
-from rtsr_cli.core.pairs.surface_factors import find_scaled, leave_scaled
+from rtsr_cli.core.pairs.surface_factors import bound_quotients, find_scaled, leave_scaled
 from tests.core.pairs.test_material_agreement import (
     PART,
     SCALE,
@@ -148,3 +148,12 @@ def test_a_line_of_samples_that_pixels_beside_are_like_tells_nothing() -> None:
         frame(decimate(right * 3.0, SCALE, (2, 2)), JITTER), decimate(depth, SCALE, (2, 2))
     )
     assert find_scaled(lr, seen_from_front(frame(right), depth), SCALE) is not None
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 25])
+def test_few_samples_of_a_texture_agree_on_no_factor_by_chance(count: int) -> None:
+    torch.manual_seed(3)
+    logs = torch.randn(100_000, count)
+    middle, spread = logs.mean(1), logs.var(1, correction=0)
+    bound = bound_quotients(torch.full((1,), count))
+    assert float((count * middle**2 > bound * spread).double().mean()) <= 1e-4
