@@ -136,7 +136,8 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
     if convention.sky is not None or convention.kind is DepthKind.DEVICE:
         return known
     found = _measure_sky(frames, depths, convention)
-    if found is None or _is_near(found, depths):
+    # depth that is 0 or no number is said first, and is no sky among surfaces
+    if not known.impossible and (found is None or _is_near(found, depths)):
         within = _find_within(frames, depths, convention)
         if within is not None and (found is None or within.sky is not None):
             return within
