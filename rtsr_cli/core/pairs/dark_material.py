@@ -18,6 +18,10 @@ metal of one, whose edges shine in all: samples that hang together with a group 
 in another one, d: light that is bright in all channels alike falls on surfaces beside lamps. No
 group begins with those: lamps that dark glossy surfaces mirror look the same. What else has no base
 colour goes with a group of those that have none, however bright it is.
+
+Thin things hold no groups. Where enough samples without a base colour outshine it, all that has
+none is asked for by vote: it is lost where most such samples at its depth around are too bright.
+Where HR has the colour that LR lost, such samples and HR pixels of their surface go together.
 """
 
 from __future__ import annotations

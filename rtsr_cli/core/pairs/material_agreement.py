@@ -481,7 +481,7 @@ def is_filtered(held: HeldSamples, means: Color) -> bool:
     return 2 * int((to_mean < to_pixel).sum()) > len(to_mean)
 
 
-def is_near(one: Color, other: Color, tolerance: float) -> Mask:
+def is_near(one: Tensor, other: Tensor, tolerance: float | Tensor) -> Tensor:
     """Whether materials are within a ratio in all channels."""
     return ((one <= other * tolerance) & (other <= one * tolerance)).all(1, keepdim=True)
 
@@ -666,7 +666,13 @@ def _hold_against_surroundings(
 
 
 def has_like(held: HeldSamples, picked: Tensor, ratio: float | Tensor) -> Tensor:
-    """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material."""
+    """Whether HR pixels of a sample's surface in the 3 x 3 blocks around are of its material.
+
+    Args:
+        held: the samples.
+        picked: rows and columns of some, k 2.
+        ratio: of materials, in every channel, up to which they are one; of all, or k 1 1.
+    """
     ratios = torch.as_tensor(ratio, dtype=held.material.dtype).expand(len(picked), 1, 1)
     chunks = zip(torch.split(picked, AT_ONCE), torch.split(ratios, AT_ONCE), strict=True)
     return torch.cat([_has_like_of(held, some, ratio) for some, ratio in chunks])
@@ -675,7 +681,7 @@ def has_like(held: HeldSamples, picked: Tensor, ratio: float | Tensor) -> Tensor
 def _has_like_of(held: HeldSamples, picked: Tensor, ratio: Tensor) -> Tensor:
     seen = gather_around(held.hr.gbuffer[Buffer.MATERIAL], picked, 1, held.scale)
     own = held.material[0][:, picked[:, 0], picked[:, 1]].t().unsqueeze(2)
-    like = ((own <= seen * ratio) & (seen <= own * ratio)).all(1, keepdim=True)
+    like = is_near(own, seen, ratio)
     if held.guides is not None:
         depth = gather_around(held.hr.gbuffer[Buffer.DEPTH], picked, 1, held.scale)
         normal = torch.zeros_like(depth).expand(-1, 3, -1)

@@ -47,6 +47,7 @@ from rtsr_cli.core.pairs.material_agreement import (
     hold_samples,
     is_alike,
     is_filtered,
+    is_near,
     keep_own_surface,
     leave_bare,
     leave_undivided,
@@ -243,8 +244,7 @@ def _has_like_beside(own: Tensor, placed: Tensor, surface: Tensor, ratio: Tensor
     """Whether a sample around is of the material that the middle one's pixel has at HR."""
     middle = own.shape[2] // 2
     here = placed[:, :, middle : middle + 1]
-    like = ((own <= ratio * here) & (here <= ratio * own)).all(1, keepdim=True)
-    return (like & surface).any(2)[:, 0]
+    return (is_near(own, here, ratio) & surface).any(2)[:, 0]
 
 
 def _follow(held: HeldSamples, found: Mask, factors: Color) -> Mask:

@@ -419,3 +419,17 @@ def test_samples_are_held_against_hr_once(monkeypatch: pytest.MonkeyPatch) -> No
     lr, hr = wire(0.8, at_lr=False)
     assert doubted_material.leave_doubted(lr, hr, SCALE, divided=False).doubted == {}
     assert calls == [SCALE]
+
+
+def test_a_texture_that_both_sizes_have_is_no_thin_thing() -> None:
+    """As above, with base colours and one depth: eight samples alone tell nothing among many."""
+    large = torch.full((1, 3, *SIZE), 0.6)
+    large[..., ::SCALE, ::SCALE] = 0.2
+    small = torch.full((1, 3, SIZE[0] // SCALE, SIZE[1] // SCALE), 0.6)
+    small[..., 6:18, 8:20] = 0.14
+    small[..., 11:13, 12:16] = 0.13
+    pairs = zip((small, large), ((0.05, -0.1), (0.0, 0.0)), strict=True)
+    lr, hr = (
+        frame(m, jitter, albedo=m, depth=torch.full_like(m[:, :1], 5.0)) for m, jitter in pairs
+    )
+    assert find_contradicting(lr, hr, SCALE) is None

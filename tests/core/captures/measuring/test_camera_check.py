@@ -740,6 +740,9 @@ def test_positions_that_fit_one_frame_closely_fit_all_of_them_so(room: Room) -> 
     found = check_cameras(given, (evidence.hold(given),), step=1, convention=CameraConvention())
     assert found.stuck
     assert "0 px from their pixels in frame" in found.doubt
+    # the camera of another frame is no error of a camera beside
+    assert "same in all frames" in found.doubt
+    assert "a camera beside" not in found.doubt
     right = check_cameras(slow, (evidence.hold(slow),), step=1, convention=CameraConvention())
     assert right.fits
 
