@@ -444,7 +444,10 @@ def _suggest_factor(misfit: Misfit, lr: FrameReader, hr: FrameReader) -> str:
     rename = ""
     if {c.stream for c in bound} & {c.stream for c in lr.binding[misfit.buffer]}:
         bound = bound.moved_to(HR_FOLDER)
-        rename = f"rename HR's files to {HR_FOLDER}.####.exr, so that this is of them alone, and "
+        rename = (
+            f"rename HR's files to {HR_FOLDER}.####.exr (LR's have the same name now, and would be "
+            "multiplied, too), and write in "
+        )
     made: str | list[str] = bound.describe(streams=True)
     if len(set(misfit.factors)) > 1:
         made = [BoundBuffer((part,)).describe(streams=True) for part in bound.components]
