@@ -35,6 +35,7 @@ from rtsr_cli.core.captures.unrendered_frames import (
     FirstHeaders,
     RenderedBinding,
     bind_rendered,
+    describe_lacking_channel,
     leave_out_partial,
     list_partial_streams,
     take_first,
@@ -271,10 +272,10 @@ def _check_channels(
             lacking = [n for n, h in by_number.items() if c.channel not in h.channels]
             if lacking:
                 one = len(lacking) == 1
+                why = describe_lacking_channel(c.channel, lacking, by_number)
                 raise FrameFolderError(
-                    f"{frames.root}, {say_frames(lacking)}: buffer '{buffer}' is missing (channel "
-                    f"'{c.channel}' is in the other frames, not in {'this one' if one else 'these'}"
-                    f"); render {'this frame' if one else 'these frames'} again, or leave "
+                    f"{frames.root}, {say_frames(lacking)}: buffer '{buffer}' is missing ({why}); "
+                    f"render {'this frame' if one else 'these frames'} again, or leave "
                     f"{'it' if one else 'them'} out: --on-missing skip"
                 )
             view = next(iter(by_number.values())).views.get(c.channel)

@@ -6,13 +6,13 @@ nor what else either kind holds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from rtsr_cli.core.captures.bound_channels import Binding, BoundChannel
 from rtsr_cli.core.captures.header_files import Headers
 from rtsr_cli.core.captures.layers import BoundLayers
-from rtsr_cli.core.errors import FrameFolderError
+from rtsr_cli.core.errors import FrameFolderError, find_nearest
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
@@ -213,14 +213,40 @@ def _describe_partial(
     for buffer, without in unheld.items():
         held = next(c for c in binding[buffer] if _list_without(headers, (c,)))
         grouped.setdefault((without, held), []).append(buffer)
-    return tuple(_say_partial(*key, buffers) for key, buffers in grouped.items())
+    return tuple(
+        _say_partial(
+            without, buffers, describe_lacking_channel(held.channel, without, headers[held.stream])
+        )
+        for (without, held), buffers in grouped.items()
+    )
 
 
-def _say_partial(without: frozenset[int], held: BoundChannel, buffers: Sequence[Buffer]) -> str:
+def describe_lacking_channel(
+    channel: str, without: Collection[int], headers: Mapping[int, ExrHeader]
+) -> str:
+    """Say that some frames lack a channel, and which of theirs may be it by another name.
+
+    Args:
+        channel: that they lack.
+        without: numbers of the frames that lack it.
+        headers: of the file sequence that holds it, by frame.
+    """
+    held = [header.channels for number, header in headers.items() if number in without]
+    others = [header.channels for number, header in headers.items() if number not in without]
+    instead = frozenset.intersection(*held).difference(*others)
+    one = len(without) == 1
+    renamed = "".join(
+        f", which {'has' if one else 'have'} '{name}' in its place: renamed?"
+        for name in find_nearest(channel, sorted(instead), most=1)
+    )
+    which = "this one" if one else "these"
+    return f"channel '{channel}' is in the other frames, not in {which}{renamed}"
+
+
+def _say_partial(without: frozenset[int], buffers: Sequence[Buffer], lacking: str) -> str:
     one = len(without) == 1
     return (
-        f"{say_frames(without)}: {say_missing(buffers)} (channel '{held.channel}' is in the other "
-        f"frames, not in {'this one' if one else 'these'}), so that "
+        f"{say_frames(without)}: {say_missing(buffers)} ({lacking}), so that "
         f"{'they are' if len(buffers) > 1 else 'it is'} not used in any frame; render "
         f"{'this frame' if one else 'these frames'} again, or leave {'it' if one else 'them'} out: "
         "--on-missing skip"

@@ -342,9 +342,9 @@ def describe_foreign(found: ForeignBuffer, lr_root: Path, hr_root: Path) -> str:
     fits = f", though {found.told_by} does fit" if found.told_by else ""
     beside = hr_root if found.size == "LR" else lr_root
     return (
-        f"{root}: frame {number}: {wrong} (beside {beside}): HR frame {large} fits LR frame "
-        f"{small} in {found.buffers[0]}, HR frame {number} does not fit LR frame {number} "
-        f"({found.share:.1%} of its samples are unlike all HR pixels around them{fits}); "
+        f"{root}: frame {number}: {wrong} (beside {beside}): in {found.buffers[0]}, HR frame "
+        f"{large} fits LR frame {small}; as it is, {found.share:.1%} of the LR samples of frame "
+        f"{number} are unlike all HR pixels around them{fits}; "
         f"{_say_remedy(names)}"
     )
 

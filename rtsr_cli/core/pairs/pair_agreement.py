@@ -180,7 +180,7 @@ class Misfit:
         others = format_ranges(self.looked_at)
         if frames == self.looked_at:
             return f"all frames looked at ({others})"
-        return f"{say_frames(frames)} (only frames {others} were looked at)"
+        return f"{say_frames(frames)} (of frames {others}, which were looked at)"
 
     def is_like(self, other: Misfit) -> bool:
         """Tell whether another frame misfits in the same way."""
@@ -204,7 +204,8 @@ def find_misfit(
     """Say how both sizes differ, of the first frame where that is explained.
 
     The middle, the first and the last are looked at, and those that are doubted: single files may
-    be of other moments. That both hardly show one picture is said of the first that tells.
+    be of other moments, which `find_other_moment` says of their frame alone, as long as most of
+    these frames fit. That both hardly show one picture is said of the first that tells.
 
     None where they do not, or frames cannot be read: whoever reads them next says why.
 
@@ -215,11 +216,8 @@ def find_misfit(
         stored: numbers of HR frames.
         doubted: numbers among those, whose frames something else speaks against.
     """
-    looked_at = dict.fromkeys(
-        (numbers[len(numbers) // 2], numbers[0], numbers[-1], *doubted[:MOST_DOUBTED])
-    )
+    looked_at = dict.fromkeys((*choose_frames(numbers), *doubted[:MOST_DOUBTED]))
     found: dict[int, Misfit] = {}
-    first: Misfit | None = None
     for number in looked_at:
         try:
             misfit = _judge_frame(lr, hr, number, scale, stored=stored, looked_at=looked_at)
@@ -227,15 +225,23 @@ def find_misfit(
             break
         if misfit is not None:
             found[number] = misfit
-            first = misfit if first is None and misfit.looks else first
+    moved = [n for n, misfit in found.items() if misfit.remedy == NUMBER_REMEDY]
+    single = moved if 2 * len(moved) < len(found) else []
+    judged = {n: misfit for n, misfit in found.items() if n not in single}
+    first = next((misfit for misfit in judged.values() if misfit.looks), None)
     if first is None:
-        first = next(iter(found.values()), None)
+        first = next(iter(judged.values()), None)
         if first is None or first.strays <= MOST_STRAYS:
             return None
-        alike = [n for n, misfit in found.items() if misfit.strays > MOST_STRAYS]
+        alike = [n for n, misfit in judged.items() if misfit.strays > MOST_STRAYS]
     else:
-        alike = [n for n, misfit in found.items() if misfit.looks and misfit.is_like(first)]
+        alike = [n for n, misfit in judged.items() if misfit.looks and misfit.is_like(first)]
     return replace(first, frames=tuple(sorted(alike)), looked_at=tuple(sorted(found)))
+
+
+def choose_frames(numbers: Sequence[int]) -> tuple[int, ...]:
+    """The middle, the first and the last: frames that are looked at before a run."""
+    return (numbers[len(numbers) // 2], numbers[0], numbers[-1])
 
 
 def _judge_frame(
@@ -491,7 +497,7 @@ def find_other_moment(
         stored: numbers of frames that both sizes have.
     """
     try:
-        others = list_around(number, stored)
+        others = list_around(number, stored, choose_frames(sorted(stored)))
         found = _find_moment(own, (lr, hr), scale, number, others)
         return found or _find_outside(own, (lr, hr), scale, number, others)
     except FrameFolderError:

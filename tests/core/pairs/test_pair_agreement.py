@@ -179,16 +179,33 @@ def test_frames_of_another_moment_are_named(ahead: int) -> None:
     assert "number the files of both sizes alike" in found.remedy
 
 
-@pytest.mark.parametrize("doubted", [(), (2, 4)])
+@pytest.mark.parametrize("doubted", [(1, 5), (2, 4, 5)])
 def test_lr_files_that_are_exchanged_are_named(doubted: tuple[int, ...]) -> None:
     lr = {n: keep(render(n), 4, (2, 2)) for n in (1, 2, 3, 4, 5)}
     hr = {n: render(n) for n in lr}
-    one, other = doubted or (1, 5)
+    kept = dict(lr)
     assert judge(lr, hr) is None
-    lr[one], lr[other] = lr[other], lr[one]
+    for one, other in zip(doubted, (*doubted[1:], doubted[0]), strict=True):
+        lr[one] = kept[other]
     found = find_misfit(lr.__getitem__, hr.__getitem__, sorted(lr), 4, stored=hr, doubted=doubted)
     assert found is not None
-    assert f"HR frame {other} fits LR frame {one}" in found.looks
+    shown = dict(zip(doubted, (*doubted[1:], doubted[0]), strict=True))[found.frame]
+    assert f"HR frame {shown} fits LR frame {found.frame}" in found.looks
+    assert found.frames == doubted
+
+
+@pytest.mark.parametrize("wrong", [1, 2, 5])
+def test_a_single_file_of_another_moment_refuses_its_own_frame_alone(wrong: int) -> None:
+    lr = {n: keep(render(n), 4, (2, 2)) for n in range(1, 16)}
+    hr = {n: render(n) for n in lr}
+    # as far from it as frames that are looked at lie
+    far = 15 if wrong < 8 else 1
+    hr[wrong] = hr[far]
+    assert judge(lr, hr) is None
+    own = lr[wrong], hr[wrong]
+    found = find_other_moment(lr.__getitem__, hr.__getitem__, wrong, 4, own=own, stored=lr.keys())
+    assert found is not None
+    assert f"HR frame {wrong} fits LR frame {far}" in found.looks
 
 
 def test_a_single_frame_is_held_against_those_around_it_both_ways() -> None:
@@ -383,11 +400,11 @@ def test_frames_that_misfit_alike_are_named_among_those_looked_at() -> None:
     some = judge(lr, {n: flip(image, dims) if n in (3, 5) else image for n, image in hr.items()})
     assert some is not None
     assert some.frames == (3, 5)
-    assert some.where == "frames 3, 5 (only frames 1, 3, 5 were looked at)"
+    assert some.where == "frames 3, 5 (of frames 1, 3, 5, which were looked at)"
     mixed = {n: flip(image, dims if n == 3 else (-1,)) for n, image in hr.items()}
     one = judge(lr, mixed)
     assert one is not None
-    assert one.where == "frame 3 (only frames 1, 3, 5 were looked at)"
+    assert one.where == "frame 3 (of frames 1, 3, 5, which were looked at)"
     alone = judge({3: lr[3]}, {3: flip(hr[3], dims)})
     assert alone is not None
     assert alone.where == "frame 3"
