@@ -70,6 +70,9 @@ MOST_COUNTED = 65536
 DOUBTFUL = 0.01
 """Share of impossible values from which they are said."""
 
+LEAST_PACKED = -0.01
+"""Parts of stored normals up to which none is packed: rounding makes none so far below 0."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ClearedDepth:
@@ -286,7 +289,11 @@ def _is_near(found: SkyFinding, depths: Sequence[Plane]) -> bool:
 
 def _look_packed(frames: Sequence[Stored], surfaces: Sequence[Mask]) -> bool:
     """Tell whether no normal of a surface has a part below 0: a stored 0 is then no vector of 0."""
-    return float(_select_values([f[Buffer.NORMAL] for f in frames], surfaces).amin()) > -0.01
+    below = (
+        (f[Buffer.NORMAL] <= LEAST_PACKED).any(1, keepdim=True) & s
+        for f, s in zip(frames, surfaces, strict=True)
+    )
+    return not any(bool(mask.any()) for mask in below)
 
 
 def _add_far_plane(
