@@ -20,14 +20,18 @@ from rtsr_cli.core.pairs.dark_material import (
 from rtsr_cli.core.pairs.material_agreement import (
     DARKER_AT_LR,
     DIFFERS,
+    HeldSamples,
     describe_difference,
     find_taken,
     hold_samples,
+    leave_bare,
     leave_colourless,
     leave_contradicting,
+    leave_undivided,
     name_darker,
 )
 from rtsr_cli.core.pairs.surface_factors import leave_scaled
+from rtsr_cli.core.pairs.thin_material import LostThings, find_lost_things
 from rtsr_cli.core.shapes import Mask
 
 
@@ -72,13 +76,19 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
     pair = DoubtedPair(lr, hr)
     if Buffer.MATERIAL not in hr.gbuffer:
         return pair
+    things = None
     if Buffer.MATERIAL in lr.gbuffer:
-        pair = _leave_disagreeing(pair, scale, divided=divided)
+        first = hold_samples(lr, hr, scale)
+        things = find_lost_things(first) if divided else None
+        pair = _leave_disagreeing(pair, first, divided=divided)
     if divided:
         left, bare = leave_outshining(pair.lr, pair.hr, scale, pair.taken)
         found = {} if left is pair.lr else {TOO_BRIGHT: find_taken(pair.lr, left)}
         pair = pair.leave(left, bare, found)
-    return replace(pair, bare=_find_bare(hr, scale)) if pair.doubted else pair
+    if things is not None:
+        pair = _leave_things(pair, things, first)
+    unsaid = things is not None and not things.sure
+    return replace(pair, bare=_find_bare(hr, scale)) if pair.doubted or unsaid else pair
 
 
 def _find_bare(hr: Frame, scale: int) -> Mask:
@@ -87,9 +97,20 @@ def _find_bare(hr: Frame, scale: int) -> Mask:
     return F.max_pool2d(bare.float(), scale) > 0.5
 
 
-def _leave_disagreeing(pair: DoubtedPair, scale: int, *, divided: bool) -> DoubtedPair:
+def _leave_things(pair: DoubtedPair, things: LostThings, first: HeldSamples) -> DoubtedPair:
+    """Leave what is lost of thin things."""
+    left, found = pair.lr, dict(things.samples)
+    divided = left.gbuffer[Buffer.LIGHTING_MASK] > 0.5
+    samples = reduce(torch.logical_or, found.values())
+    left = leave_undivided(left, samples & divided)
+    bare = leave_bare(left, pair.hr, things.pixels, first.scale)
+    found = {cause: mask for cause, mask in found.items() if bool(mask.any())}
+    return pair.leave(left, bare, found)
+
+
+def _leave_disagreeing(pair: DoubtedPair, first: HeldSamples, *, divided: bool) -> DoubtedPair:
     """Leave what is one material at LR and another at HR."""
-    first = held = hold_samples(pair.lr, pair.hr, scale)
+    held, scale = first, first.scale
     left, bare = leave_contradicting(pair.lr, pair.hr, scale, held)
     if left is not pair.lr:
         taken = find_taken(pair.lr, left)

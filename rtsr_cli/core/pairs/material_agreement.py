@@ -347,7 +347,7 @@ def _find_hidden(held: HeldSamples, bare_lr: Mask, bare_hr: Mask) -> Mask:
     sure = held.place(whole) & coloured & keep_own_surface(replace(held, told=inside)).told
     if _is_by_chance(float(bare_hr.sum()) / scale**2, int(bare_lr.sum()), int(inside.sum())):
         unseen &= upsample_nearest(_spread(sure, LOST_REACH), scale)
-    return _keep_whole_surfaces(held.hr.gbuffer, bare_hr, unseen)
+    return keep_whole_surfaces(held.hr.gbuffer, bare_hr, unseen)
 
 
 def _is_by_chance(expected: float, seen: int, inside: int) -> bool:
@@ -363,7 +363,7 @@ def _is_by_chance(expected: float, seen: int, inside: int) -> bool:
     return seen - expected - seen * log_ratio > math.log(CHANCE)
 
 
-def _keep_whole_surfaces(gbuffer: GBuffer, bare: Mask, hidden: Mask) -> Mask:
+def keep_whole_surfaces(gbuffer: GBuffer, bare: Mask, hidden: Mask) -> Mask:
     """Keep HR pixels beside which nothing of their surface has a base colour; none where surfaces
     cannot be told apart.
     """
