@@ -9,10 +9,9 @@ its divisor is 0, or the remainder of a specular term, which changes a hundredfo
 pixels, while its radiance does not.
 
 Groups of such samples carry no lighting, nor do dark ones around them: all are left undivided, and
-dark HR pixels around have no material either, so that radiance is enlarged there; both, where depth
-is known, as far as they are as deep as such samples around. Dark is what is so in all channels, or
-as good as 0 in one: a wall of a saturated colour keeps its lighting. So does metal of one, whose
-edges shine in all: samples that hang together with a group go with it while
+dark HR pixels around have no material either, so that radiance is enlarged there. Dark is what is
+so in all channels, or as good as 0 in one: a wall of a saturated colour keeps its lighting. So does
+metal of one, whose edges shine in all: samples that hang together with a group go with it while
 
     in a channel c  m_c(q) <= DARK  and  L_c(q) > BESIDE k  and  L_c(q) > COLOURED L_d(q)
 
@@ -45,7 +44,7 @@ from rtsr_cli.core.pairs.material_agreement import (
     leave_bare,
     leave_undivided,
 )
-from rtsr_cli.core.pairs.surface_reach import APART, lies_between, mark_surfaces
+from rtsr_cli.core.pairs.surface_reach import APART, mark_surfaces
 from rtsr_cli.core.shapes import Mask
 
 TOO_BRIGHT = "radiance is far too bright for its material (base colour or metal missing?)"
@@ -116,11 +115,9 @@ def leave_outshining(
     if outshines is not None:
         around, material = _spread(outshines, LOST_REACH), hr.gbuffer[Buffer.MATERIAL]
         dark = around & divided & _is_dark(lr.gbuffer[Buffer.MATERIAL])
-        dark &= _lies_among(outshines, lr, lr)
         further = group & divided & ~dark
         doubted |= dark | further
-        dark_hr = upsample_nearest(around, scale) & _is_dark(material)
-        lost |= dark_hr & _lies_among(outshines, lr, hr)
+        lost |= upsample_nearest(around, scale) & _is_dark(material)
         for samples, most in ((group, FAINT), (further, DARK)):
             beside = upsample_nearest(_spread(samples, 1), scale)
             lost |= beside & (material.amin(1, keepdim=True) <= most)
@@ -193,18 +190,6 @@ def _keep_shares(found: Mask) -> Mask | None:
     share = F.avg_pool2d(found.float(), side, 1, GROUP_REACH, count_include_pad=False)
     found = found & (share > LEAST_GROUP - 1e-6)
     return found if bool(found.any()) else None
-
-
-def _lies_among(outshines: Mask, lr: Frame, pixels: Frame) -> Mask:
-    """True at pixels as deep as samples around that outshine; anywhere, where depth is not known.
-
-    What is dark behind a thing, or before it, is a surface of its own.
-    """
-    if Buffer.DEPTH not in lr.gbuffer or Buffer.DEPTH not in pixels.gbuffer:
-        return torch.ones_like(pixels.gbuffer[Buffer.SKY], dtype=torch.bool)
-    depth, small = pixels.gbuffer[Buffer.DEPTH], lr.gbuffer[Buffer.DEPTH]
-    scale = depth.shape[-1] // small.shape[-1]
-    return lies_between(depth, small, outshines, LOST_REACH, scale)
 
 
 def _find_missing(pixels: Frame, where: Mask, lr: Frame, bare: Mask, bright: Mask) -> Mask:

@@ -49,7 +49,7 @@ def mark_surfaces(lr: Frame, hr: Frame, placed: Color, samples: Mask, scale: int
     if Buffer.DEPTH not in lr.gbuffer or Buffer.DEPTH not in hr.gbuffer:
         return around
     depth, small = hr.gbuffer[Buffer.DEPTH], lr.gbuffer[Buffer.DEPTH]
-    own = lies_between(depth, small, samples, LOST_REACH, scale)
+    own = _lies_between(depth, small, samples, LOST_REACH, scale)
     own &= _is_like(hr.gbuffer[Buffer.MATERIAL], placed, samples, scale)
     others = (lr.gbuffer[Buffer.SKY] < 0.5) & ~samples
     if Buffer.LIGHTING_MASK in lr.gbuffer:
@@ -76,7 +76,7 @@ def _find_alone(depth: Plane, small: Plane, samples: Mask, pixels: Mask, scale: 
     return found
 
 
-def lies_between(depth: Plane, small: Plane, samples: Mask, reach: int, scale: int) -> Mask:
+def _lies_between(depth: Plane, small: Plane, samples: Mask, reach: int, scale: int) -> Mask:
     """True at pixels whose depth is within those of the samples around; nowhere without any."""
     near, far = _find_range(small, samples, reach)
     beyond = BEYOND * (far - near).nan_to_num(0.0, 0.0, 0.0)

@@ -84,27 +84,6 @@ def test_all_of_the_thing_is_left_undivided_and_the_wall_is_not(left: float | Te
     assert lr.lighting_scale == pytest.approx(0.5 / BRIGHT, rel=0.01)
 
 
-def stand_before(pair: tuple[Frame, Frame], near_m: float, far_m: float) -> tuple[Frame, Frame]:
-    """The same pair with depth: that of the thing, and of the wall."""
-    depth = torch.full((1, 1, *SIZE), far_m)
-    depth[..., 24:72, 32:96] = near_m
-    lr, hr = pair
-    small = lr.gbuffer.with_buffers({Buffer.DEPTH: decimate(depth, SCALE, (2, 2))})
-    large = hr.gbuffer.with_buffers({Buffer.DEPTH: depth})
-    return replace(lr, gbuffer=small), replace(hr, gbuffer=large)
-
-
-def test_a_dark_wall_behind_the_thing_keeps_its_light() -> None:
-    """Dark is what is of the thing, told by depth: a wall as dark, far behind it, is not."""
-    pair = stand_before(make_pair(0.006, wall=(0.15, 0.15, 0.15)), near_m=2.0, far_m=6.0)
-    lr, hr = leave_outshining(*pair, SCALE)
-    bare = (hr.gbuffer[Buffer.MATERIAL] == 0.0).all(1)[0]
-    assert bool(bare[24:72, 32:96].all())
-    assert float(bare.float().mean()) == pytest.approx(48 * 64 / (96 * 128))
-    mask = lr.gbuffer[Buffer.LIGHTING_MASK][0, 0]
-    assert float(mask.mean()) == pytest.approx(1.0 - 48 * 64 / (96 * 128))
-
-
 def red_metal() -> Tensor:
     """Green and blue of 0, but for an edge where everything shines."""
     steps = torch.tensor([0.6, 0.0, 0.0]).view(3, 1, 1).repeat(1, 48, 64)
