@@ -148,21 +148,18 @@ def find_lost_things(held: HeldSamples) -> LostThings | None:
     if needed - lr.keys() or needed - hr.keys() or Buffer.LIGHTING not in lr:
         return None
     own, pixels = (find_base_colours(gbuffer) for gbuffer in (lr, hr))
-    surface, surface_hr = (gbuffer[Buffer.SKY] < 0.5 for gbuffer in (lr, hr))
+    surface = lr[Buffer.SKY] < 0.5
     contradicts, there = _find_contradicting(held, own, pixels)
-    faint, faint_hr = (
-        where & (colour.amax(1, keepdim=True) <= FAINT)
-        for where, colour in ((surface, own), (surface_hr, pixels))
-    )
-    if not any(bool(mask.any()) for mask in (contradicts, faint, faint_hr)):
-        return None
-    outshines = faint & _is_bright(held.lr, faint) & ~contradicts
+    faint = surface & faint_of(own)
+    outshines = _find_bright(held.lr, faint) & ~contradicts
     outshines &= ~_is_of_texture(held, pixels, outshines)
     agrees = surface & ~contradicts & ~outshines
     certain = _keep_frequent(contradicts, own, there, agrees)
     contradicted = bool((certain | contradicts & (faint | faint_of(there))).any())
     if not contradicted and int(outshines.sum()) < LEAST:
         return None
+    surface_hr = hr[Buffer.SKY] < 0.5
+    faint_hr = surface_hr & faint_of(pixels)
     voters = Voters(lr[Buffer.DEPTH], own, there, certain, outshines, agrees)
     asked = _pick_pixels(held, voters, faint_hr)
     depth = hr[Buffer.DEPTH]
@@ -252,27 +249,32 @@ def _find_contradicting(held: HeldSamples, own: Color, pixels: Color) -> tuple[M
         count = same.sum(2)
         contradicts[0, 0, rows, columns] = ((count > 0) & ~like.any(2))[:, 0]
         there[0, :, rows, columns] = ((seen * same).sum(2) / count.clamp(min=1)).T
+    if not bool(contradicts.any()):
+        return contradicts, there
     others = replace(held, told=held.told & ~contradicts)
     if int(contradicts.sum()) > MOST * int(surface.sum()) or is_filtered(others, held.means):
         contradicts = torch.zeros_like(contradicts)
     return contradicts, there
 
 
-def _is_bright(lr: Frame, faint: Mask) -> Mask:
-    """True at samples that have far more light than surfaces that are not faint, in the middle and
-    around: the sun falls on some parts of a room."""
+def _find_bright(lr: Frame, faint: Mask) -> Mask:
+    """Faint samples of thin things that have far more light than surfaces that are not faint, in
+    the middle and around: the sun falls on some parts of a room."""
     lighting, mask = lr.gbuffer[Buffer.LIGHTING], lr.gbuffer[Buffer.LIGHTING_MASK]
     beside = mask.masked_fill(faint, 0.0)
     middle = lighting_scale(lighting, beside) if bool(beside.any()) else lr.lighting_scale
     # lighting of what was not divided is its radiance
     light = torch.where(mask > 0.5, lighting, lighting / MATERIAL_EPSILON)
+    most = light.amax(1, keepdim=True)
+    bright = faint & (most > OUTSHINES * middle)
+    if not bool(bright.any()):
+        return bright
     side = 2 * LOST_REACH + 1
     logs = lighting.clamp(min=LIGHTING_FLOOR).log().mean(1, keepdim=True)
     count, total = (F.avg_pool2d(t, side, 1, LOST_REACH) for t in (beside, logs * beside))
     around = (total / count.clamp(min=1.0 / side**2)).exp().masked_fill(count == 0.0, 0.0)
-    most = light.amax(1, keepdim=True)
     thin = F.avg_pool2d(faint.float(), 5, 1, 2) <= THIN
-    return thin & (most > OUTSHINES * middle) & (most > AROUND * around)
+    return bright & thin & (most > AROUND * around)
 
 
 def _is_of_texture(held: HeldSamples, pixels: Color, where: Mask) -> Mask:
