@@ -406,14 +406,23 @@ def _decide_jitter(settled: MeasuredReader, capture: CaptureDeclaration) -> Meas
         return take_measurement(settled, "jitter", note, motion=changed)
     text = _JITTER_WARNINGS.get(finding.verdict, "")
     cameras = (settled.reader.cameras[n] for n in settled.measured.frames)
-    if finding.verdict is JitterVerdict.UNDECLARED and any(any(c.jitter_px) for c in cameras):
-        text = OTHER_JITTER
+    if finding.verdict is JitterVerdict.UNDECLARED:
+        if any(any(c.jitter_px) for c in cameras):
+            text = OTHER_JITTER
+        elif capture.jitter_px is not None:
+            text = DENIED_JITTER
     return add_warning(settled, text.format(finding.spread_px)) if text else settled
 
 
 OTHER_JITTER = (
     "the frames jitter by up to {:.2f} px beside the offset that jitter_px declares for all of "
     "them; declare jitter_px by frame"
+)
+
+DENIED_JITTER = (
+    "the pictures lie by up to {:.2f} px beside where vectors lead, and jitter_px declares none, "
+    "which is obeyed: of small frames, or of fine textures, pictures alone show as much; if the "
+    "renderer does jitter, declare jitter_px by frame"
 )
 
 _JITTER_WARNINGS = {

@@ -280,6 +280,8 @@ def test_jitter_is_called_undeclared_only_where_no_frame_declares_any(settled: S
     (bound,) = settled(measured, capture(jitter_px=[0.125, 0.125])).warnings
     assert "beside the offset that jitter_px declares" in bound
     assert "not declared" not in bound
+    (denied,) = settled(measured, capture(jitter_px=[0.0, 0.0])).warnings
+    assert "jitter_px declares none, which is obeyed" in denied
 
 
 def test_vectors_that_cannot_be_measured_prove_no_unverified_preset(settled: Settle) -> None:
