@@ -87,6 +87,21 @@ def test_lr_files_that_are_exchanged_are_refused(
     assert "system bicubic" in chosen.output
 
 
+def test_a_file_of_another_frame_that_costs_all_frames_their_cameras_is_what_is_named(
+    rtsr: Run, sample_root: Path, tmp_path: Path
+) -> None:
+    shot = tmp_path / "shot"
+    shutil.copytree(sample_root, shot)
+    files = sorted((shot / "hr").glob("*.exr"))
+    shutil.copy(files[-1], files[0])
+    refused = rtsr("upscale", shot, tmp_path / "no", "--system", "demod-guided")
+    assert refused.exit_code == 3, refused.output
+    said = " ".join(refused.output.split())
+    assert "frame 1 (of frames 1, 4, 6, which were looked at)" in said
+    assert f"of another moment (HR frame 1 fits LR frame {len(files)})" in said
+    assert "matrices of another frame" not in said
+
+
 def test_a_frame_whose_hr_file_is_another_frames_fails_alone(
     rtsr: Run, small_shot: Path, changed: Callable[..., Path], tmp_path: Path
 ) -> None:

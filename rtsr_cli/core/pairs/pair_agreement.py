@@ -200,6 +200,7 @@ def find_misfit(
     *,
     stored: Collection[int],
     doubted: Sequence[int] = (),
+    singly: bool = True,
 ) -> Misfit | None:
     """Say how both sizes differ, of the first frame where that is explained.
 
@@ -215,6 +216,8 @@ def find_misfit(
         scale: S.
         stored: numbers of HR frames.
         doubted: numbers among those, whose frames something else speaks against.
+        singly: whether single files of other moments are left to their own frames: not where they
+            cost all frames their cameras.
     """
     looked_at = dict.fromkeys((*choose_frames(numbers), *doubted[:MOST_DOUBTED]))
     found: dict[int, Misfit] = {}
@@ -226,7 +229,7 @@ def find_misfit(
         if misfit is not None:
             found[number] = misfit
     moved = [n for n, misfit in found.items() if misfit.remedy == NUMBER_REMEDY]
-    single = moved if 2 * len(moved) < len(found) else []
+    single = moved if singly and 2 * len(moved) < len(found) else []
     judged = {n: misfit for n, misfit in found.items() if n not in single}
     first = next((misfit for misfit in judged.values() if misfit.looks), None)
     if first is None:

@@ -256,6 +256,7 @@ class RealPairs:
             self.scale,
             stored=set(hr.numbers).difference(hr.held),
             doubted=[n for n in _list_apart(lr.cameras, hr.cameras) if n in numbers],
+            singly=not (lr.camera_unfit or hr.camera_unfit),
         )
 
     def load(self, number: int, inputs: PairInputs) -> FramePair:

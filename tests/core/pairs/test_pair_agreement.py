@@ -202,6 +202,12 @@ def test_a_single_file_of_another_moment_refuses_its_own_frame_alone(wrong: int)
     far = 15 if wrong < 8 else 1
     hr[wrong] = hr[far]
     assert judge(lr, hr) is None
+    doubted = () if wrong in (1, 15) else (wrong,)
+    refused = find_misfit(
+        lr.__getitem__, hr.__getitem__, sorted(lr), 4, stored=hr, doubted=doubted, singly=False
+    )
+    assert refused is not None
+    assert refused.frames == (wrong,)
     own = lr[wrong], hr[wrong]
     found = find_other_moment(lr.__getitem__, hr.__getitem__, wrong, 4, own=own, stored=lr.keys())
     assert found is not None
