@@ -105,12 +105,17 @@ def did_you_mean(
         meant: what it stands for, if that is known better than by its letters.
     """
     names = list(known)
-    close = [meant] if meant else difflib.get_close_matches(word, names, n=1, cutoff=LEAST_LIKE)
+    close = [meant] if meant else find_close(word, names)
     hint = f", did you mean '{close[0]}'?" if close else ""
     if len(names) > MOST_LISTED:
         nearest = find_nearest(word, names)
         return f"{hint} (nearest of {len(names)}: {', '.join(nearest)})"
     return f"{hint} ({listed}: {', '.join(names)})" if names else hint
+
+
+def find_close(word: str, known: Iterable[str]) -> list[str]:
+    """Return the name that a word may be a slip of, if one is."""
+    return difflib.get_close_matches(word, list(known), n=1, cutoff=LEAST_LIKE)
 
 
 def find_nearest(word: str, known: Iterable[str], most: int = MOST_NEAREST) -> list[str]:

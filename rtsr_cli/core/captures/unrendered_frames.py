@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from rtsr_cli.core.captures.bound_channels import Binding, BoundChannel
 from rtsr_cli.core.captures.header_files import Headers
 from rtsr_cli.core.captures.layers import BoundLayers
-from rtsr_cli.core.errors import FrameFolderError, find_nearest
+from rtsr_cli.core.errors import FrameFolderError, find_close
 from rtsr_cli.core.files.exr import ExrHeader
 from rtsr_cli.core.frames.buffers import RADIANCE_BUFFERS, Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
@@ -237,7 +237,7 @@ def describe_lacking_channel(
     one = len(without) == 1
     renamed = "".join(
         f", which {'has' if one else 'have'} '{name}' in its place: renamed?"
-        for name in find_nearest(channel, sorted(instead), most=1)
+        for name in find_close(channel, sorted(instead))
     )
     which = "this one" if one else "these"
     return f"channel '{channel}' is in the other frames, not in {which}{renamed}"

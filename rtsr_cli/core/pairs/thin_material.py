@@ -68,6 +68,9 @@ LEVEL = 0.01
 OUTSHINES = 8.0
 """Lighting of so many times the middle of the frame's is none that falls on all surfaces."""
 
+AROUND = 5.0
+"""The same times the middle of the samples around: in the sun black things have as much as any."""
+
 THIN = 0.6
 """Share of faint samples in the 5 x 5 around up to which a thing is thin: others mirror lamps."""
 
@@ -77,9 +80,6 @@ TEXTURE = 0.6
 SAME = 1.25
 """Ratio of base colours, in every channel, up to which a sample bears a pixel out: stones have
 nearly the colour of the ground."""
-
-AROUND = 5.0
-"""The same, of the middle of the samples around: in the sun black things have as much as others."""
 
 APART = 0.02
 """Difference of depth within a thing, as a share of it."""
@@ -147,19 +147,19 @@ def find_lost_things(held: HeldSamples) -> LostThings | None:
     needed = {Buffer.ALBEDO, Buffer.DEPTH}
     if needed - lr.keys() or needed - hr.keys() or Buffer.LIGHTING not in lr:
         return None
-    own, pixels = (find_base_colours(gbuffer) for gbuffer in (lr, hr))
+    own, pixels = (_find_base_colours(gbuffer) for gbuffer in (lr, hr))
     surface = lr[Buffer.SKY] < 0.5
     contradicts, there = _find_contradicting(held, own, pixels)
-    faint = surface & faint_of(own)
+    faint = surface & _is_faint(own)
     outshines = _find_bright(held.lr, faint) & ~contradicts
     outshines &= ~_is_of_texture(held, pixels, outshines)
     agrees = surface & ~contradicts & ~outshines
     certain = _keep_frequent(contradicts, own, there, agrees)
-    contradicted = bool((certain | contradicts & (faint | faint_of(there))).any())
+    contradicted = bool((certain | contradicts & (faint | _is_faint(there))).any())
     if not contradicted and int(outshines.sum()) < LEAST:
         return None
     surface_hr = hr[Buffer.SKY] < 0.5
-    faint_hr = surface_hr & faint_of(pixels)
+    faint_hr = surface_hr & _is_faint(pixels)
     voters = Voters(lr[Buffer.DEPTH], own, there, certain, outshines, agrees)
     asked = _pick_pixels(held, voters, faint_hr)
     depth = hr[Buffer.DEPTH]
@@ -216,7 +216,7 @@ def _name_samples(contradicts: Mask, own: Color, there: Color) -> dict[str, Mask
     }
 
 
-def find_base_colours(gbuffer: GBuffer) -> Color:
+def _find_base_colours(gbuffer: GBuffer) -> Color:
     """Base colours; metals' are their F0 where a diffuse colour is stored, which is 0 of them."""
     albedo = gbuffer[Buffer.ALBEDO]
     if Buffer.SPECULAR in gbuffer:
@@ -226,7 +226,7 @@ def find_base_colours(gbuffer: GBuffer) -> Color:
     return albedo.clamp(min=LEVEL)
 
 
-def faint_of(colour: Color) -> Mask:
+def _is_faint(colour: Color) -> Mask:
     """True where a base colour is hardly one."""
     return colour.amax(1, keepdim=True) <= FAINT
 
@@ -286,7 +286,7 @@ def _is_of_texture(held: HeldSamples, pixels: Color, where: Mask) -> Mask:
         rows, columns = some.T
         seen, seen_depth = (gather_around(image, some, 1, held.scale) for image in (pixels, deep))
         same = _is_as_deep(depth[0][:, rows, columns].T.unsqueeze(2), seen_depth)
-        coloured = same & ~faint_of(seen)
+        coloured = same & ~_is_faint(seen)
         found[0, 0, rows, columns] = (coloured.sum(2) > TEXTURE * same.sum(2))[:, 0]
     return found
 
@@ -305,7 +305,7 @@ def _is_of_some(image: Color, known: Color, where: Mask) -> Mask:
 def _pick_pixels(held: HeldSamples, voters: Voters, faint: Mask) -> Mask:
     """HR pixels near samples that tell against them, and faint ones that no sample bears out."""
     accuses = upsample_nearest(_spread(voters.contradicts, LOST_REACH), held.scale)
-    borne_out = upsample_nearest(_spread(voters.agrees & faint_of(voters.colour), 1), held.scale)
+    borne_out = upsample_nearest(_spread(voters.agrees & _is_faint(voters.colour), 1), held.scale)
     surface = held.hr.gbuffer[Buffer.SKY] < 0.5
     outshone = upsample_nearest(_spread(voters.outshines, LOST_REACH), held.scale)
     return (accuses & surface) | (faint & (outshone | ~borne_out))
@@ -323,7 +323,7 @@ def _vote(depth: Plane, colour: Color, where: Mask, voters: Voters) -> tuple[Mas
     height, width = voters.depth.shape[-2:]
     scale = where.shape[-1] // width
     own, z = colour[0][:, rows, columns][None], depth[0][:, rows, columns][None]
-    faint = faint_of(own)
+    faint = _is_faint(own)
     votes, voices = (torch.zeros(len(rows), dtype=torch.int32) for _ in range(2))
     for down, across in product(range(-LOST_REACH, LOST_REACH + 1), repeat=2):
         y, x = rows // scale + down, columns // scale + across
@@ -351,7 +351,7 @@ def _ask_further(depth: Plane, colour: Color, where: Mask, voters: Voters) -> tu
         voters: LR samples.
     """
     scale = where.shape[-1] // voters.depth.shape[-1]
-    borne = faint_of(voters.colour) | _is_of_some(voters.colour, voters.there, voters.contradicts)
+    borne = _is_faint(voters.colour) | _is_of_some(voters.colour, voters.there, voters.contradicts)
     knows = voters.contradicts | voters.outshines | (voters.agrees & borne)
     y, x = knows[0, 0].nonzero().T
     accuses = (voters.contradicts | voters.outshines)[0, 0, y, x]
@@ -373,7 +373,7 @@ def _ask_further(depth: Plane, colour: Color, where: Mask, voters: Voters) -> tu
 
 
 def _is_alike(one: Tensor, other: Tensor, faint: Mask) -> Mask:
-    return is_near(one, other, SAME) | (faint & faint_of(other))
+    return is_near(one, other, SAME) | (faint & _is_faint(other))
 
 
 def _is_as_deep(one: Tensor, other: Tensor) -> Mask:
