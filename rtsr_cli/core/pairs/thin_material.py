@@ -23,6 +23,7 @@ is enlarged there, and samples that contradict are not divided.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -359,17 +360,34 @@ def _ask_further(depth: Plane, colour: Color, where: Mask, voters: Voters) -> tu
     ratio = torch.where(accuses, LIKE, SAME).log()
     far = voters.depth[0, 0, y, x]
     lost, unknown = torch.zeros_like(where), torch.zeros_like(where)
-    for some in torch.split(where[0, 0].nonzero(), AT_ONCE // 8):
+    for some, top, left in _list_tiles(where, scale):
+        beside = (y >= top - FURTHER) & (y < top + 2 * FURTHER)
+        beside &= (x >= left - FURTHER) & (x < left + 2 * FURTHER)
+        down, across, deep, accusing, colours = (
+            part[..., beside] for part in (y, x, far, accuses, seen)
+        )
         rows, columns = some.T[:, :, None]
-        near = (rows // scale - y).abs().maximum((columns // scale - x).abs()) <= FURTHER
+        near = (rows // scale - down).abs().maximum((columns // scale - across).abs()) <= FURTHER
         z = depth[0, 0][rows, columns]
-        near &= (far - z).abs() <= FURTHER_APART * torch.minimum(far, z)
+        near &= (deep - z).abs() <= FURTHER_APART * torch.minimum(deep, z)
         own = colour[0][:, rows, columns].log()
-        near &= (own - seen[:, None]).abs().amax(0) <= ratio
-        accused, borne = (near & accuses).sum(1), (near & ~accuses).sum(1)
+        near &= (own - colours[:, None]).abs().amax(0) <= ratio[beside]
+        accused, borne = (near & accusing).sum(1), (near & ~accusing).sum(1)
         lost[0, 0, some[:, 0], some[:, 1]] = accused > MAJORITY * borne
         unknown[0, 0, some[:, 0], some[:, 1]] = ~near.any(1)
     return lost, unknown
+
+
+def _list_tiles(where: Mask, scale: int) -> Iterator[tuple[Tensor, int, int]]:
+    """Rows and columns of marked pixels, some at a time, all of them in one tile of `FURTHER` LR
+    pixels a side, and the tile's first LR row and column."""
+    picked = where[0, 0].nonzero()
+    own = (picked // (scale * FURTHER)).numpy()
+    tiles, numbers = np.unique(own, axis=0, return_inverse=True)
+    of_tile = torch.from_numpy(numbers.reshape(-1))
+    for number, (top, left) in enumerate((tiles * FURTHER).tolist()):
+        for some in torch.split(picked[of_tile == number], AT_ONCE // 8):
+            yield some, top, left
 
 
 def _is_alike(one: Tensor, other: Tensor, faint: Mask) -> Mask:

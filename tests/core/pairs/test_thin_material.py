@@ -108,3 +108,19 @@ def test_what_few_dark_samples_show_is_left_and_not_said(monkeypatch: pytest.Mon
     pair = leave_doubted(lr, hr, SCALE, divided=True)
     assert pair.bare is not None
     assert not pair.bare.any()
+
+
+def test_tiles_hold_every_marked_pixel_once() -> None:
+    where = torch.rand(1, 1, 200, 330, generator=torch.Generator().manual_seed(1)) < 0.2
+    found = torch.zeros_like(where, dtype=torch.int32)
+    side = thin_material.FURTHER * SCALE
+    for some, top, left in thin_material._list_tiles(where, SCALE):
+        rows, columns = some.T
+        assert len(some) <= thin_material.AT_ONCE // 8
+        assert bool(
+            (
+                (rows // side == top * SCALE // side) & (columns // side == left * SCALE // side)
+            ).all()
+        )
+        found[0, 0, rows, columns] += 1
+    assert torch.equal(found, where.int())
