@@ -10,11 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from rtsr_cli.core.captures.measuring.camera_evidence import (
-    CameraEvidence,
-    Errors,
-    mean_error,
-)
+from rtsr_cli.core.captures.measuring.camera_evidence import CameraEvidence, Errors, mean_error
 from rtsr_cli.core.captures.measuring.camera_hypotheses import (
     CameraReading,
     Cameras,

@@ -17,9 +17,6 @@ from rtsr_cli.core.captures.measuring.camera_check import (
 from rtsr_cli.core.captures.measuring.camera_evidence import (
     MOST_SURFACE_PIXELS,
     CameraEvidence,
-    NormalEvidence,
-    PositionEvidence,
-    VectorEvidence,
     list_likely_depths,
     list_units,
     mean_error,
@@ -30,7 +27,10 @@ from rtsr_cli.core.captures.measuring.camera_rounding import measure_rounding
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices, Matrix4
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry, ThinnedFrame
 from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes, measure_axes
+from rtsr_cli.core.captures.measuring.normal_evidence import NormalEvidence
 from rtsr_cli.core.captures.measuring.normal_finder import find_packing, unpack_normals
+from rtsr_cli.core.captures.measuring.position_evidence import PositionEvidence
+from rtsr_cli.core.captures.measuring.vector_evidence import VectorEvidence
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata

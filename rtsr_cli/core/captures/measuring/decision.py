@@ -13,7 +13,6 @@ from dataclasses import replace
 from rtsr_cli.core.captures.capture_file import CaptureDeclaration
 from rtsr_cli.core.captures.layouts import Layout, OpenMotion
 from rtsr_cli.core.captures.measuring.camera_decision import decide_camera
-from rtsr_cli.core.captures.measuring.camera_evidence import NormalEvidence, PositionEvidence
 from rtsr_cli.core.captures.measuring.depth_size import check_depth_size
 from rtsr_cli.core.captures.measuring.geometry_finder import MOTION, POSITION, DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
@@ -31,6 +30,8 @@ from rtsr_cli.core.captures.measuring.motion_choices import (
 )
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes, describe_axes
+from rtsr_cli.core.captures.measuring.normal_evidence import NormalEvidence
+from rtsr_cli.core.captures.measuring.position_evidence import PositionEvidence
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL, ClearedDepth
 from rtsr_cli.core.captures.measuring.trust import is_jitter_trusted, is_motion_trusted
 from rtsr_cli.core.captures.reader import FrameReader

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
-from rtsr_cli.core.captures.measuring.camera_evidence import NormalEvidence
 from rtsr_cli.core.captures.measuring.empty_buffers import BufferFault
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthFinding
 from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes
+from rtsr_cli.core.captures.measuring.normal_evidence import NormalEvidence
 from rtsr_cli.core.captures.measuring.normal_finder import NormalFinding
 from rtsr_cli.core.captures.measuring.sky_finder import SkyFinding
 

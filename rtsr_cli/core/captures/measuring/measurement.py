@@ -14,7 +14,6 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
-from rtsr_cli.core.captures.measuring.camera_evidence import PositionEvidence, VectorEvidence
 from rtsr_cli.core.captures.measuring.camera_measurement import (
     check_reader_cameras,
     drop_matrices,
@@ -34,12 +33,14 @@ from rtsr_cli.core.captures.measuring.motion_finder import STILL_PX, find_motion
 from rtsr_cli.core.captures.measuring.motion_finding import MotionFinding
 from rtsr_cli.core.captures.measuring.motion_trials import MotionEvidence, normalise_picture
 from rtsr_cli.core.captures.measuring.normal_finder import find_normals
+from rtsr_cli.core.captures.measuring.position_evidence import PositionEvidence
 from rtsr_cli.core.captures.measuring.sky_finder import (
     SKY_BUFFERS,
     SkyFinding,
     find_sky,
     leave_out_sky,
 )
+from rtsr_cli.core.captures.measuring.vector_evidence import VectorEvidence
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer

@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rtsr_cli.core.captures.measuring.camera_evidence import NormalEvidence
 from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
 from rtsr_cli.core.captures.measuring.camera_structure import SIGNED_AXES, Matrix4
+from rtsr_cli.core.captures.measuring.normal_evidence import NormalEvidence
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import NormalSpace
 

@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding, check_cameras
 from rtsr_cli.core.captures.measuring.camera_evidence import (
     CameraEvidence,
-    NormalEvidence,
-    PositionEvidence,
-    VectorEvidence,
     list_likely_depths,
     list_units,
 )
@@ -25,6 +22,9 @@ from rtsr_cli.core.captures.measuring.camera_hypotheses import Cameras
 from rtsr_cli.core.captures.measuring.camera_measurement import are_of_camera
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import StoredGeometry
+from rtsr_cli.core.captures.measuring.normal_evidence import NormalEvidence
+from rtsr_cli.core.captures.measuring.position_evidence import PositionEvidence
+from rtsr_cli.core.captures.measuring.vector_evidence import VectorEvidence
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.camera_convention import (
     CameraConvention,

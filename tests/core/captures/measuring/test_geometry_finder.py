@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.captures.measuring.camera_evidence import PositionEvidence, list_units
+from rtsr_cli.core.captures.measuring.camera_evidence import list_units
 from rtsr_cli.core.captures.measuring.camera_structure import CameraMatrices
 from rtsr_cli.core.captures.measuring.geometry_finder import (
     StoredGeometry,
@@ -18,6 +18,7 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
     unproject_depth,
 )
 from rtsr_cli.core.captures.measuring.normal_finder import find_normals
+from rtsr_cli.core.captures.measuring.position_evidence import PositionEvidence
 from rtsr_cli.core.frames.camera import CameraMetadata, View, ray_axes
 from rtsr_cli.core.frames.conventions import (
     DepthConvention,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from rtsr_cli.core.captures.measuring.camera_evidence import NormalEvidence
 from rtsr_cli.core.captures.measuring.camera_structure import SIGNED_AXES, CameraMatrices
 from rtsr_cli.core.captures.measuring.normal_axes import NormalAxes, describe_axes, measure_axes
+from rtsr_cli.core.captures.measuring.normal_evidence import NormalEvidence
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.conventions import NormalSpace
 from tests.core.captures.measuring.test_camera_check import Room, build, roughen
