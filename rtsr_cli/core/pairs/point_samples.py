@@ -5,7 +5,9 @@
 over neighbours p, q whose material m differs; c is radiance less emission. Light differs between
 neighbours whatever their material, which the median leaves out: of point samples the slope is 1.
 Surfaces whose base colour is 0 tell nothing: of a pass that is empty, m has what little is left.
-A filter mixes both sides of an edge, the G-buffer does not: 0.1 to 0.5.
+A filter mixes both sides of an edge, the G-buffer does not: 0.1 to 0.5. So low is it of wrong
+material as well, and of edges of surfaces without textures, each under a light of its own: there it
+is above 0 no more often than below.
 """
 
 from __future__ import annotations
@@ -30,6 +32,9 @@ LEAST_CONTRAST = math.log(1.35)
 LEAST_PAIRS = 100
 """Neighbours that it takes to tell."""
 
+SURE = 5.0
+"""Standard errors that a share of neighbours is off: neighbours of neighbours are no new ones."""
+
 LEAST_RADIANCE = 1e-4
 
 INPUTS = PairInputs(
@@ -44,11 +49,14 @@ INPUTS = PairInputs(
 def is_point_sampled(source: PairSource) -> bool:
     """Tell whether radiance is point-sampled; true where that cannot be told.
 
-    Where nothing says how wide a filter is, that of the first frame can still be found to be there.
+    Where nothing says how wide a filter is, that of the first frame can still be found to be there:
+    by the HR material, else by slopes of LR alone that are low and mostly above 0 all the same.
     """
     width = source.filter_width_px
     if width is not None:
         return width == 0.0
+    if source.looks_filtered is not None:
+        return not source.looks_filtered
     if source.missing(INPUTS):
         return True
     try:
@@ -56,12 +64,22 @@ def is_point_sampled(source: PairSource) -> bool:
     except FrameFolderError:
         # the run names what is wrong with it
         return True
-    slope = measure_slope(frame)
-    return slope is None or slope >= FILTERED_SLOPE
+    slopes = find_slopes(frame)
+    if len(slopes) < LEAST_PAIRS or float(slopes.median()) >= FILTERED_SLOPE:
+        return True
+    follows = float((slopes > 0.0).float().mean())
+    # of light alone, or of material that is wrong, signs are as good as chance
+    return follows - 0.5 <= SURE * 0.5 / math.sqrt(len(slopes))
 
 
 def measure_slope(frame: Frame) -> float | None:
     """Slope of log radiance over log material of a frame; None where too little differs."""
+    slopes = find_slopes(frame)
+    return float(slopes.median()) if len(slopes) >= LEAST_PAIRS else None
+
+
+def find_slopes(frame: Frame) -> torch.Tensor:
+    """The slopes of all neighbours whose material differs, k."""
     gbuffer = frame.gbuffer
     light, material = gbuffer[Buffer.COLOR], gbuffer[Buffer.MATERIAL]
     if Buffer.EMISSION in gbuffer:
@@ -78,8 +96,7 @@ def measure_slope(frame: Frame) -> float | None:
         counted = usable.narrow(dim, 1, inner) & usable.narrow(dim, 0, inner)
         counted &= changed.abs() > LEAST_CONTRAST
         slopes.append((shown / changed)[counted])
-    every = torch.cat(slopes)
-    return float(every.median()) if len(every) >= LEAST_PAIRS else None
+    return torch.cat(slopes)
 
 
 def _log_mean(image: torch.Tensor) -> Plane:

@@ -159,6 +159,15 @@ class RealPairs:
         return self.lr.filter_width_px is None and bool(self.filter_width_px)
 
     @cached_property
+    def looks_filtered(self) -> bool | None:
+        """As measured, which takes HR material."""
+        if self.hr is None or self.missing(pixel_filter.INPUTS):
+            return None
+        return pixel_filter.find_filtered(
+            lambda number: self._read(number, pixel_filter.INPUTS), self.lr.numbers, self.scale
+        )
+
+    @cached_property
     def filter_doubt(self) -> str:
         """Both widths, and what to do; it takes HR material to measure."""
         declared = self.lr.filter_width_px

@@ -77,6 +77,11 @@ class SimulatedPairs:
         return False
 
     @property
+    def looks_filtered(self) -> bool:
+        """The simulation's."""
+        return self.filter_width_px > 0.0
+
+    @property
     def filter_doubt(self) -> str:
         """There is none."""
         return ""

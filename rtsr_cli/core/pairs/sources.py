@@ -159,6 +159,13 @@ class PairSource(Protocol):
         """Tell whether that width was measured and is not 0."""
 
     @property
+    def looks_filtered(self) -> bool | None:
+        """Tell whether LR radiance was filtered, by its HR material; None where that tells nothing.
+
+        It may be where no width is known: wider than those that are tried.
+        """
+
+    @property
     def filter_doubt(self) -> str:
         """Say that a declared width is not what the frames have; empty where nothing says so."""
 

@@ -14,10 +14,12 @@ from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import (
     decimate,
     decimate_filtered,
+    filter_at_samples,
     measure_filter_width,
     sample_jitter,
 )
 from rtsr_cli.core.pairs import pixel_filter
+from rtsr_cli.core.pairs.point_samples import FILTERED_SLOPE, measure_slope
 from rtsr_cli.core.pairs.sources import FramePair
 
 SCALE = 4
@@ -114,3 +116,71 @@ def test_a_frame_that_cannot_be_read_is_left_to_whoever_reads_it_next() -> None:
         raise FrameFolderError(f"frame {number} is gone")
 
     assert pixel_filter.measure_first(fail, [1, 2, 3], SCALE) is None
+
+
+def spoil_material(pair: FramePair, share: float) -> FramePair:
+    """Other tiles in the right part of both sizes: what a pass of another frame holds."""
+    generator = torch.Generator().manual_seed(9)
+    assert pair.hr is not None
+    side = pair.hr.gbuffer.size[1]
+    tiles = 0.05 + 0.75 * torch.rand(1, 3, side // 3, side // 3, generator=generator)
+    wrong = tiles.repeat_interleave(3, 2).repeat_interleave(3, 3)
+
+    def spoil(frame: Frame, other: torch.Tensor) -> Frame:
+        material = frame.gbuffer[Buffer.MATERIAL].clone()
+        kept = int(material.shape[3] * (1.0 - share))
+        material[..., kept:] = other[..., kept:]
+        return replace(frame, gbuffer=frame.gbuffer.with_buffers({Buffer.MATERIAL: material}))
+
+    return FramePair(spoil(pair.lr, decimate(wrong, SCALE, OFFSET)), spoil(pair.hr, wrong))
+
+
+@pytest.mark.parametrize("share", [0.8, 1.0])
+def test_material_that_is_wrong_is_no_filter(share: float) -> None:
+    pair = spoil_material(make_pair(), share)
+    slope = measure_slope(pair.lr)
+    assert slope is not None
+    assert slope < FILTERED_SLOPE
+    assert not pixel_filter.measure_filter_width(pair, SCALE)
+    assert pixel_filter.looks_filtered(pair, SCALE) is False
+
+
+@pytest.mark.parametrize("lr_filter", ["box", "blackman-harris"])
+def test_a_filter_is_measured_beside_material_that_is_wrong(lr_filter: str) -> None:
+    pair = spoil_material(make_pair(lr_filter), 0.4)
+    found = pixel_filter.measure_filter_width(pair, SCALE)
+    assert found == pytest.approx(measure_filter_width(lr_filter, SCALE), abs=0.08)
+    assert pixel_filter.looks_filtered(pair, SCALE)
+
+
+def filter_wide_tiles(width: float) -> FramePair:
+    """Tiles of 9 pixels, filtered by a Gaussian."""
+    pair = make_pair()
+    assert pair.hr is not None
+    small = pair.hr.gbuffer[Buffer.MATERIAL][..., :80, :80]
+    material = small.repeat_interleave(3, 2).repeat_interleave(3, 3)
+    color = filter_at_samples(material, width, SCALE, pair.lr.camera.jitter_px)
+    light = torch.linspace(0.2, 3.0, color.shape[3])
+    placed = decimate(material, SCALE, OFFSET)
+    lr = pair.lr.gbuffer.with_buffers({Buffer.MATERIAL: placed, Buffer.COLOR: color * light})
+    hr = pair.hr.gbuffer.with_buffers({Buffer.MATERIAL: material})
+    return FramePair(replace(pair.lr, gbuffer=lr), replace(pair.hr, gbuffer=hr))
+
+
+@pytest.mark.parametrize("width", [0.55, 0.6, 0.65])
+def test_wide_gaussians_are_measured(width: float) -> None:
+    found = pixel_filter.measure_filter_width(filter_wide_tiles(width), SCALE)
+    assert found == pytest.approx(width, abs=0.1)
+
+
+def test_a_filter_wider_than_those_tried_is_found_to_be_there() -> None:
+    wide = filter_wide_tiles(0.85)
+    assert pixel_filter.measure_filter_width(wide, SCALE) is None
+    assert pixel_filter.find_filtered(lambda number: wide, [1, 2], SCALE)
+
+
+def test_whether_frames_that_cannot_be_read_are_filtered_is_not_told() -> None:
+    def fail(number: int) -> FramePair:
+        raise FrameFolderError(f"frame {number} is gone")
+
+    assert pixel_filter.find_filtered(fail, [1, 2, 3], SCALE) is None

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 import torch
@@ -17,6 +20,7 @@ from rtsr_cli.core.imaging.resampling import decimate, decimate_filtered
 from rtsr_cli.core.pairs.opening import ReadOptions, open_pairs
 from rtsr_cli.core.pairs.point_samples import is_point_sampled, measure_slope
 from rtsr_cli.core.pairs.simulation import Simulation
+from rtsr_cli.core.pairs.sources import FramePair, PairSource
 
 SCALE = 4
 
@@ -73,3 +77,30 @@ def test_frames_are_told_apart(tmp_path: Path, lr_filter: str, sharp: bool) -> N
     simulation = Simulation(scale=2, jitter=JitterMode.HALTON, lr_filter=lr_filter)
     [(_, source)] = open_pairs(tmp_path, ReadOptions(), simulation=simulation)
     assert is_point_sampled(source) is sharp
+
+
+def make_source(frame: Frame, filtered: bool | None = None) -> PairSource:
+    """A shot of which the frame is all there is."""
+    return cast(
+        "PairSource",
+        SimpleNamespace(
+            filter_width_px=None,
+            looks_filtered=filtered,
+            missing=lambda inputs: (),
+            reader=SimpleNamespace(numbers=(1,)),
+            load=lambda number, inputs: FramePair(frame, None),
+        ),
+    )
+
+
+def test_without_hr_filters_are_told_from_light_that_differs() -> None:
+    filtered = make_frame("blackman-harris")
+    assert not is_point_sampled(make_source(filtered))
+    light = torch.rand(1, 3, 60, 60, generator=torch.Generator().manual_seed(7))
+    other = filtered.gbuffer.with_buffers({Buffer.COLOR: 0.1 + light})
+    assert is_point_sampled(make_source(replace(filtered, gbuffer=other)))
+
+
+def test_what_hr_material_says_comes_first() -> None:
+    assert is_point_sampled(make_source(make_frame("blackman-harris"), filtered=False))
+    assert not is_point_sampled(make_source(make_frame(), filtered=True))
