@@ -14,6 +14,7 @@ import torch
 
 from rtsr_cli.core.files.exr import read_channels, read_header, write_exr
 from rtsr_cli.core.imaging.resampling import decimate_filtered, measure_filter_width
+from rtsr_cli.core.pairs.pixel_filter import FilterFinding
 
 Run = Callable[..., Any]
 
@@ -87,7 +88,8 @@ def test_dividing_by_filtered_material_gains(
     options = ("--system", "demod-guided", "-q")
     assert rtsr("upscale", pair, tmp_path / "matched", *options).exit_code == 0
     monkeypatch.setattr(
-        "rtsr_cli.core.pairs.pixel_filter.measure_first", lambda read, numbers, scale: 0.0
+        "rtsr_cli.core.pairs.pixel_filter.measure_first",
+        lambda read, numbers, scale: FilterFinding(0.0, filtered=False),
     )
     assert rtsr("upscale", pair, tmp_path / "plain", *options).exit_code == 0
     matched, plain = (judge(tmp_path / n, capture, load_rgb) for n in ("matched", "plain"))
@@ -207,7 +209,8 @@ def test_a_width_that_cannot_be_told_is_said(
     rtsr: Run, pair: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "rtsr_cli.core.pairs.pixel_filter.measure_first", lambda read, numbers, scale: None
+        "rtsr_cli.core.pairs.pixel_filter.measure_first",
+        lambda read, numbers, scale: FilterFinding(None, filtered=True),
     )
     run = rtsr("upscale", pair, tmp_path / "out", "--system", "demod-guided", "--dry-run")
     assert "no filter width that was tried fits it" in run.output

@@ -80,10 +80,22 @@ class Explained(NamedTuple):
         return self.share > max(GAIN * other.share, other.share + SURE * error)
 
 
-def measure_filter_width(pair: FramePair, scale: int) -> float | None:
-    """Standard deviation of the pixel filter, LR pixels; 0 of point samples.
+class FilterFinding(NamedTuple):
+    """What radiance and HR material tell of a pixel filter.
 
-    None where too little differs to tell, no width fits, or none explains more than no filter does.
+    Attributes:
+        width_px: standard deviation, LR pixels; 0 of point samples; None where no width that was
+            tried is told.
+        filtered: whether a filter explains more neighbours than none, though it may be wider than
+            those tried.
+    """
+
+    width_px: float | None
+    filtered: bool
+
+
+def measure_filter(pair: FramePair, scale: int) -> FilterFinding | None:
+    """Measure the pixel filter of a frame; None where too little differs to tell.
 
     Args:
         pair: read with `INPUTS`.
@@ -93,32 +105,16 @@ def measure_filter_width(pair: FramePair, scale: int) -> float | None:
     if slope is None or pair.hr is None:
         return None
     if slope >= FILTERED_SLOPE:
-        return 0.0
-    explained = _try_widths(pair.lr, pair.hr, scale)
-    best = max(range(1, len(explained)), key=lambda n: explained[n].share)
-    if explained[0].is_better_than(explained[best]):
-        return 0.0
-    if best == len(explained) - 1 or not explained[best].is_better_than(explained[0]):
-        return None
-    return STEP_PX * (best + _find_peak(*(explained[best + n].share for n in (-1, 0, 1))))
-
-
-def looks_filtered(pair: FramePair, scale: int) -> bool | None:
-    """Tell whether a filter explains more than none, though it may be wider than those tried.
-
-    None where too little differs to tell.
-
-    Args:
-        pair: read with `INPUTS`.
-        scale: S.
-    """
-    slope = measure_slope(pair.lr)
-    if slope is None or pair.hr is None:
-        return None
-    if slope >= FILTERED_SLOPE:
-        return False
-    none, *filtered = _try_widths(pair.lr, pair.hr, scale)
-    return max(filtered).is_better_than(none)
+        return FilterFinding(0.0, filtered=False)
+    none, *tried = _try_widths(pair.lr, pair.hr, scale)
+    best = max(range(len(tried)), key=lambda n: tried[n].share)
+    if none.is_better_than(tried[best]):
+        return FilterFinding(0.0, filtered=False)
+    filtered = tried[best].is_better_than(none)
+    if not filtered or best == len(tried) - 1:
+        return FilterFinding(None, filtered)
+    shares = [explained.share for explained in (none, *tried)][best : best + 3]
+    return FilterFinding(STEP_PX * (best + 1 + _find_peak(*shares)), filtered)
 
 
 def _try_widths(lr: Frame, hr: Frame, scale: int) -> list[Explained]:
@@ -145,24 +141,27 @@ def _find_peak(before: float, most: float, after: float) -> float:
 
 def measure_first(
     read: Callable[[int], FramePair], numbers: Sequence[int], scale: int
-) -> float | None:
-    """`measure_filter_width` of the first frame that tells: the first, the middle, the last.
+) -> FilterFinding | None:
+    """`measure_filter` of the first frame that tells a width: the first, the middle, the last.
 
-    None where none does, or cannot be read: whoever reads it next says why.
+    Where none does, what the first one that tells anything says; None where none does that either,
+    or one cannot be read: whoever reads it next says why.
 
     Args:
         read: number -> pair of `INPUTS`.
         numbers: of the frames.
         scale: S.
     """
+    first = None
     for number in _choose(numbers):
         try:
-            width = measure_filter_width(read(number), scale)
+            found = measure_filter(read(number), scale)
         except FrameFolderError:
-            return None
-        if width is not None:
-            return width
-    return None
+            return first
+        if found is not None and found.width_px is not None:
+            return found
+        first = first or found
+    return first
 
 
 def find_other_width(
@@ -179,29 +178,15 @@ def find_other_width(
     found = []
     for number in _choose(numbers):
         try:
-            found.append(measure_filter_width(read(number), scale))
+            found.append(measure_filter(read(number), scale))
         except FrameFolderError:
             return None
-    widths = sorted(width for width in found if width is not None)
+    widths = sorted(f.width_px for f in found if f is not None and f.width_px is not None)
     # narrow filters look like point samples
     apart = [(width or min(declared_px, STEP_PX)) - declared_px for width in widths]
     if not apart or not (min(apart) > APART_PX or max(apart) < -APART_PX):
         return None
     return widths[len(widths) // 2]
-
-
-def find_filtered(
-    read: Callable[[int], FramePair], numbers: Sequence[int], scale: int
-) -> bool | None:
-    """`looks_filtered` of the first frame that tells, as `measure_first`."""
-    for number in _choose(numbers):
-        try:
-            filtered = looks_filtered(read(number), scale)
-        except FrameFolderError:
-            return None
-        if filtered is not None:
-            return filtered
-    return None
 
 
 def _choose(numbers: Sequence[int]) -> tuple[int, ...]:

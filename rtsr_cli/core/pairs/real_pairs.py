@@ -143,10 +143,8 @@ class RealPairs:
         return lr + self.hr.files(self.lr.held.get(number, number), reads.hr.stored)
 
     @cached_property
-    def filter_width_px(self) -> float | None:
-        """As declared, else as measured, which takes HR material."""
-        if self.lr.filter_width_px is not None:
-            return self.lr.filter_width_px
+    def _filter(self) -> pixel_filter.FilterFinding | None:
+        """As measured, which takes HR material."""
         if self.hr is None or self.missing(pixel_filter.INPUTS):
             return None
         return pixel_filter.measure_first(
@@ -154,18 +152,21 @@ class RealPairs:
         )
 
     @property
+    def filter_width_px(self) -> float | None:
+        """As declared, else as measured."""
+        if self.lr.filter_width_px is not None:
+            return self.lr.filter_width_px
+        return None if self._filter is None else self._filter.width_px
+
+    @property
     def filter_measured(self) -> bool:
         """Tell whether a filter was found that nobody declared."""
         return self.lr.filter_width_px is None and bool(self.filter_width_px)
 
-    @cached_property
+    @property
     def looks_filtered(self) -> bool | None:
-        """As measured, which takes HR material."""
-        if self.hr is None or self.missing(pixel_filter.INPUTS):
-            return None
-        return pixel_filter.find_filtered(
-            lambda number: self._read(number, pixel_filter.INPUTS), self.lr.numbers, self.scale
-        )
+        """As measured."""
+        return None if self._filter is None else self._filter.filtered
 
     @cached_property
     def filter_doubt(self) -> str:

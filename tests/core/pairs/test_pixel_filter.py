@@ -60,21 +60,31 @@ def make_pair(
     return FramePair(frame({**lr, Buffer.COLOR: color}, jitter_px), frame(hr, (0.0, 0.0)))
 
 
+def measure_width(pair: FramePair) -> float | None:
+    found = pixel_filter.measure_filter(pair, SCALE)
+    return None if found is None else found.width_px
+
+
+def is_filtered(pair: FramePair) -> bool | None:
+    found = pixel_filter.measure_filter(pair, SCALE)
+    return None if found is None else found.filtered
+
+
 @pytest.mark.parametrize("shining", [False, True])
 @pytest.mark.parametrize("lr_filter", ["box", "blackman-harris"])
 def test_the_width_is_that_of_the_filter(lr_filter: str, shining: bool) -> None:
-    found = pixel_filter.measure_filter_width(make_pair(lr_filter, shining=shining), SCALE)
+    found = measure_width(make_pair(lr_filter, shining=shining))
     assert found == pytest.approx(measure_filter_width(lr_filter, SCALE), abs=0.08)
 
 
 def test_point_samples_have_none() -> None:
-    assert pixel_filter.measure_filter_width(make_pair(), SCALE) == 0.0
+    assert measure_width(make_pair()) == 0.0
 
 
 def test_without_contrast_or_hr_nothing_is_told() -> None:
     flat, alone = make_pair("box", contrast=0.05), make_pair("box")
-    assert pixel_filter.measure_filter_width(flat, SCALE) is None
-    assert pixel_filter.measure_filter_width(FramePair(alone.lr, None), SCALE) is None
+    assert pixel_filter.measure_filter(flat, SCALE) is None
+    assert pixel_filter.measure_filter(FramePair(alone.lr, None), SCALE) is None
 
 
 def test_radiance_that_follows_no_material_tells_no_width() -> None:
@@ -82,13 +92,19 @@ def test_radiance_that_follows_no_material_tells_no_width() -> None:
     noise = torch.rand(1, 3, 60, 60, generator=torch.Generator().manual_seed(2))
     color = pair.lr.gbuffer.with_buffers({Buffer.COLOR: 0.1 + noise})
     strange = FramePair(replace(pair.lr, gbuffer=color), pair.hr)
-    assert pixel_filter.measure_filter_width(strange, SCALE) is None
+    assert measure_width(strange) is None
 
 
 def test_the_first_frame_that_tells_decides() -> None:
     pairs = {1: make_pair("box", contrast=0.05), 5: make_pair("box"), 9: make_pair()}
-    width = pixel_filter.measure_first(pairs.__getitem__, [1, 3, 5, 7, 9], SCALE)
-    assert width == pixel_filter.measure_filter_width(pairs[5], SCALE)
+    found = pixel_filter.measure_first(pairs.__getitem__, [1, 3, 5, 7, 9], SCALE)
+    assert found == pixel_filter.measure_filter(pairs[5], SCALE)
+
+
+def test_a_frame_that_tells_a_width_comes_before_one_that_tells_of_a_filter() -> None:
+    pairs = {1: filter_wide_tiles(0.85), 2: make_pair("box")}
+    found = pixel_filter.measure_first(pairs.__getitem__, [1, 2], SCALE)
+    assert found == pixel_filter.measure_filter(pairs[2], SCALE)
 
 
 @pytest.mark.parametrize(
@@ -141,16 +157,16 @@ def test_material_that_is_wrong_is_no_filter(share: float) -> None:
     slope = measure_slope(pair.lr)
     assert slope is not None
     assert slope < FILTERED_SLOPE
-    assert not pixel_filter.measure_filter_width(pair, SCALE)
-    assert pixel_filter.looks_filtered(pair, SCALE) is False
+    assert not measure_width(pair)
+    assert is_filtered(pair) is False
 
 
 @pytest.mark.parametrize("lr_filter", ["box", "blackman-harris"])
 def test_a_filter_is_measured_beside_material_that_is_wrong(lr_filter: str) -> None:
     pair = spoil_material(make_pair(lr_filter), 0.4)
-    found = pixel_filter.measure_filter_width(pair, SCALE)
+    found = measure_width(pair)
     assert found == pytest.approx(measure_filter_width(lr_filter, SCALE), abs=0.08)
-    assert pixel_filter.looks_filtered(pair, SCALE)
+    assert is_filtered(pair)
 
 
 def filter_wide_tiles(width: float) -> FramePair:
@@ -169,18 +185,11 @@ def filter_wide_tiles(width: float) -> FramePair:
 
 @pytest.mark.parametrize("width", [0.55, 0.6, 0.65])
 def test_wide_gaussians_are_measured(width: float) -> None:
-    found = pixel_filter.measure_filter_width(filter_wide_tiles(width), SCALE)
+    found = measure_width(filter_wide_tiles(width))
     assert found == pytest.approx(width, abs=0.1)
 
 
 def test_a_filter_wider_than_those_tried_is_found_to_be_there() -> None:
     wide = filter_wide_tiles(0.85)
-    assert pixel_filter.measure_filter_width(wide, SCALE) is None
-    assert pixel_filter.find_filtered(lambda number: wide, [1, 2], SCALE)
-
-
-def test_whether_frames_that_cannot_be_read_are_filtered_is_not_told() -> None:
-    def fail(number: int) -> FramePair:
-        raise FrameFolderError(f"frame {number} is gone")
-
-    assert pixel_filter.find_filtered(fail, [1, 2, 3], SCALE) is None
+    found = pixel_filter.measure_first(lambda number: wide, [1, 2], SCALE)
+    assert found == pixel_filter.FilterFinding(None, filtered=True)
