@@ -85,6 +85,7 @@ class FrameReader:
         undecided: why nothing but radiance can be read, empty if the rest can.
         matrices: how the files store camera matrices; `cameras` are in memory's convention.
         camera_unfit: why camera matrices are not used; empty if they are.
+        camera_unfit_singly: whether that is so for those of single frames.
         camera_certain: whether what the frames show proves them.
         camera_doubt: what the frames show that does not agree with them; empty if nothing does.
         faulty: buffers in which something is wrong in frames that were looked at.
@@ -128,6 +129,7 @@ class FrameReader:
     undecided: str = ""
     matrices: CameraConvention = field(default_factory=CameraConvention)
     camera_unfit: str = ""
+    camera_unfit_singly: bool = False
     camera_certain: bool = False
     camera_doubt: str = ""
     faulty: frozenset[Buffer] = frozenset()
@@ -168,6 +170,36 @@ class FrameReader:
             else {number: drop(camera) for number, camera in cameras.items()}
         )
         return replace(self, cameras=bare, camera_unfit=reason)
+
+    def with_matrices_of(self, other: FrameReader, numbers: Collection[int] | None) -> FrameReader:
+        """Return a reader that takes the matrices of another resolution, whose camera is the same.
+
+        Jitter, exposure and cuts stay its own.
+
+        Args:
+            other: of the same frames.
+            numbers: those in which that is so; None for all that the other one has matrices of.
+        """
+
+        def lend(number: int, camera: CameraMetadata) -> CameraMetadata:
+            lender = other.cameras.get(number, camera)
+            if not lender.has_matrices or (numbers is not None and number not in numbers):
+                return camera
+            return replace(
+                camera,
+                world_to_camera=lender.world_to_camera,
+                world_to_ndc=lender.world_to_ndc,
+                fault="",
+                of_lens=lender.of_lens,
+            )
+
+        cameras = self.cameras
+        taken = (
+            cameras.numbered(lend)
+            if isinstance(cameras, SurveyedValues)
+            else {number: lend(number, camera) for number, camera in cameras.items()}
+        )
+        return replace(self, cameras=taken, camera_unfit="", camera_unfit_singly=False)
 
     def list_sample_readers(self) -> tuple[FrameReader, ...]:
         """Return a reader of each sample of a pixel; of what has none, the pixel's own value."""

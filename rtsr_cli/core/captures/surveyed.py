@@ -49,8 +49,12 @@ class SurveyedValues(Mapping[int, T]):
 
     def mapped(self, change: Callable[[T], T]) -> SurveyedValues[T]:
         """Return the same values, changed; those of other frames when they are asked for."""
-        surveyed = {number: change(value) for number, value in self._surveyed.items()}
-        return SurveyedValues(surveyed, self._others, lambda number: change(self[number]))
+        return self.numbered(lambda _, value: change(value))
+
+    def numbered(self, change: Callable[[int, T], T]) -> SurveyedValues[T]:
+        """Return the same values, changed by their number; of others when they are asked for."""
+        surveyed = {number: change(number, value) for number, value in self._surveyed.items()}
+        return SurveyedValues(surveyed, self._others, lambda number: change(number, self[number]))
 
     def __iter__(self) -> Iterator[int]:
         """Go through the surveyed numbers."""

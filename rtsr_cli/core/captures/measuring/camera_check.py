@@ -31,6 +31,7 @@ from rtsr_cli.core.captures.measuring.camera_structure import (
     find_view_fault,
     is_sound,
 )
+from rtsr_cli.core.captures.measuring.position_evidence import PositionEvidence
 from rtsr_cli.core.frames.camera_convention import CameraConvention, CameraWord
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
@@ -55,6 +56,8 @@ class CameraFinding:
         stuck: whether they are one frame's in all, though what is seen moves.
         beside: whether a camera a little beside them explains what they do not.
         strays: why those of single frames are in doubt; empty if none are.
+        single: whether matrices are unfit of single frames alone.
+        foreign_positions: in which frames positions are another frame's; empty if in none.
         proofs: what agrees with them.
         undecided: what they might be as well, by all that is known.
         errors: of each kind of evidence, in its own unit.
@@ -72,6 +75,8 @@ class CameraFinding:
     stuck: bool = False
     beside: bool = False
     strays: str = ""
+    single: bool = False
+    foreign_positions: str = ""
     proofs: tuple[str, ...] = ()
     undecided: tuple[str, ...] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
@@ -187,6 +192,13 @@ def check_cameras(
         text = _describe_unfit(_say_of(alike, given), fault, chosen, convention)
         return CameraFinding(unfit=text, declared=_list_words(chosen, convention))
     trials = _try_all(evidence, given, readings)
+    foreign = _find_foreign(trials, given)
+    if foreign:
+        kept = [e.without(foreign) if isinstance(e, PositionEvidence) else e for e in evidence]
+        checked = check_cameras(
+            given, kept, step=step, convention=convention, silent=silent, of_lens=of_lens
+        )
+        return replace(checked, foreign_positions=_describe_foreign(foreign, trials))
     errors = {t.evidence.name: t.own for t in trials}
     found = _find_rival(trials, readings)
     if found.reading.mirrors_world if found is not None else _is_world_doubtful(given, trials):
@@ -206,7 +218,7 @@ def check_cameras(
         return CameraFinding(unfit=text, declared=declared, errors=errors, normal_world=world)
     lone = _find_lone(trials, given, [r for r in readings if r.of_neighbour])
     if lone:
-        return CameraFinding(unfit=lone, errors=errors)
+        return CameraFinding(unfit=lone, single=True, errors=errors)
     return _judge_unopposed(given, readings, trials, errors, (*silent, *_list_too_few(evidence)))
 
 
@@ -292,10 +304,7 @@ def _find_lone(trials: Sequence[_Trial], given: Cameras, shifted: Sequence[Camer
         agreeing = own.keys() - wrong
         if not evidence.tells_step or not wrong or len(agreeing) <= len(wrong):
             continue
-        parts = {
-            n: own.keys() - evidence.measure(_leave_out(given, n), closely=False).keys()
-            for n in given
-        }
+        parts = _list_parts(evidence, given, own)
         lone = [n for n, told in parts.items() if told & wrong and not told & agreeing]
         if lone:
             worst, usual = (mean_error(own[n] for n in part) for part in (wrong, agreeing))
@@ -312,6 +321,44 @@ def _find_lone(trials: Sequence[_Trial], given: Cameras, shifted: Sequence[Camer
                 f"of another frame, or an axis flipped? {OTHER_FRAME.capitalize()}"
             )
     return ""
+
+
+def _list_parts(evidence: CameraEvidence, given: Cameras, own: Errors) -> dict[int, set[int]]:
+    """By the frame of a camera, the frames of which it tells."""
+    return {
+        n: own.keys() - evidence.measure(_leave_out(given, n), closely=False).keys() for n in given
+    }
+
+
+def _find_foreign(trials: Sequence[_Trial], given: Cameras) -> list[int]:
+    """Frames whose positions fail where motion agrees with their cameras, and most positions do."""
+    positions = next((t for t in trials if isinstance(t.evidence, PositionEvidence)), None)
+    if positions is None:
+        return []
+    limit = positions.evidence.limit
+    wrong = [n for n, error in positions.errors.items() if error > limit]
+    if not wrong or 2 * len(wrong) >= len(positions.errors):
+        return []
+    for trial in trials:
+        if trial is positions or not trial.evidence.tells_step:
+            continue
+        agrees = {n for n, error in trial.errors.items() if error <= trial.evidence.limit}
+        parts = _list_parts(trial.evidence, given, trial.errors)
+        if all(parts[n] and parts[n] <= agrees for n in wrong):
+            return wrong
+    return []
+
+
+def _describe_foreign(wrong: Sequence[int], trials: Sequence[_Trial]) -> str:
+    trial = next(t for t in trials if isinstance(t.evidence, PositionEvidence))
+    worst = mean_error(trial.errors[n] for n in wrong)
+    usual = mean_error(error for n, error in trial.errors.items() if n not in wrong)
+    return (
+        f"world positions of {say_frames(wrong)} are not those of the pixels that show them "
+        f"({_format(worst, trial)}, {_format(usual, trial)} elsewhere), though motion with depth "
+        "agrees with the camera matrices there: positions of another frame? The matrices are used; "
+        "write each frame's own positions"
+    )
 
 
 def _leave_out(given: Cameras, number: int) -> Cameras:

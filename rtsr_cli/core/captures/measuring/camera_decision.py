@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from rtsr_cli.core.captures.measuring.camera_check import CameraFinding
@@ -34,6 +34,8 @@ def decide_camera(settled: MeasuredReader, *, leads: bool) -> MeasuredReader:
     found = settled.measured.camera
     if found is None:
         return settled
+    if found.foreign_positions:
+        settled = add_warning(settled, found.foreign_positions)
     if found.contradiction and leads:
         settled = add_warning(settled, found.contradiction)
     return _follow_finding(settled, found, leads=leads)
@@ -48,7 +50,8 @@ def _follow_finding(
     if run is not None and not unfit:
         unfit = find_form_fault(run, mirrored=_is_mirrored(settled))
     if unfit:
-        reader = settled.reader.without_matrices(unfit)
+        bare = settled.reader.without_matrices(unfit)
+        reader = replace(bare, camera_unfit_singly=found.single)
         settled = replace(_hold_finding(settled, replace(found, unfit=unfit)), reader=reader)
         return add_warning(settled, f"{unfit}; {REFUSED}")
     doubt = found.doubt if found.disputed else ""
@@ -110,9 +113,11 @@ def share_verdicts(
 ) -> tuple[FrameReader, FrameReader]:
     """Settle the cameras of both resolutions of a shot, whose cameras are the same.
 
-    Matrices that are not used at one are not used at the other, unless its own frames prove them;
-    where they differ, that is said. To pixels that are turned right matrices look wrong: nothing is
-    said of those of HR then.
+    What is made of a camera at one size and without it at the other is not alike. So where those of
+    single frames cost a size its matrices, it takes those of the other if its own frames prove
+    them; else matrices that are not used at one size are not used at the other, unless its own
+    frames prove them. Where they differ, those that are proven are used, or both, and that is said.
+    To pixels that are turned right matrices look wrong: nothing is said of those of HR then.
 
     Args:
         lr, hr: readers, each with what was found of its own frames.
@@ -121,14 +126,55 @@ def share_verdicts(
     if hr.camera_unfit and not lr.camera_unfit and (turned := misfit()):
         said = tuple(text for text in hr.warnings if hr.camera_unfit not in text)
         return lr, replace(hr, warnings=said, camera_unfit=turned)
-    unfit = lr.camera_unfit or hr.camera_unfit
-    if unfit:
-        lr, hr = (
-            r if r.camera_unfit or r.camera_certain else r.without_matrices(unfit) for r in (lr, hr)
-        )
-        return lr, hr
-    said = (_describe_apart(lr, hr), *_describe_dispute(lr, hr))
+    if lr.camera_unfit or hr.camera_unfit:
+        return _replace_unfit(lr, hr)
+    lr, hr = _fill_gaps(lr, hr, "HR"), _fill_gaps(hr, lr, "LR")
+    apart = _list_apart(lr, hr)
+    said = (_describe_apart(apart, lr, hr), *_describe_dispute(lr, hr))
+    if apart and _is_proven_beside(lr, hr):
+        hr = hr.with_matrices_of(lr, apart)
+    elif apart and _is_proven_beside(hr, lr):
+        lr = lr.with_matrices_of(hr, apart)
     return lr, replace(hr, warnings=(*hr.warnings, *(text for text in said if text)))
+
+
+def _replace_unfit(lr: FrameReader, hr: FrameReader) -> tuple[FrameReader, FrameReader]:
+    """Let the size whose matrices are proven lend them to the other; else use none at all."""
+    if lr.camera_unfit and hr.camera_unfit:
+        return lr, hr
+    if lr.camera_unfit:
+        return _take_proven(lr, hr, "HR")
+    return _take_proven(hr, lr, "LR")[::-1]
+
+
+def _take_proven(
+    unfit: FrameReader, other: FrameReader, size: str
+) -> tuple[FrameReader, FrameReader]:
+    reason = unfit.camera_unfit
+    serves = unfit.camera_unfit_singly and other.camera_certain and other.has_camera
+    if not serves:
+        return unfit, other if other.camera_certain else other.without_matrices(reason)
+    served = f"those of the {size} frames, which are the same camera's, are used in their place"
+    said = tuple(
+        text.replace(f"{reason}; {REFUSED}", f"{reason}; {served}") for text in unfit.warnings
+    )
+    return replace(unfit.with_matrices_of(other, None), warnings=said), other
+
+
+def _fill_gaps(reader: FrameReader, other: FrameReader, size: str) -> FrameReader:
+    """Take the matrices of frames that have none from the other size, where they are proven."""
+    lacking = [n for n in reader.without_camera if n not in reader.held]
+    filled = [n for n in lacking if n in other.cameras and other.cameras[n].has_matrices]
+    if not filled or not other.camera_certain:
+        return reader
+    note = f"camera: the matrices of {say_frames(filled)} are those of the {size} frames"
+    taken = reader.with_matrices_of(other, filled)
+    return replace(taken, notes=(*reader.notes, note))
+
+
+def _is_proven_beside(reader: FrameReader, other: FrameReader) -> bool:
+    """Tell whether a size's own frames prove its matrices, and the other's do not."""
+    return reader.camera_certain and not other.camera_certain
 
 
 def _describe_dispute(lr: FrameReader, hr: FrameReader) -> Iterator[str]:
@@ -148,14 +194,22 @@ def _describe_dispute(lr: FrameReader, hr: FrameReader) -> Iterator[str]:
         )
 
 
-def _describe_apart(lr: FrameReader, hr: FrameReader) -> str:
+def _list_apart(lr: FrameReader, hr: FrameReader) -> list[int]:
+    """Numbers of the frames whose matrices differ; stand-ins are paired with their own."""
     run, other = gather_run(lr.cameras), gather_run(hr.cameras)
     differing = [] if run is None or other is None else find_apart(run, other)
-    # frames that stand in for missing ones are of another moment, and paired with their own
-    apart = [n for n in differing if n not in lr.held and n not in hr.held]
+    return [n for n in differing if n not in lr.held and n not in hr.held]
+
+
+def _describe_apart(apart: Sequence[int], lr: FrameReader, hr: FrameReader) -> str:
     if not apart:
         return ""
+    used = "Both are used as they are"
+    if _is_proven_beside(lr, hr):
+        used = "The LR frames', which agree with what is seen, are used at both sizes"
+    elif _is_proven_beside(hr, lr):
+        used = "The HR frames', which agree with what is seen, are used at both sizes"
     return (
         f"the camera matrices of {say_frames(apart)} are not those of the LR frames: matrices of "
-        "another frame, or convention? Both are used as they are; write the same into both"
+        f"another frame, or convention? {used}; write the same into both"
     )

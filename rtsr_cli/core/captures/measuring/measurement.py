@@ -194,13 +194,8 @@ def _measure_group(
             repeated=tuple(n for n, moves in repeats.items() if moves),
             resting=tuple(n for n, moves in repeats.items() if not moves),
         )
-    placed = measured.camera
-    if placed is None or not (placed.fits or placed.unfit):
-        placed = check_reader_cameras(reader, surfaces, presumed, motions) if motions else None
-        if placed is None or VectorEvidence.name not in placed.proofs:
-            own = _list_motions(measured, presumed)
-            placed = check_reader_cameras(reader, surfaces, presumed, own)
-        measured = replace(measured, camera=placed)
+    placed = _check_by_motion(reader, surfaces, presumed, measured, motions)
+    measured = replace(measured, camera=placed)
     last = max(stored)
     if Buffer.DEPTH in reader.stored:
         measured = replace(measured, median_depth=find_median_depth(stored[last][Buffer.DEPTH]))
@@ -250,6 +245,31 @@ def _place_by_positions(
     placed = check_reader_cameras(reader, stored, presumed, ())
     unit = None if placed is None else placed.position_unit_m
     return replace(measured, camera=placed, position_unit_m=unit)
+
+
+def _check_by_motion(
+    reader: FrameReader,
+    stored: Mapping[int, Mapping[Buffer, Tensor]],
+    presumed: Conventions,
+    measured: StorageMeasurement,
+    motions: Sequence[MotionConvention],
+) -> CameraFinding | None:
+    """Check the cameras by motion where positions say nothing of them, or of single ones only ill.
+
+    Single frames' positions may be what is wrong, which motion tells.
+    """
+    placed = measured.camera
+    if placed is not None and placed.single:
+        own = tuple(motions) or _list_motions(measured, presumed)
+        again = check_reader_cameras(reader, stored, presumed, own)
+        return again if again is not None and again.foreign_positions else placed
+    if placed is not None and (placed.fits or placed.unfit):
+        return placed
+    placed = check_reader_cameras(reader, stored, presumed, motions) if motions else None
+    if placed is None or VectorEvidence.name not in placed.proofs:
+        own = _list_motions(measured, presumed)
+        placed = check_reader_cameras(reader, stored, presumed, own)
+    return placed
 
 
 def _prove_motion(

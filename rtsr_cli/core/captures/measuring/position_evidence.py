@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import torch
@@ -126,6 +126,11 @@ class PositionEvidence:
         known = torch.cat(depths)
         known = known[torch.isfinite(known) & (known > 0.0)]
         return float(known.median()) if known.numel() else 1.0
+
+    def without(self, numbers: Collection[int]) -> PositionEvidence:
+        """Leave frames out."""
+        kept = {n: frame for n, frame in self.frames.items() if n not in numbers}
+        return replace(self, frames=kept)
 
     def choose_unit(self, cameras: Cameras) -> float:
         """The unit under which matrices fit best."""

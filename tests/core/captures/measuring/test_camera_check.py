@@ -225,6 +225,26 @@ def test_one_wrong_frame_is_named_and_no_shift_of_all_is_claimed(
     assert not found.fits
 
 
+def test_positions_of_another_frame_are_named_where_motion_agrees_with_the_camera(
+    room: Room,
+) -> None:
+    frames = dict(room.frames)
+    frames[4] = replace(frames[4], position=frames[2].position)
+    spoilt = replace(room, frames=frames)
+    found = check(spoilt, room.cameras, "positions", "motion", "normals")
+    assert "world positions of frame 4" in found.foreign_positions
+    assert not found.unfit
+    assert found.fits
+    # without motion it may as well be the camera
+    alone = check(spoilt, room.cameras, "positions")
+    assert "those of frame 4 do not agree" in alone.unfit
+    assert alone.single
+    # a camera of another frame is no buffer's fault
+    wrong = check(room, {**room.cameras, 4: room.cameras[2]}, "positions", "motion")
+    assert not wrong.foreign_positions
+    assert wrong.unfit
+
+
 def test_of_two_frames_that_disagree_none_is_named(room: Room) -> None:
     """Motion from frame 2 to 3 and from 3 to 4 disagrees: most of what is measured."""
     found = check(room, {**room.cameras, 3: room.cameras[1]}, "motion")
