@@ -32,6 +32,7 @@ from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.imaging.color import encode_srgb
 from rtsr_cli.core.pairs.frame_tints import measure_tint
 from rtsr_cli.core.shapes import Image, Mask
+from rtsr_cli.core.threads import map_in_threads
 
 COMPARED = (
     Buffer.DEPTH,
@@ -219,12 +220,17 @@ def find_misfit(
         singly: whether single files of other moments are left to their own frames: not where they
             cost all frames their cameras.
     """
-    looked_at = dict.fromkeys((*choose_frames(numbers), *doubted[:MOST_DOUBTED]))
-    found: dict[int, Misfit] = {}
-    for number in looked_at:
+    looked_at = tuple(dict.fromkeys((*choose_frames(numbers), *doubted[:MOST_DOUBTED])))
+
+    def judge(number: int) -> Misfit | FrameFolderError | None:
         try:
-            misfit = _judge_frame(lr, hr, number, scale, stored=stored, looked_at=looked_at)
-        except FrameFolderError:
+            return _judge_frame(lr, hr, number, scale, stored=stored, looked_at=looked_at)
+        except FrameFolderError as error:
+            return error
+
+    found: dict[int, Misfit] = {}
+    for number, misfit in zip(looked_at, map_in_threads(judge, looked_at), strict=True):
+        if isinstance(misfit, FrameFolderError):
             break
         if misfit is not None:
             found[number] = misfit

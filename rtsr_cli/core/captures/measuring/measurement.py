@@ -179,7 +179,8 @@ def _measure_group(
     if reader.stored & {Buffer.DEPTH, Buffer.NORMAL}:
         measured = replace(measured, sky=find_sky(list(stored.values()), presumed))
     known = _with_sky(presumed, measured)
-    surfaces = {n: leave_out_sky(buffers, known) for n, buffers in stored.items()}
+    bare = map_in_threads(partial(leave_out_sky, conventions=known), stored.values())
+    surfaces = dict(zip(stored, bare, strict=True))
     if Buffer.POSITION in reader.stored:
         measured = _place_by_positions(reader, surfaces, presumed, measured)
     proven = _prove_motion(reader, stored, presumed, measured) if motion else None
