@@ -15,22 +15,21 @@ from itertools import product
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
-from rtsr_cli.core.pairs.material_agreement import (
+from rtsr_cli.core.imaging.mask_groups import spread_mask
+from rtsr_cli.core.pairs.held_samples import (
     LIKE,
-    REACH,
     TOLERANCE,
     HeldSamples,
     has_like,
     is_filtered,
     is_near,
     keep_own_surface,
-    leave_bare,
-    leave_undivided,
 )
+from rtsr_cli.core.pairs.material_removal import leave_bare, leave_undivided
+from rtsr_cli.core.pairs.straying_groups import REACH
 from rtsr_cli.core.pairs.surface_reach import LOST_REACH, mark_surfaces
 from rtsr_cli.core.shapes import Color, Image, Mask
 
@@ -101,7 +100,7 @@ def _find_samples(held: HeldSamples, found: Mask, differs: Mask) -> tuple[Mask, 
         strays &= lr[Buffer.LIGHTING_MASK] > 0.5
     like = _is_near_some(own, strays, own, found)
     both = torch.cat([own, placed], 1)
-    near = _spread(found, LOST_REACH)
+    near = spread_mask(found, LOST_REACH)
     alone = _is_near_some(both, like, both, found)
     # and what is so nowhere around at HR
     picked = (like & ~alone)[0, 0].nonzero()
@@ -145,7 +144,3 @@ def _is_near_some(image: Image, where: Mask, known: Image, found: Mask) -> Mask:
     marked = torch.zeros_like(where)
     marked[0, 0, rows, columns] = near
     return marked
-
-
-def _spread(mask: Mask, reach: int) -> Mask:
-    return F.max_pool2d(mask.float(), 2 * reach + 1, 1, reach) > 0.5

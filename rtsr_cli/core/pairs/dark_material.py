@@ -36,14 +36,11 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.demodulation import lighting_scale
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
+from rtsr_cli.core.imaging.mask_groups import spread_mask
 from rtsr_cli.core.imaging.resampling import upsample_nearest
-from rtsr_cli.core.pairs.material_agreement import (
-    HeldSamples,
-    count_least,
-    is_colourless,
-    leave_bare,
-    leave_undivided,
-)
+from rtsr_cli.core.pairs.held_samples import HeldSamples, is_colourless
+from rtsr_cli.core.pairs.material_removal import leave_bare, leave_undivided
+from rtsr_cli.core.pairs.straying_groups import count_least
 from rtsr_cli.core.pairs.surface_reach import APART, mark_surfaces
 from rtsr_cli.core.shapes import Mask
 
@@ -109,17 +106,17 @@ def leave_outshining(
     divided = lr.gbuffer[Buffer.LIGHTING_MASK] > 0.5
     # at edges HR pixels of the thing lie beside samples that see what is behind it
     bare_hr = is_colourless(hr.gbuffer) & (hr.gbuffer[Buffer.SKY] < 0.5)
-    lost = bare_hr & upsample_nearest(_spread(group, LOST_REACH), scale)
+    lost = bare_hr & upsample_nearest(spread_mask(group, LOST_REACH), scale)
     lost |= _find_missing(hr, bare_hr, *asked)
     doubted = _find_missing(lr, bare, *asked) & divided
     if outshines is not None:
-        around, material = _spread(outshines, LOST_REACH), hr.gbuffer[Buffer.MATERIAL]
+        around, material = spread_mask(outshines, LOST_REACH), hr.gbuffer[Buffer.MATERIAL]
         dark = around & divided & _is_dark(lr.gbuffer[Buffer.MATERIAL])
         further = group & divided & ~dark
         doubted |= dark | further
         lost |= upsample_nearest(around, scale) & _is_dark(material)
         for samples, most in ((group, FAINT), (further, DARK)):
-            beside = upsample_nearest(_spread(samples, 1), scale)
+            beside = upsample_nearest(spread_mask(samples, 1), scale)
             lost |= beside & (material.amin(1, keepdim=True) <= most)
     return leave_undivided(lr, doubted), leave_bare(lr, hr, lost, scale)
 
@@ -268,7 +265,7 @@ def _follow(outshines: Mask, lr: Frame) -> Mask:
     alike &= (gbuffer[Buffer.LIGHTING_MASK] > 0.5) & (gbuffer[Buffer.SKY] < 0.5)
     found = outshines
     for _ in range(MOST_STEPS):
-        before, found = found, found | (alike & _spread(found, STEP))
+        before, found = found, found | (alike & spread_mask(found, STEP))
         if torch.equal(before, found):
             break
     return found
@@ -278,7 +275,3 @@ def _is_dark(material: torch.Tensor) -> Mask:
     """All channels dark, or one of them as good as 0: a saturated colour alone is not."""
     least, most = material.amin(1, keepdim=True), material.amax(1, keepdim=True)
     return (most <= DARK) | (least <= TINY)
-
-
-def _spread(mask: Mask, reach: int) -> Mask:
-    return F.max_pool2d(mask.float(), 2 * reach + 1, 1, reach) > 0.5

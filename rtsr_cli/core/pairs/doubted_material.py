@@ -12,24 +12,21 @@ from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.pairs.alike_material import hold_all, leave_alike
+from rtsr_cli.core.pairs.colourless_material import leave_colourless
 from rtsr_cli.core.pairs.dark_material import (
     TOO_BRIGHT,
     leave_colour_lost_at_lr,
     leave_outshining,
 )
-from rtsr_cli.core.pairs.material_agreement import (
+from rtsr_cli.core.pairs.held_samples import HeldSamples, hold_samples
+from rtsr_cli.core.pairs.material_agreement import leave_contradicting
+from rtsr_cli.core.pairs.material_causes import (
     DARKER_AT_LR,
     DIFFERS,
-    HeldSamples,
     describe_difference,
-    find_taken,
-    hold_samples,
-    leave_bare,
-    leave_colourless,
-    leave_contradicting,
-    leave_undivided,
     name_darker,
 )
+from rtsr_cli.core.pairs.material_removal import find_taken, leave_bare, leave_undivided
 from rtsr_cli.core.pairs.surface_factors import leave_scaled
 from rtsr_cli.core.pairs.thin_material import LostThings, find_lost_things
 from rtsr_cli.core.shapes import Mask

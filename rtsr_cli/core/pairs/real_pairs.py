@@ -28,7 +28,7 @@ from rtsr_cli.core.pairs.buffer_moments import (
     describe_foreign,
 )
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
-from rtsr_cli.core.pairs.material_agreement import GUIDES
+from rtsr_cli.core.pairs.held_samples import GUIDES
 from rtsr_cli.core.pairs.nonfinite import apply_policy
 from rtsr_cli.core.pairs.pair_agreement import (
     COMPARED,

@@ -36,11 +36,11 @@ from torch import Tensor
 
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.guided_kernel import REACH
+from rtsr_cli.core.imaging.mask_groups import count_around
 from rtsr_cli.core.pairs.alike_material import LEVEL, hold_all
-from rtsr_cli.core.pairs.material_agreement import (
+from rtsr_cli.core.pairs.held_samples import (
     LIKE,
     HeldSamples,
-    count_around,
     find_mixed,
     gather_around,
     has_like,
@@ -49,9 +49,8 @@ from rtsr_cli.core.pairs.material_agreement import (
     is_filtered,
     is_near,
     keep_own_surface,
-    leave_bare,
-    leave_undivided,
 )
+from rtsr_cli.core.pairs.material_removal import leave_bare, leave_undivided
 from rtsr_cli.core.pairs.surface_reach import mark_surfaces
 from rtsr_cli.core.shapes import Color, Mask
 

@@ -18,6 +18,7 @@ import torch.nn.functional as F
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.guided_kernel import REACH as KERNEL_REACH
+from rtsr_cli.core.imaging.mask_groups import spread_mask
 from rtsr_cli.core.imaging.resampling import upsample_nearest
 from rtsr_cli.core.shapes import Color, Image, Mask, Plane
 
@@ -45,7 +46,7 @@ def mark_surfaces(lr: Frame, hr: Frame, placed: Color, samples: Mask, scale: int
         samples: LR, True at those whose material is of no use.
         scale: S.
     """
-    around = upsample_nearest(_spread(samples, LOST_REACH), scale)
+    around = upsample_nearest(spread_mask(samples, LOST_REACH), scale)
     if Buffer.DEPTH not in lr.gbuffer or Buffer.DEPTH not in hr.gbuffer:
         return around
     depth, small = hr.gbuffer[Buffer.DEPTH], lr.gbuffer[Buffer.DEPTH]
@@ -99,7 +100,3 @@ def _find_range(values: Image, samples: Mask, reach: int) -> tuple[Image, Image]
         for sign in (-1.0, 1.0)
     )
     return least, most
-
-
-def _spread(mask: Mask, reach: int) -> Mask:
-    return F.max_pool2d(mask.float(), 2 * reach + 1, 1, reach) > 0.5

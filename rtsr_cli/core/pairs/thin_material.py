@@ -37,22 +37,19 @@ from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.demodulation import LIGHTING_FLOOR, lighting_scale
+from rtsr_cli.core.imaging.mask_groups import spread_mask
 from rtsr_cli.core.imaging.resampling import upsample_nearest
+from rtsr_cli.core.pairs.colourless_material import keep_whole_surfaces
 from rtsr_cli.core.pairs.dark_material import TOO_BRIGHT
-from rtsr_cli.core.pairs.material_agreement import (
-    DARKER_AT_HR,
-    DARKER_AT_LR,
-    DIFFERS,
+from rtsr_cli.core.pairs.held_samples import (
     LIKE,
-    MISSING,
     MOST_DIELECTRIC,
-    UNSAID,
     HeldSamples,
     gather_around,
     is_filtered,
     is_near,
-    keep_whole_surfaces,
 )
+from rtsr_cli.core.pairs.material_causes import DARKER_AT_HR, DARKER_AT_LR, DIFFERS, MISSING, UNSAID
 from rtsr_cli.core.pairs.surface_reach import LOST_REACH
 from rtsr_cli.core.shapes import Color, Mask, Plane
 
@@ -165,13 +162,13 @@ def find_lost_things(held: HeldSamples) -> LostThings | None:
     asked = _pick_pixels(held, voters, faint_hr)
     depth = hr[Buffer.DEPTH]
     lost, unknown = _vote(depth, pixels, asked, voters)
-    near = upsample_nearest(_spread(certain | outshines, FURTHER), held.scale)
+    near = upsample_nearest(spread_mask(certain | outshines, FURTHER), held.scale)
     suspect = faint_hr | (surface_hr & near & _is_of_some(pixels, there, certain))
     gone, _ = _ask_further(depth, pixels, suspect & ~lost & (near | unknown), voters)
     lost |= gone
     alone = keep_whole_surfaces(hr, faint_hr, unknown & faint_hr & ~lost)
     lost |= _ask_further(depth, pixels, alone, voters)[1]
-    asked = faint & _spread(outshines, FURTHER) & ~contradicts
+    asked = faint & spread_mask(outshines, FURTHER) & ~contradicts
     gone, _ = _ask_further(lr[Buffer.DEPTH], own, asked, voters)
     outshines = _vote(lr[Buffer.DEPTH], own, outshines, voters)[0] | gone
     if not any(bool(mask.any()) for mask in (certain, outshines, lost)):
@@ -305,10 +302,12 @@ def _is_of_some(image: Color, known: Color, where: Mask) -> Mask:
 
 def _pick_pixels(held: HeldSamples, voters: Voters, faint: Mask) -> Mask:
     """HR pixels near samples that tell against them, and faint ones that no sample bears out."""
-    accuses = upsample_nearest(_spread(voters.contradicts, LOST_REACH), held.scale)
-    borne_out = upsample_nearest(_spread(voters.agrees & _is_faint(voters.colour), 1), held.scale)
+    accuses = upsample_nearest(spread_mask(voters.contradicts, LOST_REACH), held.scale)
+    borne_out = upsample_nearest(
+        spread_mask(voters.agrees & _is_faint(voters.colour), 1), held.scale
+    )
     surface = held.hr.gbuffer[Buffer.SKY] < 0.5
-    outshone = upsample_nearest(_spread(voters.outshines, LOST_REACH), held.scale)
+    outshone = upsample_nearest(spread_mask(voters.outshines, LOST_REACH), held.scale)
     return (accuses & surface) | (faint & (outshone | ~borne_out))
 
 
@@ -396,7 +395,3 @@ def _is_alike(one: Tensor, other: Tensor, faint: Mask) -> Mask:
 
 def _is_as_deep(one: Tensor, other: Tensor) -> Mask:
     return (one - other).abs() <= APART * torch.minimum(one, other)
-
-
-def _spread(mask: Mask, reach: int) -> Mask:
-    return F.max_pool2d(mask.float(), 2 * reach + 1, 1, reach) > 0.5

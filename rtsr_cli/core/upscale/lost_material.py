@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from rtsr_cli.core.choices import MATERIAL_EPSILON
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.lighting.radiance import LOST_REACH, find_explained, find_unexplained
-from rtsr_cli.core.pairs.material_agreement import UNSAID
+from rtsr_cli.core.pairs.material_causes import UNSAID
 from rtsr_cli.core.pairs.sources import FramePair
 from rtsr_cli.core.shapes import Mask
 from rtsr_cli.core.system import FrameWindow

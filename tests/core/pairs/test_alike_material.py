@@ -8,7 +8,8 @@ from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs.alike_material import hold_all, leave_alike
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
-from rtsr_cli.core.pairs.material_agreement import DIFFERS, describe_difference, hold_samples
+from rtsr_cli.core.pairs.held_samples import hold_samples
+from rtsr_cli.core.pairs.material_causes import DIFFERS, describe_difference
 from tests.core.pairs.test_material_agreement import PART, SCALE, SIZE, frame, region
 from tests.core.pairs.test_surface_factors import make_pair
 

@@ -19,7 +19,7 @@ from rtsr_cli.core.pairs.dark_material import (
     leave_glaring,
     leave_outshining,
 )
-from rtsr_cli.core.pairs.material_agreement import HeldSamples, hold_samples
+from rtsr_cli.core.pairs.held_samples import HeldSamples, hold_samples
 
 SCALE, SIZE = 4, (96, 128)
 BRIGHT = 0.6

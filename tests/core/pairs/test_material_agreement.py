@@ -15,20 +15,18 @@ from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.motion import Jitter
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging.resampling import decimate, sample_jitter
-from rtsr_cli.core.pairs import doubted_material, material_agreement, surface_factors
-from rtsr_cli.core.pairs.material_agreement import (
-    DARKER_AT_HR,
-    DARKER_AT_LR,
-    UNSAID,
-    HeldSamples,
-    find_contradicting,
-    find_taken,
-    hold_samples,
-    is_colourless,
-    leave_colourless,
-    leave_contradicting,
-    name_darker,
+from rtsr_cli.core.pairs import (
+    colourless_material,
+    doubted_material,
+    material_agreement,
+    material_causes,
+    surface_factors,
 )
+from rtsr_cli.core.pairs.colourless_material import leave_colourless
+from rtsr_cli.core.pairs.held_samples import HeldSamples, hold_samples, is_colourless
+from rtsr_cli.core.pairs.material_agreement import find_contradicting, leave_contradicting
+from rtsr_cli.core.pairs.material_causes import DARKER_AT_HR, DARKER_AT_LR, UNSAID, name_darker
+from rtsr_cli.core.pairs.material_removal import find_taken
 
 SCALE, SIZE = 4, (96, 128)
 SPECULAR = 0.05
@@ -414,7 +412,13 @@ def test_samples_are_held_against_hr_once(monkeypatch: pytest.MonkeyPatch) -> No
         calls.append(scale)
         return hold_samples(lr, hr, scale)
 
-    for module in (doubted_material, material_agreement, surface_factors):
+    for module in (
+        colourless_material,
+        doubted_material,
+        material_agreement,
+        material_causes,
+        surface_factors,
+    ):
         monkeypatch.setattr(module, "hold_samples", hold)
     lr, hr = wire(0.8, at_lr=False)
     assert doubted_material.leave_doubted(lr, hr, SCALE, divided=False).doubted == {}

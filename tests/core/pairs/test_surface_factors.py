@@ -12,7 +12,7 @@ from torch import Tensor
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
-from rtsr_cli.core.pairs.material_agreement import DIFFERS
+from rtsr_cli.core.pairs.material_causes import DIFFERS
 from rtsr_cli.core.pairs.surface_factors import bound_quotients, find_scaled, leave_scaled
 from tests.core.pairs.test_material_agreement import (
     PART,

@@ -15,7 +15,8 @@ from rtsr_cli.core.imaging.demodulation import demodulate, lighting_scale
 from rtsr_cli.core.imaging.resampling import decimate
 from rtsr_cli.core.pairs import thin_material
 from rtsr_cli.core.pairs.doubted_material import leave_doubted
-from rtsr_cli.core.pairs.material_agreement import UNSAID, hold_samples
+from rtsr_cli.core.pairs.held_samples import hold_samples
+from rtsr_cli.core.pairs.material_causes import UNSAID
 from rtsr_cli.core.pairs.thin_material import find_lost_things
 
 SCALE, SIZE = 4, (96, 128)
