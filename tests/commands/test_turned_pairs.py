@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -127,6 +128,31 @@ def test_a_frame_whose_hr_file_is_another_frames_fails_alone(
     assert sorted(p.name for p in (tmp_path / "out").glob("*.exr")) == [
         files[n].name for n in (0, 2, 3)
     ]
+
+
+def test_base_colours_of_bits_at_lr_alone_are_lrs_to_divide(
+    rtsr: Run, small_shot: Path, changed: Callable[..., Path], tmp_path: Path
+) -> None:
+    def store_bits(planes: dict[str, Any], number: int) -> None:
+        planes.update({c: p * 255.0 for c, p in planes.items() if c.startswith("albedo.")})
+
+    shot = tmp_path / "shot"
+    shutil.copytree(small_shot / "hr", shot / "hr")
+    shutil.copy(small_shot / "capture.toml", shot)
+    changed(small_shot / "lr", store_bits).rename(shot / "lr")
+    said = rtsr("upscale", shot, tmp_path / "no", "--system", "demod-guided").output
+    line = re.search(
+        r'or, if HR is right, .*\[buffers\] (albedo = "[0-9.]+ \* lr:albedo.RGB")', said
+    )
+    assert line is not None, said
+    assert "rename LR's files to lr.####.exr" in said
+    for path in (shot / "lr").glob("*.exr"):
+        path.rename(path.with_name(f"lr.{path.name.split('.')[1]}.exr"))
+    with (shot / "capture.toml").open("a", encoding="utf-8") as file:
+        file.write(f"\n[buffers]\n{line[1]}\n")
+    mended = rtsr("upscale", shot, tmp_path / "out", "--system", "demod-guided")
+    assert mended.exit_code == 0, mended.output
+    assert "Warning" not in mended.output
 
 
 @pytest.mark.parametrize("name", ["frame", "target"])

@@ -209,9 +209,12 @@ def _doubt_ids(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
 
 
 def _doubt_colors(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
-    """Base colours above 1 reflect more than they receive: they hold highlights or light."""
+    """Base colours above 1 reflect more than they receive: they hold highlights or light.
+
+    Where all of them do, more is known, and said.
+    """
     albedo = statistics.get(Buffer.ALBEDO)
-    if albedo is None or albedo.above_one < LEAST_SHARE:
+    if albedo is None or albedo.above_one < LEAST_SHARE or Buffer.ALBEDO in reader.faulty:
         return []
     return [
         f"{albedo.above_one:.1%} of 'albedo' are above 1 (up to {albedo.high:.3g}), which no base "

@@ -14,7 +14,7 @@ from rtsr_cli.core.captures.measuring.camera_path import find_apart, gather_run
 from rtsr_cli.core.captures.measuring.declaration_text import write_toml_value
 from rtsr_cli.core.captures.reader import FrameReader
 from rtsr_cli.core.captures.regions import OutputWindows, check_origins, place_output
-from rtsr_cli.core.captures.shots import HR_FOLDER
+from rtsr_cli.core.captures.shots import HR_FOLDER, LR_FOLDER
 from rtsr_cli.core.captures.surveyed import SurveyedValues
 from rtsr_cli.core.errors import FrameFolderError
 from rtsr_cli.core.files.exr import ExrHeader
@@ -445,25 +445,33 @@ def _list_apart(
 
 
 def _suggest_factor(misfit: Misfit, lr: FrameReader, hr: FrameReader) -> str:
-    """What declares a factor that HR's values have beside LR's; empty where it is none.
+    """What declares a factor that the values of one size have; empty where it is none.
 
-    capture.toml is that of both sizes, and a file sequence of one name is in both.
+    They are HR's, unless LR's alone are no such values. capture.toml is that of both sizes, and a
+    file sequence of one name is in both.
     """
     if not misfit.factors or misfit.buffer is None:
         return ""
-    bound = hr.binding[misfit.buffer].tinted([_invert(factor) for factor in misfit.factors])
+    if misfit.buffer in lr.faulty - hr.faulty:
+        names, reader, other, folder = ("HR", "LR"), lr, hr, LR_FOLDER
+        factors = [float(f"{factor:.4g}") for factor in misfit.factors]
+    else:
+        names, reader, other, folder = ("LR", "HR"), hr, lr, HR_FOLDER
+        factors = [_invert(factor) for factor in misfit.factors]
+    right, wrong = names
+    bound = reader.binding[misfit.buffer].tinted(factors)
     rename = ""
-    if {c.stream for c in bound} & {c.stream for c in lr.binding[misfit.buffer]}:
-        bound = bound.moved_to(HR_FOLDER)
+    if {c.stream for c in bound} & {c.stream for c in other.binding[misfit.buffer]}:
+        bound = bound.moved_to(folder)
         rename = (
-            f"rename HR's files to {HR_FOLDER}.####.exr (LR's have the same name now, and would be "
-            "multiplied, too), and write in "
+            f"rename {wrong}'s files to {folder}.####.exr ({right}'s have the same name now, and "
+            "would be multiplied, too), and write in "
         )
     made: str | list[str] = bound.describe(streams=True)
     if len(set(misfit.factors)) > 1:
         made = [BoundBuffer((part,)).describe(streams=True) for part in bound.components]
     line = f"{misfit.buffer} = {write_toml_value(made)}"
-    return f"; or, if LR is right, {rename}capture.toml: [buffers] {line}"
+    return f"; or, if {right} is right, {rename}capture.toml: [buffers] {line}"
 
 
 def _invert(factor: float) -> float:

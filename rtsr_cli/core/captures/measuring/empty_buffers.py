@@ -17,7 +17,7 @@ from rtsr_cli.core.captures.bound_channels import Binding
 from rtsr_cli.core.captures.measuring.geometry_finder import ThinnedFrame
 from rtsr_cli.core.captures.measuring.normal_finder import ONE_VALUE, SAME, measure_likeness
 from rtsr_cli.core.captures.measuring.sky_finder import DOUBTFUL, Stored, mark_sky
-from rtsr_cli.core.frames.buffers import Buffer
+from rtsr_cli.core.frames.buffers import CONSTANTS, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata, is_orthographic
 from rtsr_cli.core.frames.conventions import Conventions, DepthKind
 from rtsr_cli.core.frames.selection import format_ranges
@@ -39,8 +39,17 @@ SHARES = (Buffer.ROUGHNESS, Buffer.METALLIC, Buffer.NOV)
 OUTSIDE = 0.02
 """How far rounding may lead out of 0..1."""
 
-EIGHT_BITS = 255
-"""Largest value of what is stored in 8 bits and was not divided by it."""
+COLOURS = (Buffer.ALBEDO, Buffer.SPECULAR, Buffer.MATERIAL)
+"""Buffers that reflect a share of the light each; highlights in them may be brighter."""
+
+MOST_SURFACES = 0.5
+"""Share of the surfaces with any colour that are too bright where all of a pass was multiplied."""
+
+EIGHT_BITS, SIXTEEN_BITS = 255, 65535
+"""Largest values of what is stored in so many bits and was not divided by them."""
+
+USED_BITS = 0.1
+"""Share of these that the largest value of a pass reaches, at least."""
 
 UNIT = (0.9, 1.1)
 """Lengths of normals, up to what filters and rounding leave."""
@@ -79,12 +88,16 @@ class _Seen:
         what: said before the share; empty where every pixel is meant.
         then: said behind the frames, from its comma or colon on.
         share: of the surfaces, None where every pixel is meant.
+        extent: least and largest value there, where that tells something.
+        line: what declares all frames otherwise, with its condition; empty where nothing may.
     """
 
     buffer: Buffer
     what: str
     then: str
     share: float | None = None
+    extent: tuple[float, float] | None = None
+    line: str = ""
 
 
 def find_faults(
@@ -103,24 +116,31 @@ def find_faults(
         step: numbers from one frame to the next.
         binding: what they are made of, for lines that declare it.
     """
-    seen: dict[tuple[Buffer, str, str], dict[int, float | None]] = {}
+    seen: dict[tuple[Buffer, str, str], dict[int, _Seen]] = {}
     for number, stored in frames.items():
         before = number - step
         known = None if before not in frames else (frames[before], cameras[before])
         for one in _look_at_frame(stored, conventions, cameras[number], known, binding):
-            seen.setdefault((one.buffer, one.what, one.then), {})[number] = one.share
-    return tuple(
-        BufferFault(buffer=buffer, frames=tuple(shares), text=_describe(buffer, what, then, shares))
-        for (buffer, what, then), shares in seen.items()
-    )
+            seen.setdefault((one.buffer, one.what, one.then), {})[number] = one
+    found = []
+    for (buffer, what, then), shown in seen.items():
+        # a line holds for all frames: where some are right, it would spoil those
+        line = next(iter(shown.values())).line if len(shown) == len(frames) else ""
+        text = _describe(buffer, what, f"{then}{line}", shown)
+        found.append(BufferFault(buffer=buffer, frames=tuple(shown), text=text))
+    return tuple(found)
 
 
-def _describe(buffer: Buffer, what: str, then: str, shares: Mapping[int, float | None]) -> str:
-    frames = f"frame{'s' if len(shares) > 1 else ''} {format_ranges(shares)}"
-    numbers = [share for share in shares.values() if share is not None]
-    if not numbers:
+def _describe(buffer: Buffer, what: str, then: str, seen: Mapping[int, _Seen]) -> str:
+    frames = f"frame{'s' if len(seen) > 1 else ''} {format_ranges(seen)}"
+    shares = [one.share for one in seen.values() if one.share is not None]
+    if not shares:
         return f"'{buffer}' {what} of {frames}{then}"
-    mean = sum(numbers) / len(numbers)
+    mean = sum(shares) / len(shares)
+    extents = [one.extent for one in seen.values() if one.extent is not None]
+    if extents:
+        lows, highs = zip(*extents, strict=True)
+        what = f"{what} ({min(lows):.3g} to {max(highs):.3g})"
     return f"'{buffer}' {what} on {mean:.1%} of the surfaces of {frames}{then}"
 
 
@@ -176,12 +196,46 @@ def _look_at_ranges(stored: Stored, surface: Mask, binding: Binding) -> Iterator
         values = stored[buffer]
         share = _share((values < -OUTSIDE) | (values > 1.0 + OUTSIDE), surface)
         if share > DOUBTFUL:
-            seen = values[surface]
-            then = ": it is clamped there; render it again as 0..1"
-            if float(seen.min()) >= -OUTSIDE and float(seen.max()) <= EIGHT_BITS:
-                line = _declare(buffer, binding, 1.0 / EIGHT_BITS)
-                then += f", or, if it is stored as 0..{EIGHT_BITS}, declare that ({line})"
-            yield _Seen(buffer=buffer, what="is outside of 0..1", then=then, share=share)
+            yield _Seen(
+                buffer=buffer,
+                what="is outside of 0..1",
+                then=": it is clamped there; render it again as 0..1",
+                share=share,
+                extent=_measure_extent(values[surface]),
+                line=_suggest_range(buffer, values[surface], binding),
+            )
+    for buffer in COLOURS:
+        if buffer not in stored:
+            continue
+        colour = stored[buffer]
+        known = surface & (colour != 0).any(1, keepdim=True)
+        share = _share((colour > CONSTANTS[buffer][1]).any(1, keepdim=True), known)
+        if int(known.sum()) >= LEAST_SURFACE and share > MOST_SURFACES:
+            values = colour[0][:, known[0, 0]]
+            yield _Seen(
+                buffer=buffer,
+                what="is above 1",
+                then=", which no surface reflects: lighting is radiance divided by it; render it "
+                "again as 0..1, linear",
+                share=share,
+                extent=_measure_extent(values),
+                line=_suggest_range(buffer, values, binding),
+            )
+
+
+def _measure_extent(values: Tensor) -> tuple[float, float]:
+    finite = values[torch.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.numel() else (0.0, 0.0)
+
+
+def _suggest_range(buffer: Buffer, values: Tensor, binding: Binding) -> str:
+    """The line that divides values beyond 0..1, if they may be those of bits; else empty."""
+    low, high = _measure_extent(values)
+    most = EIGHT_BITS if high <= EIGHT_BITS else SIXTEEN_BITS
+    if low < -OUTSIDE or not USED_BITS * most <= high <= most:
+        return ""
+    line = _declare(buffer, binding, 1.0 / most)
+    return f", or, if it is stored as 0..{most}, declare that ({line})"
 
 
 def _declare(buffer: Buffer, binding: Binding, factor: float, added: float = 0.0) -> str:

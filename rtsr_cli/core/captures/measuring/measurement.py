@@ -21,6 +21,7 @@ from rtsr_cli.core.captures.measuring.camera_measurement import (
 )
 from rtsr_cli.core.captures.measuring.depth_median import find_median_depth
 from rtsr_cli.core.captures.measuring.empty_buffers import (
+    COLOURS,
     NEVER_ZERO,
     SHARES,
     BufferFault,
@@ -157,6 +158,7 @@ def _read_group(
         *PICTURES,
         *NEVER_ZERO,
         *SHARES,
+        *COLOURS,
     }
     buffers = wanted & reader.stored_in(numbers)
     try:

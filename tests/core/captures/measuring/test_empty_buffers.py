@@ -32,6 +32,7 @@ BINDING = {
     Buffer.NOV: BoundBuffer(
         (BoundSum(terms=(BoundChannel(stream="", channel="tilt", factor=-1.0),), constant=1.0),)
     ),
+    Buffer.ALBEDO: bind_channels(*(BoundChannel(stream="", channel=f"base.{c}") for c in "RGB")),
     Buffer.NORMAL: bind_channels(*(BoundChannel(stream="", channel=f"N.{c}") for c in "XYZ")),
 }
 
@@ -112,6 +113,32 @@ def test_shares_out_of_their_range_are_said_with_a_line_to_paste(buffer: Buffer,
     (fault,) = look(frame)
     assert "is outside of 0..1" in fault.text
     assert "[buffers]" not in fault.text
+
+
+@pytest.mark.parametrize(("most", "factor"), [(255, "0.00392157"), (65535, "1.5259e-05")])
+def test_base_colours_of_bits_are_said_with_their_range_and_a_line(most: int, factor: str) -> None:
+    frames = [room(seed) for seed in (1, 2)]
+    bits = [f | {Buffer.ALBEDO: f[Buffer.ALBEDO] * most} for f in frames]
+    # objects that are black, and the sky, tell nothing
+    for frame in bits:
+        frame[Buffer.ALBEDO][..., :35, :] = 0.0
+    (fault,) = look(*bits)
+    assert fault.buffer is Buffer.ALBEDO
+    assert "'albedo' is above 1 (" in fault.text
+    assert f" to {most:.3g}) on 1" in fault.text or f" to {0.999 * most:.3g}) on" in fault.text
+    assert f'[buffers] albedo = "{factor} * base.RGB"' in fault.text
+    # where other frames are right, the line would spoil them
+    (fault,) = look(frames[0], bits[1])
+    assert fault.frames == (2,)
+    assert "render it again as 0..1, linear" in fault.text
+    assert "[buffers]" not in fault.text
+
+
+def test_single_highlights_in_base_colours_and_bright_walls_are_no_fault() -> None:
+    frame = room()
+    frame[Buffer.ALBEDO][..., 10:20, :] = 24.0
+    frame[Buffer.ALBEDO][..., 20:, :] *= 1.5
+    assert look(frame) == ()
 
 
 def test_one_vector_on_several_surfaces_is_said_and_on_one_wall_it_is_not() -> None:
