@@ -142,6 +142,22 @@ def test_scattered_depth_of_0_is_warned_of_where_the_sky_is_0_too(
     assert "scattered over surfaces" not in rtsr("inspect", clean).output
 
 
+def test_depth_of_minus_infinity_is_warned_of_on_surfaces_and_counted_on_the_sky(
+    rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
+) -> None:
+    def change(planes: dict[str, Plane], number: int) -> None:
+        depth = planes["depth.Z"]
+        spoilt = np.random.default_rng(number).random(depth.shape) < 0.05
+        depth[spoilt & (depth < 65504.0)] = -np.inf
+
+    shot = make_shot(small_shot, tmp_path / "shot", changed, change, "")
+    assert "of the depth values are -inf" in " ".join(rtsr("inspect", shot).output.split())
+    sky = make_shot(small_shot, tmp_path / "sky", changed, clear_sky(-np.inf), "")
+    text = " ".join(rtsr("inspect", sky).output.split())
+    assert "or infinite; -inf in " in text
+    assert "of the depth values are -inf" not in text
+
+
 def test_a_rule_that_does_not_exist_is_refused(
     rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
 ) -> None:

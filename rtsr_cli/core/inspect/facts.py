@@ -118,7 +118,7 @@ def _describe_sky(inspected: SetInspection) -> dict[str, Any] | None:
     return {
         "share": round(found.share, 5),
         "rule": found.rule,
-        "impossible": round(found.impossible, 5),
+        "impossible": round(found.impossible + found.lost, 5),
     }
 
 

@@ -500,6 +500,13 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
             "but scattered over surfaces, and read as sky: render depth again, or declare what "
             'else marks the sky (capture.toml: [depth] sky = "normal", "object_id", "alpha")',
         )
+    if finding.lost >= DOUBTFUL:
+        settled = add_warning(
+            settled,
+            f"{finding.lost:.1%} of the depth values are -inf, which no surface has, on pixels that "
+            "are not like the sky's (scattered, or with normals that vary), and read as sky: "
+            "render depth again",
+        )
     if finding.sky is None and finding.unmarked is not None:
         share, value = finding.unmarked
         settled = add_warning(

@@ -101,6 +101,8 @@ class SkyFinding:
         sky: what depth is to be read with, None where that is as presumed.
         impossible: share of pixels whose depth is 0, negative or no number, and no sky.
         strewn: share of pixels that are taken for sky by their depth, and are surfaces by all else.
+        lost: share of pixels whose depth is -inf, which is read as sky, and that do not look like
+            it.
         unmarked: share and depth of pixels that look like the far plane's, though nothing else says
             so; None if there are none.
         cleared: what looks like the sky's depth among the surfaces', though nothing marks it.
@@ -111,6 +113,7 @@ class SkyFinding:
     sky: float | SkyRule | None = None
     impossible: float = 0.0
     strewn: float = 0.0
+    lost: float = 0.0
     unmarked: tuple[float, float] | None = None
     cleared: ClearedDepth | None = None
 
@@ -135,6 +138,12 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
         zero = [_is_zero(f[Buffer.NORMAL]) for f in frames if Buffer.NORMAL in f]
         return SkyFinding(share=_share(zero), rule="normals of 0, as there is no depth")
     depths = [frame[Buffer.DEPTH].float() for frame in frames]
+    return _add_lost(_find_by_depth(frames, depths, convention), frames, depths, convention)
+
+
+def _find_by_depth(
+    frames: Sequence[Stored], depths: Sequence[Plane], convention: DepthConvention
+) -> SkyFinding:
     known = _find_by_rule(frames, depths, convention)
     if convention.sky is not None or convention.kind is DepthKind.DEVICE:
         return known
@@ -145,6 +154,27 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
         if within is not None and (found is None or within.sky is not None):
             return within
     return found or _add_far_plane(known, depths, convention)
+
+
+def _add_lost(
+    found: SkyFinding,
+    frames: Sequence[Stored],
+    depths: Sequence[Plane],
+    convention: DepthConvention,
+) -> SkyFinding:
+    """Add how much of the sky is -inf, and how much of that does not look like sky.
+
+    Rays that miss may leave -inf as they leave inf; so does a logarithm or quotient of 0.
+    """
+    masks = [torch.isneginf(d) for d in depths]
+    share = _share(masks)
+    if not share or convention.sky is SkyRule.NONE or convention.kind is DepthKind.DEVICE:
+        return found
+    strewn = _find_strewn(masks, frames)
+    rest = [m & ~s for m, s in zip(masks, strewn, strict=True)]
+    is_sky = bool(_share(rest)) and _is_marked(rest, frames, region_suffices=True)
+    lost = _share(strewn) if is_sky else share
+    return replace(found, rule=f"{found.rule}; -inf in {share:.1%}", lost=lost)
 
 
 def _measure_sky(

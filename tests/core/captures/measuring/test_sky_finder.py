@@ -50,6 +50,33 @@ def test_far_depth_is_sky_as_it_always_was(value: float) -> None:
     assert finding.impossible == 0.0
 
 
+@pytest.mark.parametrize("others", [-math.inf, math.inf])
+def test_depth_of_minus_infinity_is_sky_where_rays_miss_and_said_on_surfaces(others: float) -> None:
+    known = scene(-math.inf)
+    finding = find(known)
+    assert finding.share == pytest.approx(ABOVE)
+    assert finding.rule.endswith("; -inf in 25.0%")
+    assert (finding.lost, finding.impossible) == (0.0, 0.0)
+    # depth alone tells a region from scattered pixels
+    plain = find({Buffer.DEPTH: known[Buffer.DEPTH]})
+    assert (plain.share, plain.lost) == (pytest.approx(ABOVE), 0.0)
+
+    known = scene(others)
+    scattered = torch.zeros(1, 1, *SIZE, dtype=torch.bool)
+    scattered[..., 12::4, ::4] = True
+    known[Buffer.DEPTH][scattered] = -math.inf
+    share = float(scattered.float().mean())
+    finding = find(known)
+    assert finding.lost == pytest.approx(share)
+    assert finding.share == pytest.approx(ABOVE + share)
+    assert find({Buffer.DEPTH: scene(9.0)[Buffer.DEPTH]}).lost == 0.0
+
+    block = scene(others)
+    block[Buffer.DEPTH][..., 20:25, 10:30] = -math.inf
+    if others > 0:
+        assert find(block).lost == pytest.approx(100 / 2400)
+
+
 @pytest.mark.parametrize("value", [0.0, -1.0])
 @pytest.mark.parametrize("marks", [(), (Buffer.NORMAL,), (Buffer.NORMAL, Buffer.OBJECT_ID)])
 @pytest.mark.parametrize("kind", [DepthKind.PLANAR, DepthKind.RAY])
