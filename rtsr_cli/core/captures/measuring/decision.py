@@ -503,8 +503,8 @@ def _decide_sky(settled: MeasuredReader, capture: CaptureDeclaration) -> Measure
     if finding.lost >= DOUBTFUL:
         settled = add_warning(
             settled,
-            f"{finding.lost:.1%} of the depth values are -inf, which no surface has, on pixels that "
-            "are not like the sky's (scattered, or with normals that vary), and read as sky: "
+            f"{finding.lost:.1%} of the depth values are -inf, which no surface has, on pixels "
+            "that are not like the sky's (scattered, or with normals that vary), and read as sky: "
             "render depth again",
         )
     if finding.sky is None and finding.unmarked is not None:
