@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rtsr_cli.commands.log import LOG
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shared_warnings import list_warnings
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.selection import format_ranges
 from rtsr_cli.core.run.events import BETTER, FILTER, FILTER_DOUBT, RunDone, ShotPlanned
@@ -78,9 +79,8 @@ def log_files_made_again(paths: Sequence[Path], why: str) -> None:
 
 def log_findings(readers: Sequence[FrameReader]) -> None:
     """Say what measurement contradicts, and what it decided; of which size, where only of one."""
-    for reader in readers:
-        for text in reader.warnings:
-            LOG.warning("Warning: %s: %s", reader.frames.root, text)
+    for text in list_warnings(readers):
+        LOG.warning("Warning: %s", text)
     for text in dict.fromkeys(text for reader in readers for text in reader.notes):
         holders = [reader.frames.root.name for reader in readers if text in reader.notes]
         size = "" if len(holders) == len(readers) else f"{', '.join(holders)}: "

@@ -32,6 +32,7 @@ from rtsr_cli.core.captures.measuring.decision import describe_unmet
 from rtsr_cli.core.captures.measuring.measured_reader import MeasuredReader
 from rtsr_cli.core.captures.misnamed_frames import list_misnamed
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shared_warnings import join_warnings
 from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot
 from rtsr_cli.core.captures.unrendered_frames import list_partial_streams, take_first
 from rtsr_cli.core.choices import SystemTask
@@ -242,7 +243,38 @@ def inspect_shot(
     )
     ready = judge_commands(commands, known, inspection.problems)
     fixes = list_fixes(ready, _list_hints(shot.root, main, hr, capture))
-    return replace(inspection, commands=ready, fixes=fixes)
+    return _join_remarks(replace(inspection, commands=ready, fixes=fixes))
+
+
+def _join_remarks(inspection: ShotInspection) -> ShotInspection:
+    """Say once, of the frames that lead, what is remarked on both sizes alike."""
+    main, hr = inspection.main, inspection.hr
+    if hr is None:
+        return inspection
+    remarks = {
+        one.root: [p.text for p in one.problems if p.gravity is Severity.REMARK]
+        for one in (main, hr)
+    }
+    joined = join_warnings(remarks)
+    alone = {(root, text) for roots, text in joined for root in roots if len(roots) == 1}
+    shared = tuple(
+        ShotProblem(text=f"{main.root.name} and {hr.root.name}: {text}")
+        for roots, text in joined
+        if len(roots) > 1
+    )
+    main_only, hr_only = (
+        tuple(
+            p
+            for p in one.problems
+            if p.gravity is not Severity.REMARK or (one.root, p.text) in alone
+        )
+        for one in (main, hr)
+    )
+    return replace(
+        inspection,
+        main=replace(main, problems=(*main_only, *shared)),
+        hr=replace(hr, problems=hr_only),
+    )
 
 
 def _settle_cameras(

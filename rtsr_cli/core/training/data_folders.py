@@ -12,6 +12,7 @@ from typing import cast
 from rtsr_cli import __version__
 from rtsr_cli.core.captures.declarations import DeclarationFiles
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.captures.shared_warnings import list_warnings
 from rtsr_cli.core.captures.shots import REFERENCE_FOLDER, FrameSet, Shot, collect_frame_set
 from rtsr_cli.core.choices import NonfinitePolicy
 from rtsr_cli.core.documents import DocumentError, read_json
@@ -290,15 +291,11 @@ def open_whole(
     return source
 
 
-def _list_remarks(readers: Iterable[FrameReader]) -> list[str]:
+def _list_remarks(readers: Sequence[FrameReader]) -> list[str]:
     """What contradicts, and what is unverified or left open, each said once."""
-    texts = (
-        f"{prefix}{reader.frames.root}: {text}"
-        for reader in readers
-        for prefix, said in (("Warning: ", reader.warnings), ("", reader.notes))
-        for text in said
-    )
-    return list(dict.fromkeys(texts))
+    warnings = (f"Warning: {text}" for text in list_warnings(readers))
+    notes = (f"{reader.frames.root}: {text}" for reader in readers for text in reader.notes)
+    return list(dict.fromkeys((*warnings, *notes)))
 
 
 @dataclass(frozen=True, kw_only=True)
