@@ -44,7 +44,10 @@ from rtsr_cli.core.pairs.straying_groups import count_least
 from rtsr_cli.core.pairs.surface_reach import APART, mark_surfaces
 from rtsr_cli.core.shapes import Mask
 
-TOO_BRIGHT = "radiance is far too bright for its material (base colour or metal missing?)"
+TOO_BRIGHT = (
+    "radiance is far too bright for its material (base colour or metal missing, or a black "
+    "surface that mirrors lights, which is right so?)"
+)
 """What is said of those surfaces."""
 
 TINY = 4.0 * MATERIAL_EPSILON
