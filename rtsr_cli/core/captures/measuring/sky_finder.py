@@ -132,8 +132,10 @@ def find_sky(frames: Sequence[Stored], conventions: Conventions) -> SkyFinding:
     """
     convention, marker = conventions.depth, conventions.normal.sky
     if marker is not None and Buffer.NORMAL in frames[0]:
-        marked = [_is_marker(f[Buffer.NORMAL], marker) for f in frames]
-        return SkyFinding(share=_share(marked), rule=f"normals of {marker}")
+        marked = [_mark_by_normal(f, marker) for f in frames]
+        zero = [_is_zero(f[Buffer.NORMAL]) & m for f, m in zip(frames, marked, strict=True)]
+        also = " or 0" if _share(zero) else ""
+        return SkyFinding(share=_share(marked), rule=f"normals of {marker}{also}")
     if Buffer.DEPTH not in frames[0]:
         zero = [_is_zero(f[Buffer.NORMAL]) for f in frames if Buffer.NORMAL in f]
         return SkyFinding(share=_share(zero), rule="normals of 0, as there is no depth")
@@ -359,7 +361,7 @@ def mark_sky(frame: Stored, conventions: Conventions) -> Mask | None:
     """True on what is sky by conventions; None where neither depth nor normals tell."""
     normal, marker = frame.get(Buffer.NORMAL), conventions.normal.sky
     if marker is not None and normal is not None:
-        return _is_marker(normal, marker)
+        return _mark_by_normal(frame, marker)
     if Buffer.DEPTH in frame:
         return _mark_by_rule(frame, frame[Buffer.DEPTH].float(), conventions.depth)
     return None if normal is None else _is_zero(normal)
@@ -384,6 +386,22 @@ def leave_out_sky(frame: Stored, conventions: Conventions) -> Stored:
         if _share([marked]) <= EVERYTHING:
             sky = sky | marked
     return {**frame, **{b: n.masked_fill(sky, torch.nan) for b, n in normals.items()}}
+
+
+def _mark_by_normal(frame: Stored, marker: tuple[float, float, float]) -> Mask:
+    """True on normals of a marker; and of 0, as they are read, where those are no surfaces.
+
+    Surfaces whose normals were not rendered have several depths.
+    """
+    marked, zero = _is_marker(frame[Buffer.NORMAL], marker), _is_zero(frame[Buffer.NORMAL])
+    if not bool(zero.any()):
+        return marked
+    if Buffer.DEPTH not in frame:
+        return marked | zero
+    depth = frame[Buffer.DEPTH].float()
+    known = depth[zero & (depth > 0)]
+    alike = not known.numel() or float((known == known.median()).float().mean()) >= AGREES
+    return marked | zero if alike else marked
 
 
 def _is_marker(normal: Tensor, marker: tuple[float, float, float]) -> Mask:

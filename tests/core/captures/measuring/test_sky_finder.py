@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rtsr_cli.core.captures.measuring.sky_finder import SkyFinding, find_sky
+from rtsr_cli.core.captures.measuring.sky_finder import SkyFinding, find_sky, mark_sky
 from rtsr_cli.core.frames.buffers import SKY_DEPTH_M, Buffer
 from rtsr_cli.core.frames.camera import CameraMetadata, View
 from rtsr_cli.core.frames.conventions import (
@@ -48,6 +48,26 @@ def test_far_depth_is_sky_as_it_always_was(value: float) -> None:
     assert finding.share == pytest.approx(ABOVE)
     assert finding.sky is None
     assert finding.impossible == 0.0
+
+
+@pytest.mark.parametrize("value", [0.0, 6.5504, math.inf])
+def test_normals_of_0_are_sky_beside_a_marker_as_they_are_read(value: float) -> None:
+    marker = NormalConvention(sky=(-1.0, -1.0, -1.0))
+    conventions = Conventions(normal=marker)
+    known = scene(value)
+    finding = find_sky([known], conventions)
+    assert finding.share == pytest.approx(ABOVE)
+    assert finding.rule == "normals of (-1.0, -1.0, -1.0) or 0"
+    sky = mark_sky(known, conventions)
+    assert sky is not None
+    assert torch.equal(sky, known[Buffer.OBJECT_ID] == 0.0)
+    # normals that were not rendered on surfaces of several depths are no sky
+    missing = scene(value)
+    missing[Buffer.NORMAL][..., 10:20, :] = 0.0
+    missing[Buffer.NORMAL][..., :10, :] = -1.0
+    finding = find_sky([missing], conventions)
+    assert finding.share == pytest.approx(ABOVE)
+    assert finding.rule == "normals of (-1.0, -1.0, -1.0)"
 
 
 @pytest.mark.parametrize("others", [-math.inf, math.inf])
