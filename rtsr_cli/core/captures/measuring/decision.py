@@ -699,7 +699,10 @@ def _check_normal_axes(settled: MeasuredReader, capture: CaptureDeclaration) -> 
             continue
         if isinstance(other, NormalSpace):
             where, best = f"{other} space", axes.apart[other]
-            remedy = f'write them in {space} space, or declare [normal] space = "{other}"'
+            remedy = f"write them in {space} space"
+            # what is declared holds for all normals: others that are right would be wrong then
+            if not _stands_right(settled, axes.buffer, space):
+                remedy += f', or declare [normal] space = "{other}"'
         else:
             where, best = "a world of other axes (swapped or negated)", axes.turned
             remedy = _list_remedies(settled, axes)
@@ -716,6 +719,16 @@ def _check_normal_axes(settled: MeasuredReader, capture: CaptureDeclaration) -> 
         text = f"{axes.buffer} as {space} space {seen}: it is not read; {remedy}"
         settled = _leave_unread(settled, axes.buffer, text)
     return settled
+
+
+def _stands_right(settled: MeasuredReader, buffer: Buffer, space: NormalSpace) -> bool:
+    """Tell whether normals in another buffer stand on their surfaces as they are read."""
+    return any(
+        axes.buffer is not buffer
+        and axes.apart[space] <= NormalEvidence.limit
+        and axes.find_other(space) is None
+        for axes in settled.measured.normal_axes
+    )
 
 
 def _leave_unread(settled: MeasuredReader, buffer: Buffer, text: str) -> MeasuredReader:

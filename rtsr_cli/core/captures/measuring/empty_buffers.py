@@ -284,11 +284,14 @@ def _look_at_lengths(vectors: Tensor, binding: Binding) -> Iterator[_Seen]:
     wrong = [float(((n < UNIT[0]) | (n > UNIT[1])).float().mean()) for n in lengths]
     if min(wrong) > 0.5:
         line = _declare_range(vectors, lengths[0], binding)
+        # rounded, as it is much the same in all frames, which are said together
+        length = float(f"{float(lengths[0].median()):.2g}")
         yield _Seen(
             buffer=Buffer.NORMAL,
-            what=f"has a length of {float(lengths[0].median()):.3g}, not 1,",
-            then=f": only its direction is used{line and f'; declare its range ({line})'}",
+            what=f"has a length of {length:g}, not 1,",
+            then=": only its direction is used",
             share=wrong[0],
+            line=f"; declare its range ({line})" if line else "",
         )
 
 

@@ -416,6 +416,34 @@ def test_depth_tells_the_axes_of_normals_and_what_it_contradicts_is_not_read(
     assert not kept.warnings
 
 
+def test_normals_that_contradict_others_get_the_one_remedy_that_leaves_those_right(
+    settled: Settle,
+) -> None:
+    shading = NormalAxes(
+        buffer=Buffer.NORMAL,
+        apart={NormalSpace.WORLD: 90.0, NormalSpace.VIEW: 10.0},
+        turned=80.0,
+        axes=np.diag([1.0, 1.0, -1.0, 1.0]),
+    )
+    own = {NormalSpace.WORLD: 10.0, NormalSpace.VIEW: 90.0}
+    geometric = replace(shading, buffer=Buffer.GEONORMAL, apart=own)
+    finding = NormalFinding(packed=False, facing={})
+    seen = settled(StorageMeasurement(normal=finding, normal_axes=(shading, geometric)))
+    (warning,) = seen.warnings
+    assert warning.startswith("geonormal as view space does not stand")
+    assert warning.endswith("it is not read; write them in view space")
+    # nothing tells how the others are: either may be
+    unknown = replace(shading, apart={NormalSpace.WORLD: 90.0, NormalSpace.VIEW: 90.0}, turned=90.0)
+    seen = settled(
+        StorageMeasurement(
+            normal=NormalFinding(packed=False, space=NormalSpace.VIEW, facing={}),
+            normal_axes=(geometric, unknown),
+        ),
+        capture(normal={"space": "view"}),
+    )
+    assert seen.warnings[-1].endswith('or declare [normal] space = "world"')
+
+
 def test_of_an_unverified_layout_without_motion_radiance_is_read_until_it_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -174,6 +174,16 @@ def test_normals_of_another_length_are_said_with_a_line_to_paste(
     assert look(packed, conventions=replace(PLAIN, normal=NormalConvention(packed=True))) == ()
 
 
+def test_lengths_that_hardly_differ_are_said_once_of_all_frames() -> None:
+    frames = [room(seed) for seed in (1, 2)]
+    for frame, length in zip(frames, (0.304, 0.301), strict=True):
+        frame[Buffer.NORMAL] = frame[Buffer.NORMAL] * length
+    (fault,) = look(*frames)
+    assert fault.frames == (1, 2)
+    assert "has a length of 0.3, not 1" in fault.text
+    assert '[buffers] normal = "3.29 * N.XYZ"' in fault.text
+
+
 def test_motion_of_0_one_vector_or_another_frames_is_said_where_the_camera_moves() -> None:
     first, second, third = room(1), room(2), room(3)
     for motion, said in (
