@@ -328,7 +328,8 @@ def describe_foreign(found: ForeignBuffer, lr_root: Path, hr_root: Path) -> str:
         return (
             f"{lr_root}: frame {number}: radiance shows frame {other}: it changes where the "
             f"surfaces of frame {other} meet, and not where those of its own G-buffer do; "
-            f"{_say_remedy('radiance')}"
+            f"{_say_remedy('radiance')}; where radiance is right, a buffer of the G-buffer is of "
+            f"frame {other} at both sizes"
         )
     names = join_names(found.buffers)
     small, large = found.fits
