@@ -149,7 +149,7 @@ def log_pixel_findings(done: RunDone) -> None:
 
 def _name_share(shares: Collection[float]) -> str:
     """The mean of some shares, and the largest where that is another number; a few digits."""
-    mean, most = (f"{share:.2g} %" for share in _percentages(shares))
+    mean, most = (f"{float(f'{share:.2g}'):g} %" for share in _percentages(shares))
     return mean if mean == most else f"{mean} (at most {most})"
 
 

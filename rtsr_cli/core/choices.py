@@ -10,6 +10,10 @@ from enum import StrEnum
 MATERIAL_EPSILON = 4e-3
 """Smallest channel of a material term that radiance is divided by."""
 
+MOST_MATERIAL = 2.0
+"""Largest channel of one: all that arrives, diffuse, and all of it again, mirrored at grazing
+angles. What predicted lighting is wrong by is multiplied by it."""
+
 
 class SystemTask(StrEnum):
     """What a system predicts."""

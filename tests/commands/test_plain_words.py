@@ -65,6 +65,21 @@ def test_base_colours_above_1_are_explained_as_the_layout_has_it(
     assert other not in warning
 
 
+@pytest.mark.parametrize(("most", "said"), [(8.0, True), (1.8, False)])
+def test_materials_above_2_are_said_with_what_they_count_as(
+    rtsr: Run, small_capture: Path, changed: Copy, most: float, said: bool
+) -> None:
+    def brighten_material(planes: dict[str, Any], number: int) -> None:
+        del number
+        for c in "RGB":
+            planes[f"material.{c}"] = planes[f"albedo.{c}"].copy()
+            planes[f"material.{c}"][8:16] = most
+
+    report = rtsr("inspect", changed(small_capture, brighten_material)).output
+    assert (f"of 'material' are above 1 (up to {most:g})" in report) == said
+    assert ("(above 2 counts as 2)" in report) == said
+
+
 def test_the_line_against_a_tint_can_be_pasted(
     rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
 ) -> None:

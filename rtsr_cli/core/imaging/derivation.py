@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 
 import torch
 
-from rtsr_cli.core.choices import MATERIAL_EPSILON, DemodulationMode, LutConvention
+from rtsr_cli.core.choices import MATERIAL_EPSILON, MOST_MATERIAL, DemodulationMode, LutConvention
 from rtsr_cli.core.frames.buffers import Buffer, GBuffer
 from rtsr_cli.core.frames.sequence import Frame
 from rtsr_cli.core.imaging import demodulation as dm
@@ -180,9 +180,13 @@ def _resolve_all(
 def derive_material(frame: Frame, config: DerivationConfig) -> Color:
     """Return the divisor of a mode; NaN buffers give NaN material, which is never divided by.
 
+    What is above `MOST_MATERIAL` is no share that a surface reflects, and counts as that much.
     Works in strips of rows: every intermediate stays in the cache, and memory at the result's.
     """
-    strips = [_material_term(strip, config) for _, strip in cut_frame(frame, STRIP_PIXELS)]
+    strips = [
+        _material_term(strip, config).clamp(max=MOST_MATERIAL)
+        for _, strip in cut_frame(frame, STRIP_PIXELS)
+    ]
     return strips[0] if len(strips) == 1 else torch.cat(strips, dim=2)
 
 

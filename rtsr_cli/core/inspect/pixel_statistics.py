@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from rtsr_cli.core.captures.reader import FrameReader
+from rtsr_cli.core.choices import MOST_MATERIAL
 from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
@@ -211,15 +212,18 @@ def _doubt_ids(statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
 def _doubt_colors(reader: FrameReader, statistics: Mapping[Buffer, PixelStatistics]) -> list[str]:
     """Base colours above 1 reflect more than they receive: they hold highlights or light.
 
-    Where all of them do, more is known, and said.
+    So do materials above 2. Where all of them do, more is known, and said.
     """
-    albedo = statistics.get(Buffer.ALBEDO)
-    if albedo is None or albedo.above_one < LEAST_SHARE or Buffer.ALBEDO in reader.faulty:
-        return []
     return [
-        f"{albedo.above_one:.1%} of 'albedo' are above 1 (up to {albedo.high:.3g}), which no base "
-        f"colour is: {reader.layout.bright_albedo}; write base colours of 0 to 1, linear, as "
+        f"{colour.above_one:.1%} of '{buffer}' are above 1 (up to {colour.high:.3g}), which no "
+        f"base colour is: {reader.layout.bright_albedo}; write base colours of 0 to 1, linear, as "
         "an AOV of your own where no pass holds them"
+        + (f" (above {MOST_MATERIAL:g} counts as {MOST_MATERIAL:g})" if most > 1.0 else "")
+        for buffer, most in ((Buffer.ALBEDO, 1.0), (Buffer.MATERIAL, MOST_MATERIAL))
+        if (colour := statistics.get(buffer)) is not None
+        and colour.above_one >= LEAST_SHARE
+        and colour.high > most
+        and buffer not in reader.faulty
     ]
 
 

@@ -92,7 +92,7 @@ def material(side: Side, lut: Array) -> Array:
     ab = sample_linear_clamp(lut, view_cosine(side), side.buffers["roughness"])
     metallic, albedo = side.buffers["metallic"], side.color("albedo")
     f0 = C["DIELECTRIC_F0"] + (albedo - C["DIELECTRIC_F0"]) * metallic
-    return (1 - metallic) * albedo + f0 * ab[0] + ab[1]
+    return np.minimum((1 - metallic) * albedo + f0 * ab[0] + ab[1], C["MOST_MATERIAL"])
 
 
 def demodulate(lr: Side, lut: Array) -> tuple[Array, Flags]:

@@ -80,6 +80,7 @@ LEAST_DB = 60.0
 CONSTANTS = {
     "SKY_DEPTH": buffers.SKY_DEPTH_M,
     "EPSILON": choices.MATERIAL_EPSILON,
+    "MOST_MATERIAL": choices.MOST_MATERIAL,
     "DIELECTRIC_F0": demodulation.DIELECTRIC_F0,
     "LIGHTING_FLOOR": demodulation.LIGHTING_FLOOR,
     "MAX_LIGHTING": lighting.MAX_LIGHTING,

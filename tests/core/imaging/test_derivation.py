@@ -225,6 +225,22 @@ def test_the_modes_divide_by_what_their_names_say(
     assert torch.allclose(derive_material(frame, GLOSSY), glossy, atol=1e-6)
 
 
+@pytest.mark.parametrize("config", [BRDF, SOFTPLUS, ALBEDO, GLOSSY])
+def test_what_no_surface_reflects_counts_as_the_most_that_one_does(
+    config: DerivationConfig, make_frame: MakeFrame, buffers: dict[Buffer, torch.Tensor]
+) -> None:
+    usual = derive_material(make_frame(buffers), config)
+    for buffer in (Buffer.ALBEDO, Buffer.MATERIAL):
+        buffers[buffer][..., 5, 5] = 8.0
+        buffers[buffer][..., 6, 6] = torch.nan
+    found = derive_material(make_frame(buffers), config)
+    assert (found[..., 5, 5] == 2.0).all()
+    assert found[..., 6, 6].isnan().all()
+    for pixel in (5, 6):
+        found[..., pixel, pixel] = usual[..., pixel, pixel]
+    assert torch.equal(found, usual)
+
+
 def test_lighting_mask_material_and_scale_come_from_one_division(
     make_frame: MakeFrame, buffers: dict[Buffer, torch.Tensor]
 ) -> None:
