@@ -4,7 +4,9 @@
 
 Of right pairs the middle of all l is 0 to a hundredth, wherever in textures samples lie, and l is 0
 to a thousandth where a block and what surrounds it are of one colour. A tint moves all of them
-alike, in every part of the picture; another base colour of one object does not.
+alike, in every part of the picture; another base colour of one object does not. Where textures are
+finer than blocks, thin dark joints between bright bricks move the middle, too; their samples are
+no brighter than the brightest pixel around, as those of a tint are.
 """
 
 from __future__ import annotations
@@ -37,6 +39,9 @@ ERROR_OF_MIDDLE = 1.86
 """Standard error of the middle of one of Gauss's distribution, times its root of n, as a multiple
 of the middle distance from it."""
 
+SURE_STRAYS = 3.0
+"""Deviations of chance by which a tint has fewer samples beyond the pixels around than none has."""
+
 FLAT = 5e-3
 """Ratio above 1 of the colours around a sample that are called one."""
 
@@ -64,7 +69,10 @@ def measure_tint(image: Image, seen: Image, told: Mask, scale: int) -> tuple[flo
     low = -F.max_pool2d(-seen.double(), scale + 2, scale, padding=1)
     flat = known & (high <= low * (1.0 + FLAT))
     channels = range(small.shape[1])
-    found = [_settle(small[0, c], mean[0, c], known[0, c], flat[0, c]) for c in channels]
+    found = [
+        _settle(small[0, c], mean[0, c], known[0, c], flat[0, c], (low[0, c], high[0, c]))
+        for c in channels
+    ]
     telling = [factor for factor in found if factor is not None]
     if all(factor == 1.0 for factor in telling):
         return None
@@ -73,8 +81,16 @@ def measure_tint(image: Image, seen: Image, told: Mask, scale: int) -> tuple[flo
     return tuple((telling[0] if alike else 1.0) if f is None else f for f in found)
 
 
-def _settle(small: Tensor, mean: Tensor, known: Tensor, flat: Tensor) -> float | None:
-    """The factor of a channel; 1 where there is none for sure, None where nothing tells."""
+def _settle(
+    small: Tensor, mean: Tensor, known: Tensor, flat: Tensor, around: tuple[Tensor, Tensor]
+) -> float | None:
+    """The factor of a channel; 1 where there is none for sure, None where nothing tells.
+
+    Args:
+        small, mean: of LR, and of HR in their blocks.
+        known, flat: where they tell, and where HR is of one colour.
+        around: the least and the largest of HR in and around the blocks.
+    """
     count = int(known.sum())
     if count < LEAST_SAMPLES:
         return None
@@ -87,10 +103,30 @@ def _settle(small: Tensor, mean: Tensor, known: Tensor, flat: Tensor) -> float |
         if agreeing < MOST or abs(exact - middle) > ALIKE + SURE * error:
             return 1.0
         middle, least = exact, LEAST_TINT
+    elif not _explains_strays(small[known], (around[0][known], around[1][known]), middle):
+        return 1.0
     if abs(middle) <= least or not _is_everywhere(logs, known, middle):
         return 1.0
     apart = float((mean - small)[known].abs().median())
     return math.exp(middle) if apart > LEAST_APART else None
+
+
+def _explains_strays(small: Tensor, around: tuple[Tensor, Tensor], middle: float) -> bool:
+    """Tell whether fewer samples are out of the range of the pixels around with a tint, for sure.
+
+    Args:
+        small: samples, n.
+        around: least and largest pixels around, n each.
+        middle: logarithm of the tint.
+    """
+    low, high = around
+
+    def count(tint: float) -> int:
+        least, most = low / tint * (1.0 - ALIKE), high / tint * (1.0 + ALIKE)
+        return int(((small < least) | (small > most)).sum())
+
+    plain, tinted = count(1.0), count(math.exp(middle))
+    return plain - tinted > SURE_STRAYS * math.sqrt(plain + tinted)
 
 
 def _find_middle(values: Tensor) -> tuple[float, float]:

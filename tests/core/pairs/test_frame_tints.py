@@ -46,6 +46,18 @@ def test_fine_textures_tell_more_than_a_few_per_cent() -> None:
     assert found == pytest.approx((1.1,) * 3, rel=0.02)
 
 
+def test_thin_dark_joints_between_bricks_are_no_tint_and_hide_none() -> None:
+    """Most samples lie on bricks, and every block has joints: its mean is darker than they are."""
+    torch.manual_seed(5)
+    rows, columns = (torch.arange(side) for side in SIZE)
+    joint = (rows[:, None] % 5 == 4) | (columns % 7 == 6)
+    bricks = (0.5 + 0.1 * torch.rand(1, 3, 39, 37)).repeat_interleave(5, 2).repeat_interleave(7, 3)
+    image = torch.where(joint, 0.1, bricks[..., : SIZE[0], : SIZE[1]])
+    small = decimate(image, SCALE, (1, 2))
+    assert measure_tint(small, image, everywhere(), SCALE) is None
+    assert measure_tint(small, 0.85 * image, everywhere(), SCALE) is not None
+
+
 def test_another_colour_of_one_object_is_no_tint_of_the_frame() -> None:
     image = paint(flat=True)
     changed = image.clone()
