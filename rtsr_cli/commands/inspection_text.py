@@ -138,7 +138,8 @@ def list_report_lines(inspection: ShotInspection) -> Iterator[str]:
 def _describe_filter(width: float, *, measured: bool) -> str:
     if not width:
         return (
-            "none: radiance and G-buffer of an LR pixel are of one point, as declared or measured"
+            "none over radiance alone: it and the G-buffer show the same of an LR pixel, as "
+            "declared or measured"
         )
     said = "measured" if measured else "as declared"
     return f"over LR radiance, standard deviation {width:.2f} LR pixels ({said})"

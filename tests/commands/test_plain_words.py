@@ -80,6 +80,25 @@ def test_materials_above_2_are_said_with_what_they_count_as(
     assert ("(above 2 counts as 2)" in report) == said
 
 
+def test_motion_is_measured_in_radiance_of_any_unit(
+    rtsr: Run, small_capture: Path, changed: Copy
+) -> None:
+    """Candelas a square metre of a sunlit scene are thousands."""
+
+    def expose(planes: dict[str, Any], number: int) -> None:
+        del number
+        for c in "RGB":
+            planes[c] = planes[c].astype("float32") * 3000.0
+
+    usual, bright = (
+        rtsr("inspect", capture).output
+        for capture in (small_capture, changed(small_capture, expose))
+    )
+    for said in ("do not follow them", "do not show that it is right"):
+        assert said not in usual
+        assert said not in bright
+
+
 def test_the_line_against_a_tint_can_be_pasted(
     rtsr: Run, small_shot: Path, changed: Copy, tmp_path: Path
 ) -> None:

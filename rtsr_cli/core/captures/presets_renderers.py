@@ -105,7 +105,7 @@ MITSUBA = Layout(
         # alone in its last letter; without it in files of Mitsuba before 3.6
         Buffer.DEPTH: name_single_component("depth.T", "*.T", "depth", "dd.y", "depth.Y"),
         Buffer.OBJECT_ID: name_single_component(
-            *("objectid", "objectid.R", "shape_index.I", "si.I", "*shape*.I", "shape_index")
+            *("objectid", "objectid.R", "shape_index.I", "si.I", "id.I", "*shape*.I", "shape_index")
         ),
     },
     conventions=Conventions(depth=DepthConvention(kind=DepthKind.RAY)),

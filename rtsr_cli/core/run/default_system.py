@@ -169,7 +169,8 @@ def describe_passed_over(source: PairSource, passed: Sequence[PassedOver], chose
     longest: tuple[str, ...] = ()
     for members in groups.values():
         lacks = members[0].lacks
-        who = join_names(name_together([one.system for one in members], trained))
+        apart = {one.system.name for one in passed} - {one.system.name for one in members}
+        who = join_names(name_together([one.system for one in members], trained, apart))
         if not lacks:
             texts.append(f"{who}: {members[0].reason}")
             continue
@@ -194,20 +195,24 @@ def _describe_lacks(lacks: Collection[str], longest: Collection[str], *, plural:
     return f"{verb} {join_names(list(lacks))}"
 
 
-def name_together(systems: Iterable[System], trained: set[str]) -> list[str]:
+def name_together(
+    systems: Iterable[System], trained: set[str], apart: Collection[str] = ()
+) -> list[str]:
     """Name systems in few words: all trained ones as networks, others by what names share.
 
     Args:
         systems: to name.
         trained: names of all trained systems that lack something.
+        apart: names of systems of which something else is said: no pattern may cover them.
     """
     given = list(systems)
     names = [system.name for system in given]
     whole = len(trained) > 1 and trained <= set(names)
     left = [n for n in names if not (whole and n in trained)]
     stems = [name.partition("-")[0] for name in left]
+    covered = {name.partition("-")[0] for name in apart if "-" in name}
     named = dict.fromkeys(
-        f"{stem}-*" if stems.count(stem) > 1 and "-" in name else name
+        f"{stem}-*" if stems.count(stem) > 1 and "-" in name and stem not in covered else name
         for name, stem in zip(left, stems, strict=True)
     )
     return [*named, *([NETWORKS] if whole else [])]

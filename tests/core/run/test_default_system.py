@@ -29,6 +29,12 @@ def test_systems_are_named_together(names: list[str], said: list[str]) -> None:
     assert name_together([load_system(name) for name in names], TRAINED) == said
 
 
+def test_a_pattern_covers_no_system_of_which_something_else_is_said() -> None:
+    systems = [load_system(name) for name in ("demod-guided", "demod-bicubic")]
+    assert name_together(systems, TRAINED, {"demod-temporal"}) == ["demod-guided", "demod-bicubic"]
+    assert name_together(systems, TRAINED, {"fusesr", "bicubic"}) == ["demod-*"]
+
+
 @pytest.mark.parametrize(
     ("lacks", "remedies"),
     [

@@ -161,7 +161,9 @@ def _look_at_frame(
     sky = mark_sky(thinned, conventions)
     if sky is None:
         return
-    if bool(sky.all()) and Buffer.NORMAL in stored and not stored[Buffer.NORMAL].any():
+    tells = Buffer.DEPTH in thinned and bool(thinned[Buffer.DEPTH].any())
+    no_normals = Buffer.NORMAL in stored and not stored[Buffer.NORMAL].any()
+    if no_normals and not tells and bool(sky.all()):
         yield _Seen(
             buffer=Buffer.NORMAL,
             what="is 0 in every pixel",

@@ -352,6 +352,11 @@ def _find_motion(
 
 
 def _make_picture(buffer: Buffer, stored: Tensor) -> Tensor:
-    """Radiance compressed, so that no highlight decides; whatever is not finite as 0."""
+    """Radiance compressed, so that no highlight decides; whatever is not finite as 0.
+
+    Radiance in units of its own, the middle of it far above 1, would be alike everywhere.
+    """
     finite = torch.where(torch.isfinite(stored), stored, torch.zeros_like(stored))
-    return encode_reinhard(finite.clamp(min=0.0)) if buffer is Buffer.COLOR else finite
+    if buffer is not Buffer.COLOR:
+        return finite
+    return encode_reinhard(finite / finite.median().clamp(min=1.0))

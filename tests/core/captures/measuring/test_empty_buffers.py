@@ -153,6 +153,18 @@ def test_one_vector_on_several_surfaces_is_said_and_on_one_wall_it_is_not() -> N
     assert look(frame | {Buffer.DEPTH: torch.full((1, 1, *SIZE), 5.0)}) == ()
 
 
+@pytest.mark.parametrize(("depth", "faults"), [(1e10, 0), (0.0, 1)])
+def test_normals_of_0_are_right_where_depth_shows_nothing_but_sky(
+    depth: float, faults: int
+) -> None:
+    frame = room()
+    frame[Buffer.NORMAL] = torch.zeros_like(frame[Buffer.NORMAL])
+    frame[Buffer.DEPTH] = torch.full_like(frame[Buffer.DEPTH], depth)
+    cleared = replace(PLAIN, depth=DepthConvention(sky=0.0))
+    found = look(frame, conventions=PLAIN if depth else cleared)
+    assert [fault.text.count("is 0 in every pixel") for fault in found] == [1] * faults
+
+
 def test_one_depth_on_surfaces_that_face_several_ways_is_said() -> None:
     frame = room()
     frame[Buffer.DEPTH] = torch.where(frame[Buffer.DEPTH] < SKY_DEPTH_M, 5.0, SKY_DEPTH_M)
