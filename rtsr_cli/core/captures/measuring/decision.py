@@ -343,8 +343,8 @@ def _add_distrust(settled: MeasuredReader, capture: CaptureDeclaration) -> Measu
     if not declared or not unsaid or is_motion_trusted(settled, capture):
         return settled
     note = (
-        "motion is read as declared, but these frames do not show that it is right: systems that "
-        "rely on it have to be named (--system)"
+        "motion is read as declared, but these frames do not show that it is right: no system is "
+        "the default for its sake (name one: --system)"
     )
     return replace(settled, notes=(*settled.notes, note))
 

@@ -582,7 +582,7 @@ def test_a_depth_that_fits_poorly_is_said(
 def test_declared_vectors_that_are_not_relied_upon_are_said(settled: Settle) -> None:
     sense = {"unit": "pixels", "y_axis": "down", "direction": "previous-minus-current"}
     declared = capture(motion=sense)
-    said = "systems that rely on it have to be named"
+    said = "no system is the default for its sake"
     still = MotionFinding(candidates=(), unmoved_error=0.4, moving=0.5, triples=(2,))
     notes = settled(StorageMeasurement(motion=still), declared).notes
     assert any(said in text for text in notes)
