@@ -15,7 +15,7 @@ from rtsr_cli.core.errors import RtsrError
 from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.camera_needs import say_frames
 from rtsr_cli.core.frames.conventions import SkyRule
-from rtsr_cli.core.wording import say_count, say_verb
+from rtsr_cli.core.wording import join_names, say_count, say_verb
 
 COARSE_STEP_PX = 0.25
 """Vectors stored in coarser steps than this have lost the sub-pixel part."""
@@ -214,17 +214,24 @@ def _doubt_colors(reader: FrameReader, statistics: Mapping[Buffer, PixelStatisti
 
     So do materials above 2. Where all of them do, more is known, and said.
     """
-    return [
-        f"{colour.above_one:.1%} of '{buffer}' are above 1 (up to {colour.high:.3g}), which no "
-        f"base colour is: {reader.layout.bright_albedo}; write base colours of 0 to 1, linear, as "
-        "an AOV of your own where no pass holds them"
-        + (f" (above {MOST_MATERIAL:g} counts as {MOST_MATERIAL:g})" if most > 1.0 else "")
-        for buffer, most in ((Buffer.ALBEDO, 1.0), (Buffer.MATERIAL, MOST_MATERIAL))
-        if (colour := statistics.get(buffer)) is not None
-        and colour.above_one >= LEAST_SHARE
-        and colour.high > most
-        and buffer not in reader.faulty
-    ]
+    doubted: dict[tuple[float, float], list[Buffer]] = {}
+    for buffer, most in ((Buffer.ALBEDO, 1.0), (Buffer.MATERIAL, MOST_MATERIAL)):
+        colour = statistics.get(buffer)
+        if colour is None or colour.above_one < LEAST_SHARE or buffer in reader.faulty:
+            continue
+        if colour.high > most:
+            doubted.setdefault((colour.above_one, colour.high), []).append(buffer)
+    remedy = (
+        f"which no base colour is: {reader.layout.bright_albedo}; write base colours of 0 to 1, "
+        "linear, as an AOV of your own where no pass holds them"
+    )
+    texts: list[str] = []
+    for (share, high), buffers in doubted.items():
+        names = join_names([f"'{buffer}'" for buffer in buffers])
+        bound = f" (above {MOST_MATERIAL:g} counts as {MOST_MATERIAL:g})"
+        known = bound if Buffer.MATERIAL in buffers else ""
+        texts.append(f"{share:.1%} of {names} are above 1 (up to {high:.3g}), {remedy}{known}")
+    return texts
 
 
 def _motion_step_px(reader: FrameReader) -> float:
