@@ -18,7 +18,7 @@ from rtsr_cli.core.captures.measuring.geometry_finder import (
     StoredGeometry,
     find_depth,
 )
-from rtsr_cli.core.captures.measuring.jitter_finder import find_jitter
+from rtsr_cli.core.captures.measuring.jitter_finder import JitterFinding, JitterVerdict, find_jitter
 from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.measuring.motion_choices import write_motion
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
@@ -169,6 +169,8 @@ def _add_jitter(
 
     pairs = [(jitter(t), jitter(t + step)) for t in measured.motion.triples]
     between = [(now[0] - then[0], now[1] - then[1]) for now, then in pairs]
+    if measured.samples_rest and not any(map(any, between)):
+        return replace(measured, jitter=JitterFinding(verdict=JitterVerdict.CONSISTENT))
     return replace(measured, jitter=find_jitter(best.offsets_px, between))
 
 

@@ -8,10 +8,14 @@ contain it inverted; -2 d if the declared jitter has the wrong sign.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from torch import Tensor
+
+from rtsr_cli.core.captures.measuring.motion_finder import STILL_PX
+from rtsr_cli.core.frames.buffers import Buffer
 from rtsr_cli.core.frames.motion import Jitter
 
 LEAST_JITTER_PX = 0.05
@@ -19,6 +23,13 @@ LEAST_JITTER_PX = 0.05
 
 LEAST_OFFSET_PX = 0.15
 """Offsets that vary more than this are no accident of the search."""
+
+TEXTURED = (Buffer.COLOR, Buffer.ALBEDO)
+"""Buffers in which things at rest show whether samples are."""
+
+LEAST_DETAIL, MOST_RESTING = 256, 0.9
+"""Pixels at rest that differ from their neighbours, and the share of them that is as it was, where
+samples rest: shadows may move."""
 
 
 class JitterVerdict(StrEnum):
@@ -97,3 +108,29 @@ def find_jitter(offsets_px: Sequence[Jitter], differences_px: Sequence[Jitter]) 
         else JitterVerdict.CONSTANT_OFFSET
     )
     return JitterFinding(verdict=verdict, spread_px=spread)
+
+
+def do_samples_rest(stored: Mapping[int, Mapping[Buffer, Tensor]], step: int, zero: float) -> bool:
+    """Tell whether what rests, by its vectors, shows the very picture of the frame before it.
+
+    Samples that jitter show another one wherever there is detail.
+
+    Args:
+        stored: number -> motion as stored, and what else was read of a frame.
+        step: between the numbers of frames.
+        zero: stored value of no motion.
+    """
+    shares: list[float] = []
+    for number, buffers in stored.items():
+        before = stored.get(number - step)
+        if before is None:
+            continue
+        rests = ((buffers[Buffer.MOTION] - zero).abs() <= STILL_PX).all(1, keepdim=True)[..., 1:]
+        same = [0.0]
+        for buffer in set(TEXTURED) & buffers.keys() & before.keys():
+            picture = buffers[buffer]
+            detail = rests & (picture.diff(dim=-1) != 0).any(1, keepdim=True)
+            kept = (picture == before[buffer]).all(1, keepdim=True)[..., 1:][detail]
+            same.append(float(kept.float().mean()) if len(kept) >= LEAST_DETAIL else 0.0)
+        shares.append(max(same))
+    return bool(shares) and min(shares) > MOST_RESTING

@@ -23,6 +23,7 @@ class StorageMeasurement:
         motion: ranked readings of the vectors, None without motion, pictures or two frames.
         repeated: frames with the picture of the frame before them, and vectors that move.
         resting: such frames whose vectors rest, as they should.
+        samples_rest: whether things at rest show that samples lie where they lay, in all frames.
         by_geometry: the reading that world positions prove, or the tied one that camera and depth
             single out.
         geometry: which of them it was.
@@ -40,6 +41,7 @@ class StorageMeasurement:
     motion: MotionFinding | None = None
     repeated: tuple[int, ...] = ()
     resting: tuple[int, ...] = ()
+    samples_rest: bool = False
     by_geometry: MotionCandidate | None = None
     geometry: str = "camera and depth"
     camera: CameraFinding | None = None

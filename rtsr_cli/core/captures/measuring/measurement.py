@@ -28,6 +28,7 @@ from rtsr_cli.core.captures.measuring.empty_buffers import (
     find_faults,
 )
 from rtsr_cli.core.captures.measuring.geometry_measurement import add_geometry, list_close
+from rtsr_cli.core.captures.measuring.jitter_finder import do_samples_rest
 from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.measuring.motion_by_position import prove_motion
 from rtsr_cli.core.captures.measuring.motion_finder import STILL_PX, find_motion
@@ -196,6 +197,7 @@ def _measure_group(
             geometry="world positions" if proven is not None else measured.geometry,
             repeated=tuple(n for n, moves in repeats.items() if moves),
             resting=tuple(n for n, moves in repeats.items() if not moves),
+            samples_rest=do_samples_rest(stored, reader.step, presumed.motion.zero),
         )
     placed = _check_by_motion(reader, surfaces, presumed, measured, motions)
     measured = replace(measured, camera=placed)

@@ -18,6 +18,7 @@ from rtsr_cli.core.captures.measuring.camera_check import OF_NEIGHBOUR, CameraFi
 from rtsr_cli.core.captures.measuring.camera_measurement import check_reader_cameras
 from rtsr_cli.core.captures.measuring.geometry_finder import DepthCandidate, DepthFinding
 from rtsr_cli.core.captures.measuring.geometry_measurement import add_geometry
+from rtsr_cli.core.captures.measuring.jitter_finder import JitterVerdict
 from rtsr_cli.core.captures.measuring.measured_storage import StorageMeasurement
 from rtsr_cli.core.captures.measuring.motion_finding import MotionCandidate, MotionFinding
 from rtsr_cli.core.captures.reader import FrameReader
@@ -187,3 +188,27 @@ def test_depth_is_measured_along_a_reading_that_geometry_leaves(tmp_path: Path) 
     assert found.depth.best is not None
     assert found.depth.best.convention == DepthConvention()
     assert found.depth.best.error < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("rest", "verdict"),
+    [(True, JitterVerdict.CONSISTENT), (False, JitterVerdict.UNDECLARED)],
+)
+def test_offsets_of_the_search_are_no_jitter_where_samples_rest(
+    tmp_path: Path, rest: bool, verdict: JitterVerdict
+) -> None:
+    numbers = (1, 2, 3, 4)
+    reader = write_frames(tmp_path, numbers, of=0)
+    stored = {n: reader.read_raw(n, buffers=(Buffer.DEPTH, Buffer.MOTION)) for n in numbers}
+    best = MotionCandidate(
+        convention=BACK,
+        error=0.1,
+        margin=1.0,
+        significance=9.0,
+        offsets_px=((0.2, 0.0), (0.0, 0.0)),
+    )
+    motion = MotionFinding(candidates=(best,), unmoved_error=0.4, moving=1.0, triples=(2, 3))
+    measured = StorageMeasurement(motion=motion, frames=numbers, samples_rest=rest)
+    found = add_geometry(reader, stored, Conventions(motion=BACK), measured)
+    assert found.jitter is not None
+    assert found.jitter.verdict is verdict
