@@ -18,6 +18,7 @@ from rtsr_cli.core.pairs.dark_material import (
     leave_colour_lost_at_lr,
     leave_outshining,
 )
+from rtsr_cli.core.pairs.excessive_material import EXCESSIVE, leave_excessive
 from rtsr_cli.core.pairs.held_samples import HeldSamples, hold_samples
 from rtsr_cli.core.pairs.material_agreement import leave_contradicting
 from rtsr_cli.core.pairs.material_causes import (
@@ -82,6 +83,8 @@ def leave_doubted(lr: Frame, hr: Frame, scale: int, *, divided: bool) -> Doubted
         left, bare = leave_outshining(pair.lr, pair.hr, scale, pair.taken)
         found = {} if left is pair.lr else {TOO_BRIGHT: find_taken(pair.lr, left)}
         pair = pair.leave(left, bare, found)
+        left, bare, excessive = leave_excessive(pair.lr, pair.hr, scale)
+        pair = pair if excessive is None else pair.leave(left, bare, {EXCESSIVE: excessive})
     if things is not None:
         pair = _leave_things(pair, things, first)
     unsaid = things is not None and not things.sure
