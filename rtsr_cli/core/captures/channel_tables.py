@@ -115,6 +115,10 @@ class SumSpec(BaseModel):
         )
 
 
+MOST_ENTRIES = 64
+"""Entries of a list that are read to say what is wrong with them; of more it is their number."""
+
+
 @dataclass(frozen=True)
 class _Written:
     """What stands in the file for a buffer, and how many channels that has."""
@@ -143,6 +147,8 @@ def _list_components(written: object) -> object:
     if isinstance(value, str):
         return _list_of_text(value, channels)
     if isinstance(value, list):
+        if len(value) > MOST_ENTRIES:
+            raise ValueError(f"needs {channels} channels, not {len(value)}")
         return [_read_entry(entry, i) for i, entry in enumerate(value, start=1)]
     if _is_number(value):
         return [_make_constant(value)] * channels
